@@ -1,0 +1,1 @@
+"""What takes the robot's software onto a robot."""

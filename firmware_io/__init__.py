@@ -1,0 +1,1 @@
+"""The robot's hardware as typed signals: links, drives, health."""

@@ -1,0 +1,1 @@
+"""Drive families: each a folder with the same files."""

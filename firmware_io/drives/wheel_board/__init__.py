@@ -1,0 +1,1 @@
+"""Our own wheel board: two brushed motors with encoders behind one node on CAN, described in wheel_board.dbc."""

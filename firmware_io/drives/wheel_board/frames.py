@@ -1,0 +1,205 @@
+"""The wheel board's frames: bytes to SI and back, as wheel_board.dbc describes them."""
+
+import enum
+import struct
+from typing import Final, NamedTuple, Self
+
+from firmware_io.integrity import Refusal, frame_crc
+
+MAX_VOLTAGE: Final = 30.0
+MAX_ANGLE: Final = 200_000.0
+MAX_VELOCITY: Final = 320.0
+MAX_BUS_VOLTAGE: Final = 60.0
+MIN_WATCHDOG_S: Final = 0.02
+MAX_WATCHDOG_S: Final = 1.0
+
+_VOLT: Final = 0.001
+_RADIAN: Final = 0.0001
+_RADIAN_PER_SECOND: Final = 0.01
+_SECOND: Final = 0.001
+
+# Bodies of seven bytes, the counter last; the CRC follows as the eighth.
+_COMMAND: Final = struct.Struct("<hhBxB")
+_SETUP: Final = struct.Struct("<HxxxxB")
+_WHEEL: Final = struct.Struct("<ihB")
+_STATUS: Final = struct.Struct("<BHHBB")
+_LENGTH: Final = 8
+_BODY: Final = 7
+_COUNTER_MASK: Final = 0x0F
+
+
+@enum.unique
+class FrameId(enum.IntEnum):
+    """Arbitration ids; a lower one wins the bus, so commands win over telemetry."""
+
+    WHEEL_COMMAND = 0x110
+    BOARD_SETUP = 0x111
+    LEFT_WHEEL = 0x120
+    RIGHT_WHEEL = 0x121
+    BOARD_STATUS = 0x130
+
+
+CYCLE_TIME_S: Final = {
+    FrameId.WHEEL_COMMAND: 0.010,
+    FrameId.LEFT_WHEEL: 0.005,
+    FrameId.RIGHT_WHEEL: 0.005,
+    FrameId.BOARD_STATUS: 0.020,
+}
+"""How often each cyclic frame is sent."""
+
+
+@enum.unique
+class BoardState(enum.IntEnum):
+    """What the board is doing."""
+
+    DISABLED = 0
+    ENABLED = 1
+    WATCHDOG = 2
+    """Motors off because commands stopped; left by a command that does not enable."""
+    FAULT = 3
+
+
+class WheelCommand(NamedTuple):
+    """Motor voltages, V, within +-30; `enable` False switches the motors off."""
+
+    left_voltage: float
+    right_voltage: float
+    enable: bool
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return abs(self.left_voltage) <= MAX_VOLTAGE and abs(self.right_voltage) <= MAX_VOLTAGE
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        return _COMMAND.pack(round(self.left_voltage / _VOLT), round(self.right_voltage / _VOLT), self.enable, counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame."""
+        left, right, flags, _ = _COMMAND.unpack(body)
+        return cls(left * _VOLT, right * _VOLT, bool(flags & 1))
+
+
+class BoardSetup(NamedTuple):
+    """The watchdog's time-out, s, 0.02 to 1."""
+
+    watchdog_s: float
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return MIN_WATCHDOG_S <= self.watchdog_s <= MAX_WATCHDOG_S
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        return _SETUP.pack(round(self.watchdog_s / _SECOND), counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame."""
+        watchdog, _ = _SETUP.unpack(body)
+        return cls(watchdog * _SECOND)
+
+
+class Wheel(NamedTuple):
+    """Angle since power-on, rad, and angular velocity, rad/s; positive when the robot rolls forward."""
+
+    angle: float
+    velocity: float
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return abs(self.angle) <= MAX_ANGLE and abs(self.velocity) <= MAX_VELOCITY
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        return _WHEEL.pack(round(self.angle / _RADIAN), round(self.velocity / _RADIAN_PER_SECOND), counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame."""
+        angle, velocity, _ = _WHEEL.unpack(body)
+        return cls(angle * _RADIAN, velocity * _RADIAN_PER_SECOND)
+
+
+class BoardStatus(NamedTuple):
+    """State, supply voltage (V), the watchdog in force (s, 0 is off), and frames refused since power-on modulo 256."""
+
+    state: BoardState
+    bus_voltage: float
+    watchdog_s: float
+    refused_frames: int
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return 0.0 <= self.bus_voltage <= MAX_BUS_VOLTAGE and 0.0 <= self.watchdog_s <= MAX_WATCHDOG_S
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        volts, seconds = round(self.bus_voltage / _VOLT), round(self.watchdog_s / _SECOND)
+        return _STATUS.pack(self.state, volts, seconds, self.refused_frames & 0xFF, counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame; a state that the DBC does not name raises ValueError."""
+        state, volts, seconds, refused, _ = _STATUS.unpack(body)
+        return cls(BoardState(state & 0x07), volts * _VOLT, seconds * _SECOND, refused)
+
+
+Payload = WheelCommand | BoardSetup | Wheel | BoardStatus
+
+_PAYLOADS: Final[dict[int, type[WheelCommand | BoardSetup | Wheel | BoardStatus]]] = {
+    FrameId.WHEEL_COMMAND: WheelCommand,
+    FrameId.BOARD_SETUP: BoardSetup,
+    FrameId.LEFT_WHEEL: Wheel,
+    FrameId.RIGHT_WHEEL: Wheel,
+    FrameId.BOARD_STATUS: BoardStatus,
+}
+
+
+class FrameRefusedError(ValueError):
+    """A frame that must not be used.
+
+    Attributes:
+        refusal: Why.
+    """
+
+    def __init__(self, refusal: Refusal, arbitration_id: int) -> None:
+        """State the cause and the frame."""
+        self.refusal = refusal
+        super().__init__(f"frame 0x{arbitration_id:03X} refused: {refusal}")
+
+
+def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
+    """Encode a payload with its counter (taken modulo 16) and CRC.
+
+    Raises:
+        FrameRefusedError: A value is not finite or out of the DBC's range.
+    """
+    if not payload.in_range():
+        raise FrameRefusedError(Refusal.RANGE, arbitration_id)
+    body = payload.pack(counter & _COUNTER_MASK)
+    return body + bytes((frame_crc(arbitration_id, body),))
+
+
+def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
+    """Decode a frame into its payload and counter.
+
+    Raises:
+        FrameRefusedError: Not one of ours, wrong length, wrong CRC, or a value out of range.
+    """
+    payload_type = _PAYLOADS.get(arbitration_id)
+    if payload_type is None:
+        raise FrameRefusedError(Refusal.UNKNOWN, arbitration_id)
+    if len(data) != _LENGTH:
+        raise FrameRefusedError(Refusal.LENGTH, arbitration_id)
+    body = data[:_BODY]
+    if frame_crc(arbitration_id, body) != data[_BODY]:
+        raise FrameRefusedError(Refusal.CRC, arbitration_id)
+    try:
+        payload = payload_type.unpack(body)
+    except ValueError as error:
+        raise FrameRefusedError(Refusal.RANGE, arbitration_id) from error
+    if not payload.in_range():
+        raise FrameRefusedError(Refusal.RANGE, arbitration_id)
+    return payload, body[-1] & _COUNTER_MASK

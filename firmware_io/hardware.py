@@ -1,0 +1,96 @@
+"""The seam between the robot's hardware and what controls it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """One consistent snapshot of everything the hardware measured.
+
+    The three sequences are in the order of `Hardware.signals`.
+
+    Attributes:
+        values: Newest value of each signal, SI; zero where none has arrived yet.
+        ages: Time since each value was received, s; infinite where none has arrived yet.
+        valid: Whether each value is fresh enough to be used.
+        faults: What the drives report against themselves; empty while all is well.
+    """
+
+    values: tuple[float, ...] = ()
+    ages: tuple[float, ...] = ()
+    valid: tuple[bool, ...] = ()
+    faults: tuple[str, ...] = ()
+
+
+class Hardware(Protocol):
+    """Motors and sensors. No method blocks, except `open`.
+
+    Attributes:
+        signals: Names of the values in `Sensors`, such as `left.velocity`, with their units.
+        commands: Names of the values that `exchange` takes, such as `left.voltage`, with their units.
+        limits: Largest magnitude of each command, in the order of `commands`.
+    """
+
+    signals: Mapping[str, str]
+    commands: Mapping[str, str]
+    limits: Sequence[float]
+
+    def open(self) -> None:
+        """Open the links and send the first zero command.
+
+        Raises:
+            BusNotFoundError: A link is not there.
+        """
+
+    def exchange(self, commands: Sequence[float] | None) -> Sensors:
+        """Send `commands` (None sends nothing, for a second exchange in a cycle) and return the newest snapshot."""
+
+    def arm(self) -> None:
+        """Let commands reach the motors.
+
+        Raises:
+            ArmingRefusedError: The drive is not fit; the reasons say why.
+        """
+
+    def disarm(self) -> None:
+        """Send zero and switch the motors off; may be called at any time."""
+
+    def close(self) -> None:
+        """Disarm and close the links."""
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The state of the links and drives as text, for diagnostics."""
+
+
+class NoHardware:
+    """The hardware of a robot that is all model."""
+
+    signals: Mapping[str, str] = {}
+    commands: Mapping[str, str] = {}
+    limits: Sequence[float] = ()
+    _nothing = Sensors()
+
+    def open(self) -> None:
+        """Do nothing."""
+
+    def exchange(self, commands: Sequence[float] | None) -> Sensors:
+        """Return the empty snapshot."""
+        del commands
+        return self._nothing
+
+    def arm(self) -> None:
+        """Do nothing."""
+
+    def disarm(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """Nothing to tell."""
+        return {}

@@ -1,0 +1,1 @@
+"""Ways for frames to reach the hardware."""

@@ -1,0 +1,1 @@
+"""Hardware in the loop: simulated plants and devices, and kernels to run them in."""

@@ -1,0 +1,1 @@
+"""The model in its sections, the cycle, safety, ROS, recording and the command line."""

@@ -1,0 +1,1 @@
+"""The case study of the thesis, run in every seat and compared."""

@@ -1,0 +1,123 @@
+"""What the case study is and what a run of it yields."""
+
+import enum
+import importlib.resources
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+
+@enum.unique
+class Seat(enum.StrEnum):
+    """Where the model runs."""
+
+    OFFLINE = "offline"
+    """In this process, as fast as it goes."""
+    ROS = "ros"
+    """Behind ROS 2: set-points and odometry cross real DDS between real processes."""
+    CAN = "can"
+    """In the loop: the controller in one process, the plant in another, a CAN bus between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of the thesis' tables: set-points held for the duration, and where the cart ends.
+
+    Attributes:
+        linear: Linear set-point, m/s.
+        angular: Angular set-point, rad/s.
+        thesis_offline: Position the thesis' 20-sim simulation printed, m.
+        thesis_ros: Position the thesis' standalone ROS node printed, m.
+        positions: Position reached in each seat that ran, m.
+    """
+
+    linear: float
+    angular: float
+    thesis_offline: tuple[float, float]
+    thesis_ros: tuple[float, float]
+    positions: Mapping[Seat, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A run over time; all sequences have the same length.
+
+    Attributes:
+        seat: Where it ran.
+        time: Model time since the first set-point, s.
+        x: Position along the starting direction, m.
+        y: Position to the left of the starting direction, m.
+        linear_velocity: m/s.
+        angular_velocity: rad/s, counter-clockwise positive.
+    """
+
+    seat: Seat
+    time: Sequence[float]
+    x: Sequence[float]
+    y: Sequence[float]
+    linear_velocity: Sequence[float]
+    angular_velocity: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """One topic between two nodes of the ROS graph."""
+
+    publisher: str
+    topic: str
+    type_name: str
+    subscriber: str
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Everything a run of the case study found.
+
+    Attributes:
+        cells: The twelve cells.
+        seats: The seats that ran, in order.
+        velocities: 1 m/s and 0.5 rad/s held for 10 s, one trajectory per seat that ran it.
+        turn: The same, then -0.5 rad/s from 10 s to 20 s.
+        graph: The nodes and topics as ROS reported them while the ROS seat ran; empty without it.
+        facts: What the report prints about the run (version, machine, bus, time), in order.
+    """
+
+    cells: Sequence[Cell]
+    seats: Sequence[Seat]
+    velocities: Sequence[Trajectory]
+    turn: Sequence[Trajectory]
+    graph: Sequence[Edge]
+    facts: Mapping[str, str]
+
+
+def difference(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """The largest difference of two positions in one coordinate, m."""
+    return max(abs(a[0] - b[0]), abs(a[1] - b[1]))
+
+
+def worst_difference(cells: Sequence[Cell], seat: Seat) -> float:
+    """The largest difference between a seat and the thesis' offline table, m (NaN where the seat did not run)."""
+    return max(
+        (difference(c.positions[seat], c.thesis_offline) for c in cells if seat in c.positions), default=math.nan
+    )
+
+
+def worst_thesis_difference(cells: Sequence[Cell]) -> float:
+    """The largest difference between the thesis' own ROS run and its simulation, m."""
+    return max(difference(c.thesis_ros, c.thesis_offline) for c in cells)
+
+
+def thesis_cells() -> tuple[Cell, ...]:
+    """The twelve cells of the thesis' tables 4.1 and 4.2, not yet run in any seat."""
+    text = importlib.resources.files(__package__).joinpath("thesis.json").read_text(encoding="utf-8")
+    return tuple(
+        Cell(
+            linear=float(cell["linear"]),
+            angular=float(cell["angular"]),
+            thesis_offline=(cell["offline_20sim"][0], cell["offline_20sim"][1]),
+            thesis_ros=(cell["standalone_ros_2019"][0], cell["standalone_ros_2019"][1]),
+            positions={},
+        )
+        for cell in json.loads(text)["cells"]
+    )

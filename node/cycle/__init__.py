@@ -1,0 +1,1 @@
+"""The cycle: deadlines, set-points, equations, commands, and how long each took."""

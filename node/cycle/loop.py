@@ -1,0 +1,170 @@
+"""The loop: one thread that waits for nothing but its next deadline."""
+
+import contextlib
+import gc
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from node.cycle.clock import NS_PER_S, Clock
+from node.cycle.cycle import Cycle
+from node.cycle.seams import Recorder, Stage
+from node.cycle.timing import Histogram
+from node.diagnostics.report import DiagnosticReport
+
+_LATE_FRACTION: Final = 0.1
+_SLACK_FRACTION: Final = 0.25
+_DIAGNOSTICS_PERIOD_S: Final = 1.0
+
+
+@dataclass(slots=True)
+class LoopCounters:
+    """How the deadlines were met.
+
+    Every deadline since the first is either a cycle or skipped: `cycles + skipped` deadlines have passed.
+
+    Attributes:
+        cycles: Cycles run.
+        late: Cycles that started more than a tenth of a period after their deadline.
+        overrun: Cycles that ended after the next deadline.
+        skipped: Deadlines that passed without a cycle, because one before them took too long.
+        max_lateness_ns: The latest start.
+        started_ns: The first deadline, monotonic.
+        last_ns: The newest deadline that was met, monotonic.
+    """
+
+    cycles: int = 0
+    late: int = 0
+    overrun: int = 0
+    skipped: int = 0
+    max_lateness_ns: int = 0
+    started_ns: int = 0
+    last_ns: int = 0
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Cycles per second since the first deadline; zero before the second cycle."""
+        elapsed_ns = self.last_ns - self.started_ns
+        return (self.cycles - 1) * NS_PER_S / elapsed_ns if elapsed_ns else 0.0
+
+
+class Loop:
+    """Runs a cycle at absolute deadlines until it is asked to stop, and always leaves the motors off.
+
+    A cycle that starts late is counted. Where whole periods were lost they are skipped and counted, never made up for:
+    at most one cycle runs per period.
+
+    Attributes:
+        counters: How the deadlines were met.
+        lateness: How long after its deadline each cycle started.
+        stop_reason: Why the loop ended, once it has.
+    """
+
+    def __init__(  # noqa: PLR0913 - what the loop joins
+        self, *, cycle: Cycle, clock: Clock, stage: Stage, recorder: Recorder, period_ns: int, robot_name: str
+    ) -> None:
+        """Prepare the loop; `run` runs it."""
+        self.counters = LoopCounters()
+        self.lateness = Histogram()
+        self.stop_reason: str | None = None
+        self._cycle = cycle
+        self._clock = clock
+        self._stage = stage
+        self._recorder = recorder
+        self._period_ns = period_ns
+        self._late_ns = round(_LATE_FRACTION * period_ns)
+        self._slack_ns = round(_SLACK_FRACTION * period_ns)
+        self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
+        self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
+
+    def stop(self, reason: str) -> None:
+        """Ask the loop to end after the present cycle; may be called from a signal handler."""
+        self.stop_reason = self.stop_reason or reason
+
+    def run(self, cycles: int | None = None) -> None:
+        """Run until stopped, or for a number of cycles.
+
+        Raises:
+            HardwareError: The hardware could not be opened.
+            ModelFailedError: The model's own equations raised; the motors are off already.
+        """
+        with contextlib.ExitStack() as exits:
+            # Left in reverse: zero first, then the final equations, then everything is closed.
+            exits.callback(self._recorder.close)
+            exits.callback(self._stage.close)
+            exits.callback(self._cycle.hardware.close)
+            self._cycle.start()
+            exits.callback(self._cycle.terminate)
+            exits.callback(self._cycle.disarm)
+            with _garbage_collected_in_the_slack():
+                self._run(cycles)
+
+    def _run(self, cycles: int | None) -> None:
+        clock, counters, period_ns = self._clock, self.counters, self._period_ns
+        deadline_ns = clock.now_ns() + period_ns
+        counters.started_ns = deadline_ns
+        self._cycle.time_base.anchor(counters.cycles, self._wall_at(deadline_ns))
+        while self.stop_reason is None:
+            clock.sleep_until_ns(deadline_ns)
+            lateness_ns = clock.now_ns() - deadline_ns
+            self._count_start(deadline_ns, lateness_ns)
+            if self._cycle.schedule.is_empty:
+                self._cycle.time_base.follow(counters.cycles, self._wall_at(deadline_ns))
+            self._cycle.run(counters.cycles, lateness_ns)
+            counters.cycles += 1
+            if counters.cycles == cycles:
+                self.stop(f"{cycles} cycles were asked for")
+            if not self._stage.is_alive:
+                self.stop("ROS has shut down")
+            deadline_ns += period_ns
+            deadline_ns += self._lost_ns(deadline_ns)
+            self._use_slack(deadline_ns)
+
+    def _wall_at(self, deadline_ns: int) -> int:
+        return self._clock.wall_ns() - (self._clock.now_ns() - deadline_ns)
+
+    def _count_start(self, deadline_ns: int, lateness_ns: int) -> None:
+        self.counters.last_ns = deadline_ns
+        self.lateness.add(lateness_ns)
+        if lateness_ns > self._late_ns:
+            self.counters.late += 1
+        self.counters.max_lateness_ns = max(self.counters.max_lateness_ns, lateness_ns)
+
+    def _lost_ns(self, deadline_ns: int) -> int:
+        """Whole periods that have passed since the next deadline, which are skipped."""
+        over_ns = self._clock.now_ns() - deadline_ns
+        if over_ns <= 0:
+            return 0
+        self.counters.overrun += 1
+        lost = over_ns // self._period_ns
+        self.counters.skipped += lost
+        return lost * self._period_ns
+
+    def _use_slack(self, deadline_ns: int) -> None:
+        """One small piece of slow work, where there is time for it; diagnostics come even where there is none."""
+        phase = self.counters.cycles % self._diagnostics_every
+        if phase == 0:
+            self._diagnostics.begin()
+        if deadline_ns - self._clock.now_ns() < self._slack_ns and phase != 0:
+            return
+        if self._diagnostics.work():
+            stamp_ns = self._cycle.time_base.stamp_ns(self.counters.cycles)
+            self._stage.publish_diagnostics(stamp_ns, self._diagnostics.statuses)
+            self._recorder.write_diagnostics(stamp_ns, self._diagnostics.statuses)
+        elif phase == self._diagnostics_every // 2:
+            gc.collect(1)
+        else:
+            self._stage.look_around()
+
+
+@contextlib.contextmanager
+def _garbage_collected_in_the_slack() -> Iterator[None]:
+    """Collect once, leave what survives alone for good, and collect by hand from then on."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

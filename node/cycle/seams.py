@@ -1,0 +1,131 @@
+"""What the cycle asks of the ROS stage and the recorder, so that it knows neither."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from firmware_io.hardware import Sensors
+from node.cycle.setpoints import Setpoint
+from node.diagnostics.status import Status
+from node.safety.modes import Action, Answer, Mode
+
+
+class StampedSetpoint(NamedTuple):
+    """A set-point with the time it is for, ns since the Unix epoch; None means now."""
+
+    setpoint: Setpoint
+    stamp_ns: int | None
+
+
+class Request(NamedTuple):
+    """Something an operator asks, and where the answer goes."""
+
+    action: Action
+    answer: Callable[[Answer], None]
+
+
+@dataclass(slots=True)
+class Inbox:
+    """What arrived from outside since the last cycle."""
+
+    setpoints: list[StampedSetpoint] = field(default_factory=list)
+    requests: list[Request] = field(default_factory=list)
+
+
+class Report(NamedTuple):
+    """What is published of a cycle: its stamp, its mode, and the published signals in the order of the wiring."""
+
+    stamp_ns: int
+    mode: Mode
+    values: Sequence[float]
+
+
+class Stage(Protocol):
+    """The world outside: takes what has arrived, publishes the state. Nothing here waits."""
+
+    @property
+    def is_alive(self) -> bool:
+        """False once the world outside has shut down, which ends the loop."""
+
+    def take(self) -> Inbox:
+        """What has arrived since the last call."""
+
+    def publish(self, report: Report) -> None:
+        """Publish this cycle's state."""
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Publish diagnostics; called in the slack of a cycle about once a second."""
+
+    def look_around(self) -> None:
+        """Do one small piece of what is slow; called in the slack of a cycle."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+class CycleRecord(NamedTuple):
+    """Everything about one cycle.
+
+    Durations are in ns and in the order of `node.cycle.cycle.PHASES`; the other sequences are in the order of the
+    hardware's signals, the model's ports and the hardware's commands.
+    """
+
+    cycle: int
+    stamp_ns: int
+    mode: Mode
+    lateness_ns: int
+    sensors: Sensors
+    setpoint: Setpoint
+    u: Sequence[float]
+    y: Sequence[float]
+    commands: Sequence[float]
+    published: Sequence[float]
+    durations_ns: Sequence[int]
+
+
+class Recorder(Protocol):
+    """Keeps cycles. `write` never blocks; what it cannot keep it counts."""
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep one cycle."""
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Keep a set of diagnostics."""
+
+    def close(self) -> None:
+        """Finish the log."""
+
+
+class NoStage:
+    """A world with nobody in it."""
+
+    is_alive = True
+
+    def take(self) -> Inbox:
+        """Nothing ever arrives."""
+        return Inbox()
+
+    def publish(self, report: Report) -> None:
+        """Nobody listens."""
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Nobody listens."""
+
+    def look_around(self) -> None:
+        """There is nothing to see."""
+
+    def close(self) -> None:
+        """There is nothing to leave."""
+
+
+class NoRecorder:
+    """A recorder that keeps nothing."""
+
+    def write(self, record: CycleRecord) -> None:
+        """Forget it."""
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Forget them."""
+
+    def close(self) -> None:
+        """There is nothing to finish."""

@@ -1,0 +1,104 @@
+"""Set-points: which one is in force, which ones wait for their time, and which were refused."""
+
+import enum
+import heapq
+import math
+from collections import Counter
+from typing import Final, NamedTuple
+
+CAPACITY: Final = 4096
+"""Set-points that may wait at once."""
+
+
+class Setpoint(NamedTuple):
+    """What the robot is asked to do: linear velocity ahead, m/s, and angular velocity counter-clockwise, rad/s."""
+
+    linear_velocity: float
+    angular_velocity: float
+
+
+REST: Final = Setpoint(0.0, 0.0)
+
+
+@enum.unique
+class SetpointRefusal(enum.StrEnum):
+    """Why a set-point was not taken; the last good one stays in force."""
+
+    NOT_FINITE = "not_finite"
+    STALE = "stale"
+    TOO_FAR_AHEAD = "too_far_ahead"
+    QUEUE_FULL = "queue_full"
+    NOT_ARMED = "not_armed"
+
+
+class SetpointSchedule:
+    """Set-points in order of the cycle they are for.
+
+    Attributes:
+        refused: How many were refused, by cause.
+        late: How many came after their cycle but within the tolerance, and were applied on arrival.
+        applied: How many came into force.
+    """
+
+    def __init__(self, timeout_cycles: int, tolerance_cycles: int, horizon_cycles: int) -> None:
+        """Set the limits, in cycles: silence before a hold, lateness still taken, and how far ahead is taken."""
+        self.refused: Counter[SetpointRefusal] = Counter()
+        self.late = 0
+        self.applied = 0
+        self._timeout = timeout_cycles
+        self._tolerance = tolerance_cycles
+        self._horizon = horizon_cycles
+        self._waiting: list[tuple[int, int, Setpoint]] = []
+        self._order = 0
+        self._current = REST
+        self._applied_at: int | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits for its cycle."""
+        return not self._waiting
+
+    def add(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
+        """Take a set-point for `cycle`, being in cycle `now`; return why it was refused, if it was."""
+        refusal = self._refusal(setpoint, cycle, now)
+        if refusal is not None:
+            self.refuse(refusal)
+            return refusal
+        if cycle < now:
+            self.late += 1
+        self._order += 1
+        heapq.heappush(self._waiting, (max(cycle, now), self._order, setpoint))
+        return None
+
+    def refuse(self, refusal: SetpointRefusal) -> None:
+        """Count a set-point that the caller refused."""
+        self.refused[refusal] += 1
+
+    def due(self, now: int) -> Setpoint:
+        """Bring into force what is due in cycle `now`; return the set-point in force."""
+        while self._waiting and self._waiting[0][0] <= now:
+            _, _, self._current = heapq.heappop(self._waiting)
+            self._applied_at = now
+            self.applied += 1
+        return self._current
+
+    def is_silent(self, now: int) -> bool:
+        """Whether a set-point is in force that was not renewed for longer than the time-out."""
+        return self._applied_at is not None and now - self._applied_at > self._timeout
+
+    def clear(self) -> None:
+        """Forget everything that is in force or waits."""
+        self._waiting.clear()
+        self._current = REST
+        self._applied_at = None
+
+    def _refusal(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
+        if not (math.isfinite(setpoint.linear_velocity) and math.isfinite(setpoint.angular_velocity)):
+            return SetpointRefusal.NOT_FINITE
+        if cycle < now - self._tolerance:
+            return SetpointRefusal.STALE
+        if cycle > now + self._horizon:
+            return SetpointRefusal.TOO_FAR_AHEAD
+        if len(self._waiting) >= CAPACITY:
+            return SetpointRefusal.QUEUE_FULL
+        return None

@@ -1,0 +1,80 @@
+"""How long things take, in bounded memory: a histogram with logarithmic buckets."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+_SUB_BITS: Final = 5
+_SUB_BUCKETS: Final = 1 << _SUB_BITS
+_MAX_BITS: Final = 40
+_BUCKETS: Final = (_MAX_BITS - _SUB_BITS + 1) * _SUB_BUCKETS
+PERCENTILES: Final = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a histogram holds, in seconds; percentiles are upper bounds, at most 1/32 too high."""
+
+    count: int
+    mean_s: float
+    p50_s: float
+    p99_s: float
+    p999_s: float
+    max_s: float
+
+    def as_text(self) -> str:
+        """One line in microseconds."""
+        return (
+            f"p50 {self.p50_s * 1e6:.1f} us, p99 {self.p99_s * 1e6:.1f} us, "
+            f"p99.9 {self.p999_s * 1e6:.1f} us, max {self.max_s * 1e6:.1f} us"
+        )
+
+
+class Histogram:
+    """Durations from 0 to about 1000 s in 1152 buckets, each at most 1/32 wide; adding one allocates nothing."""
+
+    __slots__ = ("_counts", "_max_ns", "_sum_ns", "_total")
+
+    def __init__(self) -> None:
+        self._counts = [0] * _BUCKETS
+        self._total = 0
+        self._sum_ns = 0
+        self._max_ns = 0
+
+    def add(self, duration_ns: int) -> None:
+        """Count one duration; a negative one counts as zero."""
+        duration_ns = max(duration_ns, 0)
+        shift = max(duration_ns.bit_length() - _SUB_BITS - 1, 0)
+        index = (shift << _SUB_BITS) + (duration_ns >> shift)
+        self._counts[min(index, _BUCKETS - 1)] += 1
+        self._total += 1
+        self._sum_ns += duration_ns
+        self._max_ns = max(self._max_ns, duration_ns)
+
+    def percentile_s(self, fraction: float) -> float:
+        """The duration that this fraction (0 to 1) of all does not exceed, s; zero when empty."""
+        rank = fraction * self._total
+        seen = 0
+        for index, count in enumerate(self._counts):
+            seen += count
+            if count and seen >= rank:
+                return min(_upper_ns(index), self._max_ns) * 1e-9
+        return 0.0
+
+    def summary(self) -> Summary:
+        """Everything that is reported of it."""
+        mean_ns = self._sum_ns / self._total if self._total else 0.0
+        p50, p99, p999 = (self.percentile_s(fraction) for fraction in PERCENTILES.values())
+        return Summary(self._total, mean_ns * 1e-9, p50, p99, p999, self._max_ns * 1e-9)
+
+
+def _upper_ns(index: int) -> int:
+    if index < 2 * _SUB_BUCKETS:
+        return index
+    shift = (index >> _SUB_BITS) - 1
+    return ((index - (shift << _SUB_BITS) + 1) << shift) - 1
+
+
+def summaries(histograms: Mapping[str, Histogram]) -> dict[str, Summary]:
+    """The summary of each histogram by name."""
+    return {name: histogram.summary() for name, histogram in histograms.items()}

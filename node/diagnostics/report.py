@@ -1,0 +1,120 @@
+"""The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from firmware_io.hardware import Hardware
+from node.cycle.setpoints import SetpointSchedule
+from node.cycle.time_base import TimeBase
+from node.cycle.timing import Histogram, Summary
+from node.diagnostics.status import Level, Status
+from node.safety.modes import Mode, Modes
+
+
+class Observed(Protocol):
+    """What the report reads of a cycle."""
+
+    modes: Modes
+    schedule: SetpointSchedule
+    time_base: TimeBase
+    hardware: Hardware
+    histograms: dict[str, Histogram]
+
+
+class Deadlines(Protocol):
+    """What the report reads of a loop."""
+
+    cycles: int
+    late: int
+    overrun: int
+    skipped: int
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Cycles per second achieved."""
+
+
+class DiagnosticReport:
+    """Gathers one histogram per call of `work`, then the statuses.
+
+    Attributes:
+        statuses: The newest complete set.
+    """
+
+    def __init__(
+        self, cycle: Observed, deadlines: Deadlines, lateness: Histogram, period_ns: int, robot_name: str
+    ) -> None:
+        """Report on a cycle and its loop."""
+        self.statuses: Sequence[Status] = ()
+        self._cycle = cycle
+        self._deadlines = deadlines
+        self._histograms = {"lateness": lateness, **cycle.histograms}
+        self._wanted_hz = 1e9 / period_ns
+        self._robot_name = robot_name
+        self._summaries: dict[str, Summary] = {}
+        self._pending: list[str] = []
+        self._old_counts: dict[str, int] = {}
+
+    def begin(self) -> None:
+        """Start a new set; one that is not complete is completed first."""
+        if not self._pending:
+            self._pending = list(self._histograms)
+
+    def work(self) -> bool:
+        """Do one piece; True when that completed the set."""
+        if not self._pending:
+            return False
+        name = self._pending.pop(0)
+        self._summaries[name] = self._histograms[name].summary()
+        if self._pending:
+            return False
+        parts: Sequence[Callable[[], Status]] = (self._mode, self._timing, self._setpoints, self._hardware)
+        self.statuses = [part() for part in parts]
+        return True
+
+    def _mode(self) -> Status:
+        modes = self._cycle.modes
+        level = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}.get(modes.mode, Level.OK)
+        values = {"mode": str(modes.mode), "reason": modes.reason}
+        return Status(level, f"{self._robot_name}: mode", f"{modes.mode}: {modes.reason}", values)
+
+    def _timing(self) -> Status:
+        deadlines = self._deadlines
+        missed = self._new("deadlines", deadlines.late + deadlines.skipped)
+        values = {
+            "rate_hz": f"{deadlines.mean_rate_hz:.4f}",
+            "wanted_rate_hz": f"{self._wanted_hz:g}",
+            "cycles": str(deadlines.cycles),
+            "late": str(deadlines.late),
+            "overrun": str(deadlines.overrun),
+            "skipped": str(deadlines.skipped),
+            "time_base_realigned": str(self._cycle.time_base.realigned),
+            **{name: summary.as_text() for name, summary in self._summaries.items()},
+        }
+        message = f"{missed} late or skipped since the last report" if missed else f"{deadlines.mean_rate_hz:.2f} Hz"
+        return Status(Level.WARN if missed else Level.OK, f"{self._robot_name}: timing", message, values)
+
+    def _setpoints(self) -> Status:
+        schedule = self._cycle.schedule
+        refused = self._new("setpoints", sum(schedule.refused.values()))
+        values = {
+            "applied": str(schedule.applied),
+            "late": str(schedule.late),
+            **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
+        }
+        message = f"{refused} refused since the last report" if refused else "taken as they come"
+        return Status(Level.WARN if refused else Level.OK, f"{self._robot_name}: set-points", message, values)
+
+    def _hardware(self) -> Status:
+        health: Mapping[str, str] = self._cycle.hardware.health
+        if not health:
+            return Status(Level.OK, f"{self._robot_name}: hardware", "none: the robot is all model", {})
+        refused = self._new("frames", sum(int(v) for k, v in health.items() if k.startswith("refused.")))
+        message = f"{refused} frames refused since the last report" if refused else health.get("link", "")
+        return Status(Level.WARN if refused else Level.OK, f"{self._robot_name}: hardware", message, dict(health))
+
+    def _new(self, what: str, count: int) -> int:
+        """How much a count grew since the last set."""
+        old = self._old_counts.get(what, 0)
+        self._old_counts[what] = count
+        return count - old

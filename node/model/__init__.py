@@ -1,0 +1,1 @@
+"""The model runtime: sections, integration methods, named variables."""

@@ -1,0 +1,142 @@
+"""Models written in Python as the six sections of a 20-sim model."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from node.errors import ModelError, UnknownNameError
+from node.model.methods import ADVANCE, Method
+from node.model.variables import Variable, Write
+
+
+class SectionedModel:
+    """A model as initial, static, input, dynamic, output and final equations.
+
+    A subclass declares its variables and overrides the sections it needs. The order is 20-sim's: `initialize` runs
+    initial, static, input, output; each `step` runs input, dynamic (as often as the method asks) and output;
+    `terminate` runs final. An artificial state is one whose rate is always zero: it keeps what is written to it.
+
+    Attributes:
+        time: Model time, s: the number of steps times the step size, free of summation error.
+        s: The states, in the order of `states`; valid in every section.
+        p: The parameters by name.
+    """
+
+    name: ClassVar[str]
+    step_size: ClassVar[float]
+    method: ClassVar[Method] = Method.RUNGE_KUTTA_4
+    inputs: ClassVar[Sequence[Variable]] = ()
+    outputs: ClassVar[Sequence[Variable]] = ()
+    parameters: ClassVar[Sequence[Variable]] = ()
+    states: ClassVar[Sequence[Variable]] = ()
+
+    def __init__(self, parameters: Mapping[str, float] | None = None) -> None:
+        """Create the model with some parameters other than their defaults."""
+        self._advance = ADVANCE[self.method]
+        self._steps = 0
+        self._u: list[float] = [v.value for v in self.inputs]
+        self._y: list[float] = [v.value for v in self.outputs]
+        self.time = 0.0
+        self.s: list[float] = [v.value for v in self.states]
+        self.p: dict[str, float] = {v.name: v.value for v in self.parameters}
+        for name, value in (parameters or {}).items():
+            if name not in self.p:
+                raise UnknownNameError(f"parameter of model '{self.name}'", name, self.p)
+            self.p[name] = _finite(name, value)
+
+    # The sections. `u` is valid for one step; `output` returns the outputs in order.
+
+    def initial(self) -> None:
+        """Equations that hold at the start only; may set `self.s`."""
+
+    def static(self) -> None:
+        """Equations that depend on parameters only."""
+
+    def input(self, u: Sequence[float]) -> None:
+        """Equations that depend on inputs only."""
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - a model without states has none
+        """Return the rates of the states `s` at time `t` (for `Method.DISCRETE`: the next states)."""
+        return ()
+
+    def output(self) -> Sequence[float]:
+        """Return the outputs at the present time and states."""
+        return ()
+
+    def final(self) -> None:
+        """Equations that hold after the last step."""
+
+    # The seam.
+
+    def initialize(self, u: Sequence[float]) -> list[float]:
+        """Start at time zero; see `Model.initialize`."""
+        self._steps = 0
+        self.time = 0.0
+        self.s = [v.value for v in self.states]
+        self.initial()
+        self.static()
+        self._take(u)
+        self._y = list(self.output())
+        return self._y
+
+    def step(self, u: Sequence[float]) -> list[float]:
+        """Advance one step; see `Model.step`."""
+        self._take(u)
+        self.s = self._advance(self.dynamic, self.time, self.s, self.step_size)
+        self._steps += 1
+        self.time = self._steps * self.step_size
+        self._y = list(self.output())
+        return self._y
+
+    def terminate(self) -> None:
+        """Run the final section."""
+        self.final()
+
+    def read(self, name: str) -> float:
+        """Return a present value; see `Model.read`."""
+        if name in self.p:
+            return self.p[name]
+        for variables, values in ((self.states, self.s), (self.inputs, self._u), (self.outputs, self._y)):
+            for variable, value in zip(variables, values, strict=True):
+                if variable.name == name:
+                    return value
+        raise UnknownNameError(f"variable of model '{self.name}'", name, self._names())
+
+    def write(self, name: str, value: float) -> None:
+        """Write a parameter or state; see `Model.write`."""
+        for index, state in enumerate(self.states):
+            if state.name == name:
+                self._check_writable(state)
+                self.s[index] = _finite(name, value)
+                return
+        for parameter in self.parameters:
+            if parameter.name == name:
+                self._check_writable(parameter)
+                self.p[name] = _finite(name, value)
+                if parameter.write is Write.STATIC:
+                    self.static()
+                return
+        raise UnknownNameError(f"writable variable of model '{self.name}'", name, [*self.p, *_names(self.states)])
+
+    def _take(self, u: Sequence[float]) -> None:
+        if len(u) != len(self.inputs):
+            raise ModelError(f"model '{self.name}' has {len(self.inputs)} inputs and was given {len(u)}")
+        self._u = list(u)
+        self.input(u)
+
+    def _check_writable(self, variable: Variable) -> None:
+        if variable.write is Write.NEVER:
+            raise ModelError(f"'{variable.name}' of model '{self.name}' cannot be written while it runs")
+
+    def _names(self) -> list[str]:
+        return [*self.p, *_names(self.states), *_names(self.inputs), *_names(self.outputs)]
+
+
+def _names(variables: Sequence[Variable]) -> list[str]:
+    return [v.name for v in variables]
+
+
+def _finite(name: str, value: float) -> float:
+    if not math.isfinite(value):
+        raise ModelError(f"'{name}' cannot be {value}: only finite values are taken")
+    return float(value)

@@ -1,0 +1,1 @@
+"""Logs of a run: MCAP files with ROS 2 messages, written without ROS."""

@@ -1,0 +1,233 @@
+"""ROS 2 messages as bytes, from plain values and without ROS.
+
+The format is the plain CDR of OMG CORBA 3.3 part 2 chapter 9.3 in the encapsulation of OMG
+DDSI-RTPS 2.3 section 10 and DDS-XTypes 1.3 section 7.4.1 (XCDR1, little-endian): four bytes
+`00 01 00 00`, then the fields in order, each aligned to its own size counted from after those four
+bytes. A string is a uint32 length with its closing NUL, then UTF-8; a sequence is a uint32 count,
+then its elements. Padding is zero. Units and axes follow REP-103: metres, radians, seconds,
+x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import operator
+import struct
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+
+from node.recording.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+_ENCAPSULATION: Final = b"\x00\x01\x00\x00"
+_COUNT: Final = struct.Struct("<I")
+_STAMP: Final = struct.Struct("<iI")
+_FLOAT64: Final = struct.Struct("<4sd")
+_POINT: Final = struct.Struct("<4s3d")
+
+_NS_PER_S: Final = 1_000_000_000
+_STAMP_LIMIT_NS: Final = 2**31 * _NS_PER_S
+_COVARIANCE_LENGTH: Final = 36
+
+# A run has a handful of frames and joint sets; the bound only keeps a mistaken caller from growing memory.
+_LAYOUTS_KEPT: Final = 64
+
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+StatusFields: TypeAlias = "tuple[int, str, str, str, Mapping[str, str]]"
+
+UNKNOWN_COVARIANCE: Final[tuple[float, ...]] = (0.0,) * _COVARIANCE_LENGTH
+"""A 6 by 6 covariance, row-major, of zeros: by ROS convention, one that is not known."""
+
+
+class Pose(NamedTuple):
+    """Where a body is, as geometry_msgs/PoseWithCovariance.
+
+    Attributes:
+        position: x, y, z in metres.
+        orientation: Unit quaternion x, y, z, w.
+        covariance: 36 values, 6 by 6 row-major, over x, y, z and the rotations about them.
+    """
+
+    position: Vector
+    orientation: Quaternion
+    covariance: Sequence[float] = UNKNOWN_COVARIANCE
+
+
+class Twist(NamedTuple):
+    """How a body moves, as geometry_msgs/TwistWithCovariance.
+
+    Attributes:
+        linear: Velocity along x, y, z in m/s.
+        angular: Rate about x, y, z in rad/s.
+        covariance: 36 values, 6 by 6 row-major, over the same six. Not part of a TwistStamped.
+    """
+
+    linear: Vector
+    angular: Vector
+    covariance: Sequence[float] = UNKNOWN_COVARIANCE
+
+
+class Status(NamedTuple):
+    """One diagnostic_msgs/DiagnosticStatus.
+
+    Attributes:
+        level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
+        name: What reports.
+        message: How it is.
+        hardware_id: Which piece of hardware it is about.
+        pairs: Details by name.
+    """
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    pairs: Mapping[str, str]
+
+
+def split_stamp(stamp_ns: int) -> tuple[int, int]:
+    """Splits a time into the two fields of builtin_interfaces/Time.
+
+    Args:
+        stamp_ns: Time since the epoch in ns, not negative (MCAP) and below 2**31 s (ROS 2).
+
+    Returns:
+        Seconds and the remaining nanoseconds.
+
+    Raises:
+        RecordingError: If the time does not fit.
+    """
+    stamp = operator.index(stamp_ns)
+    if not 0 <= stamp < _STAMP_LIMIT_NS:
+        raise RecordingError(
+            f"The time stamp {stamp} ns lies outside 0..{_STAMP_LIMIT_NS - 1} ns, which is all a ROS 2 log can hold: "
+            "pass nanoseconds since the epoch."
+        )
+    return divmod(stamp, _NS_PER_S)
+
+
+def float64(value: float) -> bytes:
+    """Returns a std_msgs/Float64."""
+    return _FLOAT64.pack(_ENCAPSULATION, value)
+
+
+def point(x: float, y: float, z: float) -> bytes:
+    """Returns a geometry_msgs/Point; coordinates in metres."""
+    return _POINT.pack(_ENCAPSULATION, x, y, z)
+
+
+def twist_stamped(stamp_ns: int, frame_id: str, twist: Twist) -> bytes:
+    """Returns a geometry_msgs/TwistStamped; time in ns, velocities in m/s and rad/s in `frame_id`."""
+    layout, prefix = _stamped_layout((frame_id,), 6)
+    return layout.pack(_ENCAPSULATION, *split_stamp(stamp_ns), prefix, *twist.linear, *twist.angular)
+
+
+def odometry(stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, twist: Twist) -> bytes:
+    """Returns a nav_msgs/Odometry.
+
+    Args:
+        stamp_ns: Time in ns.
+        frame_id: The fixed frame that the pose is in.
+        child_frame_id: The frame on the body, which the twist is in.
+        pose: Position in metres, orientation as quaternion, 36 covariances.
+        twist: Velocities in m/s and rad/s, 36 covariances.
+    """
+    layout, prefix = _stamped_layout((frame_id, child_frame_id), 13 + 2 * _COVARIANCE_LENGTH)
+    return layout.pack(
+        _ENCAPSULATION,
+        *split_stamp(stamp_ns),
+        prefix,
+        *pose.position,
+        *pose.orientation,
+        *pose.covariance,
+        *twist.linear,
+        *twist.angular,
+        *twist.covariance,
+    )
+
+
+def joint_state(
+    stamp_ns: int, frame_id: str, names: tuple[str, ...], positions: Sequence[float], velocities: Sequence[float]
+) -> bytes:
+    """Returns a sensor_msgs/JointState without efforts.
+
+    Args:
+        stamp_ns: Time in ns.
+        frame_id: Usually empty: a joint is in no frame.
+        names: One name per joint.
+        positions: rad or m, one per joint; empty if not measured.
+        velocities: rad/s or m/s, one per joint; empty if not measured.
+    """
+    counts = (len(positions), len(velocities))
+    layout, prefix = _joint_layout(frame_id, names, *counts)
+    return layout.pack(_ENCAPSULATION, *split_stamp(stamp_ns), prefix, counts[0], *positions, counts[1], *velocities, 0)
+
+
+def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFields]) -> bytes:
+    """Returns a diagnostic_msgs/DiagnosticArray; time in ns, each status as `Status` orders its fields."""
+    listed = tuple(statuses)
+    body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
+    _put_text(body, frame_id)
+    _put_count(body, len(listed))
+    for level, name, message, hardware_id, pairs in listed:
+        body.append(level)
+        for text in (name, message, hardware_id):
+            _put_text(body, text)
+        _put_count(body, len(pairs))
+        for key, value in pairs.items():
+            _put_text(body, key)
+            _put_text(body, value)
+    return _ENCAPSULATION + body
+
+
+@lru_cache(maxsize=_LAYOUTS_KEPT)
+def _stamped_layout(texts: tuple[str, ...], doubles: int) -> tuple[struct.Struct, bytes]:
+    """Returns the layout of a stamp, strings and doubles, and the strings as encoded."""
+    body = bytearray(_STAMP.size)
+    for text in texts:
+        _put_text(body, text)
+    _align(body, 8)
+    prefix = bytes(body[_STAMP.size :])
+    return struct.Struct(f"<4siI{len(prefix)}s{doubles}d"), prefix
+
+
+@lru_cache(maxsize=_LAYOUTS_KEPT)
+def _joint_layout(
+    frame_id: str, names: tuple[str, ...], positions: int, velocities: int
+) -> tuple[struct.Struct, bytes]:
+    """Returns the layout of a JointState of these lengths, and its strings as encoded."""
+    body = bytearray(_STAMP.size)
+    _put_text(body, frame_id)
+    _put_count(body, len(names))
+    for name in names:
+        _put_text(body, name)
+    _align(body, 4)
+    prefix = bytes(body[_STAMP.size :])
+    layout = f"<4siI{len(prefix)}s"
+    offset = len(body)
+    for count in (positions, velocities):
+        # Alignment belongs to the elements, so an empty sequence has none after its count.
+        padding = -(offset + 4) % 8 if count else 0
+        layout += f"I{padding}x{count}d"
+        offset += 4 + padding + 8 * count
+    return struct.Struct(layout + "I"), prefix
+
+
+def _align(body: bytearray, size: int) -> None:
+    body.extend(bytes(-len(body) % size))
+
+
+def _put_count(body: bytearray, count: int) -> None:
+    _align(body, 4)
+    body += _COUNT.pack(count)
+
+
+def _put_text(body: bytearray, text: str) -> None:
+    # A CDR string can hold neither a NUL nor half a surrogate pair. Both come from broken input that a log should
+    # show, not trip over, so they are written as escapes.
+    encoded = text.encode("utf-8", "backslashreplace").replace(b"\0", rb"\x00")
+    _put_count(body, len(encoded) + 1)
+    body += encoded
+    body.append(0)

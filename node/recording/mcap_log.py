@@ -1,0 +1,240 @@
+"""The log of a run: an MCAP file that Foxglove, PlotJuggler and `rosbags` open without ROS.
+
+The container is MCAP (https://mcap.dev/spec) with profile `ros2`, schema encoding `ros2msg` and
+message encoding `cdr`. Units and axes follow REP-103: metres, radians, seconds, x forward, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from io import BufferedIOBase
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final, Self, cast
+
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import CompressionType, Writer
+
+from node.recording import cdr
+from node.recording.errors import RecordingError
+from node.recording.schemas import (
+    DIAGNOSTIC_ARRAY,
+    FLOAT64,
+    JOINT_STATE,
+    ODOMETRY,
+    POINT,
+    SCHEMAS,
+    TWIST_STAMPED,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from os import PathLike
+    from types import TracebackType
+
+CHUNK_BYTES: Final = 256 * 1024
+"""Messages are written once this many bytes are waiting, so a crash loses no more than that."""
+
+# Every record is longer than this, so a finished chunk passes the buffer and reaches the kernel at once.
+_BUFFER_BYTES: Final = 2
+
+
+class McapLog:
+    """Writes one run's log. One thread writes; close it, or use it as a context manager, to finish the file.
+
+    Topics come into being with their first message. `stamp_ns` is always ns since the epoch, and is both the log
+    time and the publish time. A file that exists is overwritten. After storage has failed once, the log is closed:
+    what was written before stays readable.
+
+    Args:
+        target: The file to write, whose directories are made as needed; or a binary stream as
+            `io.BytesIO`, which is not closed.
+        frame_id: The fixed frame that poses are in, as `odom`.
+        child_frame_id: The frame on the robot that velocities are in, as `base_link`.
+        joint_names: One name per joint, in the order of `joint_state`'s values.
+        chunk_bytes: How many bytes of messages may wait in memory.
+
+    Raises:
+        RecordingError: If the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        target: str | PathLike[str] | BufferedIOBase,
+        *,
+        frame_id: str = "odom",
+        child_frame_id: str = "base_link",
+        joint_names: Sequence[str] = (),
+        chunk_bytes: int = CHUNK_BYTES,
+    ) -> None:
+        self._frame_id = frame_id
+        self._child_frame_id = child_frame_id
+        self._joint_names = tuple(joint_names)
+        self._channels: dict[str, tuple[str, int]] = {}
+        self._schema_ids: dict[str, int] = {}
+        self._last_stamp_ns = 0
+        self._stream, self._where, self._owns_stream = _open_stream(target)
+        self._open = True
+        # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is held up less.
+        self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.LZ4)
+        try:
+            self._writer.start(profile=Profile.ROS2, library="segway-ecc")
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def float64(self, topic: str, stamp_ns: int, value: float) -> None:
+        """Logs one number in the unit that the topic's name tells, as std_msgs/Float64."""
+        self._write(topic, FLOAT64, stamp_ns, cdr.float64(value))
+
+    def point(self, topic: str, stamp_ns: int, x: float, y: float, z: float) -> None:
+        """Logs a geometry_msgs/Point; coordinates in metres."""
+        self._write(topic, POINT, stamp_ns, cdr.point(x, y, z))
+
+    def twist(self, topic: str, stamp_ns: int, linear_m_s: float, angular_rad_s: float) -> None:
+        """Logs a forward velocity in m/s and a yaw rate in rad/s, as geometry_msgs/TwistStamped in the child frame."""
+        twist = cdr.Twist((linear_m_s, 0.0, 0.0), (0.0, 0.0, angular_rad_s))
+        self._write(topic, TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
+
+    def odometry(  # noqa: PLR0913, PLR0917 - one planar state, in the order every caller has it
+        self,
+        topic: str,
+        stamp_ns: int,
+        x: float,
+        y: float,
+        heading: float,
+        linear_velocity: float,
+        angular_velocity: float,
+    ) -> None:
+        """Logs a planar nav_msgs/Odometry with covariances of zero, which mean unknown.
+
+        Args:
+            topic: Where it belongs.
+            stamp_ns: Time in ns.
+            x: Position in the fixed frame in metres.
+            y: Position in the fixed frame in metres.
+            heading: Angle about z from the fixed frame's x axis, counter-clockwise, in rad.
+            linear_velocity: Along the child frame's x axis in m/s.
+            angular_velocity: About z in rad/s.
+        """
+        pose = cdr.Pose((x, y, 0.0), (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))
+        twist = cdr.Twist((linear_velocity, 0.0, 0.0), (0.0, 0.0, angular_velocity))
+        data = cdr.odometry(stamp_ns, self._frame_id, self._child_frame_id, pose, twist)
+        self._write(topic, ODOMETRY, stamp_ns, data)
+
+    def joint_state(self, topic: str, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]) -> None:
+        """Logs a sensor_msgs/JointState: rad and rad/s, each one per joint name, or empty if not measured.
+
+        Raises:
+            RecordingError: If the number of values differs from the number of joint names.
+        """
+        names = self._joint_names
+        if not {len(positions), len(velocities)} <= {0, len(names)}:
+            raise RecordingError(
+                f"Topic {topic} in {self._where} got {len(positions)} positions and {len(velocities)} velocities for "
+                f"{len(names)} joints: pass one value per name in joint_names, or none."
+            )
+        self._write(topic, JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+
+    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.StatusFields]) -> None:
+        """Logs a diagnostic_msgs/DiagnosticArray of (level, name, message, hardware_id, pairs), as `cdr.Status`."""
+        self._write(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Puts a file such as the configuration into the log, at the time of the latest message."""
+        self._require_open()
+        stamp_ns = self._last_stamp_ns
+        try:
+            # The creation time is not known, for which MCAP asks zero.
+            self._writer.add_attachment(0, stamp_ns, _plain(name), _plain(media_type), data)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Puts named texts, such as the software's version, into the log."""
+        self._require_open()
+        try:
+            self._writer.add_metadata(_plain(name), {_plain(key): _plain(text) for key, text in values.items()})
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def close(self) -> None:
+        """Writes what is waiting and the summary, and closes the file. A second call does nothing."""
+        if not self._open:
+            return
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
+            self._stream.flush()
+            if self._owns_stream:
+                self._stream.close()
+        except OSError as error:
+            raise self._failed(error) from error
+        self._open = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, topic: str, type_name: str, stamp_ns: int, data: bytes) -> None:
+        # A bad stamp has to be refused here: the writer would stop halfway through a record and spoil the file.
+        cdr.split_stamp(stamp_ns)
+        self._require_open()
+        known, channel_id = self._channels.get(topic) or self._register(topic, type_name)
+        if known != type_name:
+            raise RecordingError(
+                f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
+            )
+        try:
+            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns)
+        except OSError as error:
+            raise self._failed(error) from error
+        self._last_stamp_ns = stamp_ns
+
+    def _register(self, topic: str, type_name: str) -> tuple[str, int]:
+        try:
+            if type_name not in self._schema_ids:
+                text = SCHEMAS[type_name].encode()
+                self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
+            channel_id = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
+        except OSError as error:
+            raise self._failed(error) from error
+        self._channels[topic] = (type_name, channel_id)
+        return self._channels[topic]
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise RecordingError(f"The log {self._where} is closed: write before close(), or open another log.")
+
+    def _failed(self, error: OSError) -> RecordingError:
+        # The writer has lost track of what reached the file, so going on would spoil what is already there.
+        self._open = False
+        if self._owns_stream:
+            with suppress(OSError):
+                self._stream.close()
+        return RecordingError(
+            f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
+            "`mcap recover` restores what was written."
+        )
+
+
+def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes], str, bool]:
+    """Returns the stream to write, how to call it in messages, and whether it is ours to close."""
+    if isinstance(target, BufferedIOBase):
+        # The library declares its streams as IO, which the buffered ones are in fact and in type only one by one.
+        return cast("IO[bytes]", target), str(getattr(target, "name", "in memory")), False
+    path = Path(target)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("wb", buffering=_BUFFER_BYTES), str(path), True
+    except OSError as error:
+        raise RecordingError(
+            f"The log {path} cannot be written ({error}): name a file in a directory that this user can write."
+        ) from error
+
+
+def _plain(text: str) -> str:
+    """Returns `text` with what UTF-8 cannot hold as escapes, since the writer would stop halfway at it."""
+    return text.encode("utf-8", "backslashreplace").decode()

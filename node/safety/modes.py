@@ -1,0 +1,112 @@
+"""The modes of the robot and what leads from one to another."""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+
+@enum.unique
+class Mode(enum.StrEnum):
+    """What the robot is allowed to do."""
+
+    DISARMED = "DISARMED"
+    """Zero is sent; set-points are not taken."""
+    ARMED = "ARMED"
+    """Set-points are followed."""
+    HOLD = "HOLD"
+    """Set-points fell silent: the robot holds its place under control."""
+    FAULT = "FAULT"
+    """Zero is sent, until the fault is cleared."""
+
+
+ACTIVE: Final = frozenset({Mode.ARMED, Mode.HOLD})
+"""The modes in which commands reach the motors."""
+
+
+@enum.unique
+class Action(enum.StrEnum):
+    """What an operator can ask for."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    STOP = "stop"
+    CLEAR_FAULT = "clear_fault"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What came of a request.
+
+    Attributes:
+        accepted: Whether it was done.
+        message: What was done, or why not.
+    """
+
+    accepted: bool
+    message: str
+
+
+class Modes:
+    """The state machine; every transition keeps its reason.
+
+    Attributes:
+        mode: The present mode.
+        reason: Why it was entered.
+    """
+
+    def __init__(self) -> None:
+        """Start disarmed."""
+        self.mode = Mode.DISARMED
+        self.reason = "just started"
+
+    def ask(self, action: Action, obstacles: Sequence[str] = ()) -> Answer:
+        """Carry out a request, or refuse it with the reason.
+
+        Args:
+            action: What is asked.
+            obstacles: What speaks against arming; only looked at for `Action.ARM`.
+        """
+        match action:
+            case Action.ARM:
+                return self._arm(obstacles)
+            case Action.DISARM:
+                if self.mode is Mode.FAULT:
+                    return Answer(accepted=True, message="the motors are off already, by a fault")
+                return self._enter(Mode.DISARMED, "asked to disarm")
+            case Action.STOP:
+                return self._enter(Mode.FAULT, "stop was pressed")
+            case Action.CLEAR_FAULT:
+                if self.mode is not Mode.FAULT:
+                    return Answer(accepted=False, message=f"there is no fault to clear: the robot is {self.mode}")
+                return self._enter(Mode.DISARMED, "fault cleared")
+
+    def observe(self, faults: Sequence[str], *, setpoints_silent: bool) -> None:
+        """Look at this cycle's faults and set-points; the most severe wins."""
+        if self.mode not in ACTIVE:
+            return
+        if faults:
+            self._enter(Mode.FAULT, "; ".join(faults))
+        elif setpoints_silent and self.mode is Mode.ARMED:
+            self._enter(Mode.HOLD, "no set-point arrives any more")
+        elif not setpoints_silent and self.mode is Mode.HOLD:
+            self._enter(Mode.ARMED, "set-points arrive again")
+
+    def fail(self, reason: str) -> None:
+        """Enter FAULT at once, from any mode."""
+        if self.mode is not Mode.FAULT:
+            self._enter(Mode.FAULT, reason)
+
+    def _arm(self, obstacles: Sequence[str]) -> Answer:
+        if self.mode is Mode.FAULT:
+            return Answer(accepted=False, message=f"clear the fault first: {self.reason}")
+        if self.mode in ACTIVE:
+            return Answer(accepted=True, message="armed already")
+        if obstacles:
+            return Answer(accepted=False, message="; ".join(obstacles))
+        return self._enter(Mode.ARMED, "asked to arm")
+
+    def _enter(self, mode: Mode, reason: str) -> Answer:
+        self.mode = mode
+        self.reason = reason
+        return Answer(accepted=True, message=f"{mode}: {reason}")
