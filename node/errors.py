@@ -52,3 +52,9 @@ class RobotLostError(NodeError):
     """The model node fell silent while it was being commanded."""
 
     exit_code = 7
+
+
+class RecordingError(NodeError):
+    """A log cannot be written as asked."""
+
+    exit_code = 9

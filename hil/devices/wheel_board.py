@@ -19,7 +19,8 @@ from node.model.model import Model
 
 TICK_NS: Final = 5_000_000
 """Period of the firmware's loop, and of the wheel frames."""
-SUPPLY_VOLTAGE: Final = 24.0
+SUPPLY_VOLTAGE: Final = 36.0
+"""Above the range of commands, so that the motors get what they are told."""
 _DEFAULT_WATCHDOG_S: Final = 0.05
 _STATUS_TICKS: Final = round(CYCLE_TIME_S[FrameId.BOARD_STATUS] * 1e9 / TICK_NS)
 _COMMANDS: Final = ("left.voltage", "right.voltage")
@@ -54,6 +55,11 @@ class SimulatedWheelBoard:
         self._last_command_ns: int | None = None
         self._ticks = 0
 
+    @property
+    def refused_frames(self) -> int:
+        """Frames refused since power-on."""
+        return sum(self._endpoint.refused.values())
+
     def tick(self, now_ns: int) -> None:
         """One pass of the firmware's loop at time `now_ns`, on the clock that stamps the link's frames."""
         for received in self._endpoint.receive():
@@ -72,7 +78,7 @@ class SimulatedWheelBoard:
                     self._switch_off(BoardState.DISABLED)
                 elif self.state in (BoardState.DISABLED, BoardState.ENABLED):
                     self.state = BoardState.ENABLED
-                    self.voltages = (_within_supply(left), _within_supply(right))
+                    self.voltages = (left, right)
             case BoardSetup(watchdog_s) if self.state is not BoardState.ENABLED:
                 self._watchdog_s = watchdog_s
 
@@ -91,13 +97,8 @@ class SimulatedWheelBoard:
         self._endpoint.send(FrameId.LEFT_WHEEL, Wheel(left_angle, left_velocity))
         self._endpoint.send(FrameId.RIGHT_WHEEL, Wheel(right_angle, right_velocity))
         if self._ticks % _STATUS_TICKS == 0:
-            refused = sum(self._endpoint.refused.values())
-            status = BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, refused)
+            status = BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, self.refused_frames)
             self._endpoint.send(FrameId.BOARD_STATUS, status)
-
-
-def _within_supply(voltage: float) -> float:
-    return min(max(voltage, -SUPPLY_VOLTAGE), SUPPLY_VOLTAGE)
 
 
 def _check(plant: Model) -> None:

@@ -28,6 +28,8 @@ class CartPlant(CartBody):
         Variable("truth.x", "m"),
         Variable("truth.y", "m"),
         Variable("truth.heading", "rad"),
+        Variable("truth.linear_velocity", "m/s"),
+        Variable("truth.angular_velocity", "rad/s"),
     )
 
     def input(self, u: Sequence[float]) -> None:
@@ -44,4 +46,4 @@ class CartPlant(CartBody):
     def output(self) -> Sequence[float]:
         """Wheel angles and speeds, and the true pose."""
         _, wl, _, wr, left, right, x, y, heading = self.s
-        return (left, wl, right, wr, x, y, heading)
+        return (left, wl, right, wr, x, y, heading, *self.velocities(wl, wr))

@@ -27,6 +27,7 @@ class Cycle:
     Attributes:
         modes: What the robot is allowed to do, and why.
         schedule: The set-points.
+        arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
         histograms: Duration of each phase, by name.
     """
 
@@ -46,6 +47,7 @@ class Cycle:
     ) -> None:
         """Join the parts; nothing is opened yet."""
         self.modes = Modes()
+        self.arming_obstacle: str | None = None
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
@@ -91,7 +93,7 @@ class Cycle:
         marks.append(now_ns())
         self._limit()
         marks.append(now_ns())
-        durations_ns = [end - start for start, end in itertools.pairwise(marks)]
+        durations_ns = tuple(end - start for start, end in itertools.pairwise(marks))
         self._recorder.write(
             CycleRecord(
                 cycle,
@@ -107,7 +109,7 @@ class Cycle:
                 durations_ns,
             )
         )
-        durations_ns.append(now_ns() - marks[-1])
+        durations_ns = (*durations_ns, now_ns() - marks[-1])
         for histogram, duration_ns in zip(self.histograms.values(), durations_ns, strict=True):
             histogram.add(duration_ns)
 
@@ -142,8 +144,10 @@ class Cycle:
         before = self.modes.mode
         for request in requests:
             request.answer(self._act(request.action))
-        if self._arm_pending and self._act(Action.ARM).accepted:
-            self._arm_pending = False
+        if self._arm_pending:
+            answer = self._act(Action.ARM)
+            self._arm_pending = not answer.accepted
+            self.arming_obstacle = None if answer.accepted else answer.message
         setpoint = self.schedule.due(cycle)
         silent = self.schedule.is_silent(cycle) and setpoint != REST
         self.modes.observe(self._faults(sensors), setpoints_silent=silent)

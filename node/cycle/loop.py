@@ -2,15 +2,17 @@
 
 import contextlib
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from node.cycle.announcer import Announcer
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
 from node.cycle.seams import Recorder, Stage
 from node.cycle.timing import Histogram
 from node.diagnostics.report import DiagnosticReport
+from node.diagnostics.status import Status
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
@@ -29,8 +31,8 @@ class LoopCounters:
         overrun: Cycles that ended after the next deadline.
         skipped: Deadlines that passed without a cycle, because one before them took too long.
         max_lateness_ns: The latest start.
-        started_ns: The first deadline, monotonic.
-        last_ns: The newest deadline that was met, monotonic.
+        started_ns: When the first cycle started, monotonic.
+        last_ns: When the newest cycle started, monotonic.
     """
 
     cycles: int = 0
@@ -43,7 +45,7 @@ class LoopCounters:
 
     @property
     def mean_rate_hz(self) -> float:
-        """Cycles per second since the first deadline; zero before the second cycle."""
+        """Cycles per second from the first start to the newest; zero before the second cycle."""
         elapsed_ns = self.last_ns - self.started_ns
         return (self.cycles - 1) * NS_PER_S / elapsed_ns if elapsed_ns else 0.0
 
@@ -75,11 +77,19 @@ class Loop:
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
         self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
+        self._announcer = Announcer(clock)
         self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
 
     def stop(self, reason: str) -> None:
         """Ask the loop to end after the present cycle; may be called from a signal handler."""
         self.stop_reason = self.stop_reason or reason
+
+    def statuses(self) -> Sequence[Status]:
+        """The robot's diagnostics as of now; takes too long for the loop itself."""
+        self._diagnostics.begin()
+        while not self._diagnostics.work():
+            pass
+        return self._diagnostics.statuses
 
     def run(self, cycles: int | None = None) -> None:
         """Run until stopped, or for a number of cycles.
@@ -102,7 +112,6 @@ class Loop:
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns
         deadline_ns = clock.now_ns() + period_ns
-        counters.started_ns = deadline_ns
         self._cycle.time_base.anchor(counters.cycles, self._wall_at(deadline_ns))
         while self.stop_reason is None:
             clock.sleep_until_ns(deadline_ns)
@@ -114,8 +123,8 @@ class Loop:
             counters.cycles += 1
             if counters.cycles == cycles:
                 self.stop(f"{cycles} cycles were asked for")
-            if not self._stage.is_alive:
-                self.stop("ROS has shut down")
+            if self._stage.over is not None:
+                self.stop(self._stage.over)
             deadline_ns += period_ns
             deadline_ns += self._lost_ns(deadline_ns)
             self._use_slack(deadline_ns)
@@ -124,7 +133,8 @@ class Loop:
         return self._clock.wall_ns() - (self._clock.now_ns() - deadline_ns)
 
     def _count_start(self, deadline_ns: int, lateness_ns: int) -> None:
-        self.counters.last_ns = deadline_ns
+        self.counters.last_ns = deadline_ns + lateness_ns
+        self.counters.started_ns = self.counters.started_ns or self.counters.last_ns
         self.lateness.add(lateness_ns)
         if lateness_ns > self._late_ns:
             self.counters.late += 1
@@ -142,6 +152,7 @@ class Loop:
 
     def _use_slack(self, deadline_ns: int) -> None:
         """One small piece of slow work, where there is time for it; diagnostics come even where there is none."""
+        self._announcer.tell(self._cycle.modes, self._cycle.arming_obstacle)
         phase = self.counters.cycles % self._diagnostics_every
         if phase == 0:
             self._diagnostics.begin()

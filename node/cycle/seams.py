@@ -44,8 +44,8 @@ class Stage(Protocol):
     """The world outside: takes what has arrived, publishes the state. Nothing here waits."""
 
     @property
-    def is_alive(self) -> bool:
-        """False once the world outside has shut down, which ends the loop."""
+    def over(self) -> str | None:
+        """Why the world outside has ended, which ends the loop; None while it goes on."""
 
     def take(self) -> Inbox:
         """What has arrived since the last call."""
@@ -99,7 +99,7 @@ class Recorder(Protocol):
 class NoStage:
     """A world with nobody in it."""
 
-    is_alive = True
+    over: str | None = None
 
     def take(self) -> Inbox:
         """Nothing ever arrives."""

@@ -15,8 +15,8 @@ from typing import IO, TYPE_CHECKING, Final, Self, cast
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
+from node.errors import RecordingError
 from node.recording import cdr
-from node.recording.errors import RecordingError
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,

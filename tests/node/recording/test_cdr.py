@@ -13,7 +13,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
 from node.recording import cdr
-from node.recording.errors import RecordingError
+from node.errors import RecordingError
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,

@@ -1,0 +1,114 @@
+"""The CAN seat: the controller at one end of a bus, the plant at the other, whose truth is where the cart went."""
+
+import csv
+from bisect import bisect_left
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from firmware_io.links.can_link import socketcan_interfaces
+from hil.lockstep import LockstepRig
+from hil.simulation import simulated_bus, simulated_plant
+from node.case_study.processes import command
+from node.case_study.seats import Run, trajectory
+from node.case_study.study import Seat
+from node.config import load_robot
+from node.cycle.seams import NoRecorder
+from node.recording.cycle_log import CycleLog, layout_of
+from node.robot import build_robot
+from node.sequence.manoeuvre import Manoeuvre
+from node.sequence.player import Odometry, Player
+from node.sequence.stage import ManoeuvreStage
+
+ROBOT: Final = "cart-can"
+_MARGIN_S: Final = 60.0
+_TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity", "truth.angular_velocity")
+_POINT_NS: Final = 10_000_000
+
+
+class RealTimeCanSeat:
+    """Two processes in real time. On a virtual bus each run has its own; on a real interface they take turns."""
+
+    seat = Seat.CAN
+
+    def __init__(self, folder: Path, logs: Path) -> None:
+        """Keep messages in `folder` and logs in `logs`."""
+        self._folder = folder
+        self._logs = logs
+        self._interfaces = socketcan_interfaces()
+        self.jobs = 1 if self._interfaces else 4
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+        """Play a manoeuvre over the bus; see `SeatRunner.run`."""
+        file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
+        file.write_bytes(msgspec.yaml.encode(manoeuvre))
+        bus = ["--channel", self._interfaces[0] if self._interfaces else f"case_study_{name}"]
+        plant = ["plant", ROBOT, *bus, "--truth", str(truth)]
+        node = ["run", ROBOT, *bus, "--no-ros", "--sequence", str(file), "--json"]
+        node += ["--log", str(self._logs / f"can_{name}.mcap")]
+        with (
+            command(plant, self._folder / f"can_{name}.plant.txt"),
+            command(node, self._folder / f"can_{name}.node.txt") as controller,
+        ):
+            played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
+        # The plant has ended too by now, so its file is whole.
+        points = _resample(_read_truth(truth), played["start_ns"], played["end_ns"])
+        return Run(trajectory(Seat.CAN, points))
+
+
+class LockstepCanSeat:
+    """Controller, bus and plant in this process, on a simulated clock: the same bits every time."""
+
+    seat = Seat.CAN
+    jobs = 1
+
+    def __init__(self, logs: Path | None) -> None:
+        """Keep the logs of the runs in a folder, or none."""
+        self._logs = logs
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+        """Play a manoeuvre in lock step; see `SeatRunner.run`."""
+        file = load_robot(ROBOT)
+        rig = LockstepRig(simulated_bus(file).bitrate)
+        plant = simulated_plant(file)
+        truth = _TruthReader([v.name for v in plant.outputs])
+        points: list[Odometry] = []
+        rig.attach_board(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
+        robot = build_robot(file, rig, rig.bus.attach("node"))
+        player = Player(manoeuvre)
+        stage = ManoeuvreStage(player, list(robot.wiring.published))
+        recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
+        robot.loop(stage, recorder).run()
+        return Run(trajectory(Seat.CAN, _resample(points, player.start_ns or 0, player.end_ns or 0)))
+
+
+class _TruthReader:
+    """Finds where the cart really is among the plant's outputs."""
+
+    def __init__(self, output_names: Sequence[str]) -> None:
+        self._indices = [output_names.index(name) for name in _TRUTH]
+
+    def read(self, wall_ns: int, outputs: Sequence[float]) -> Odometry:
+        return Odometry(wall_ns, *(outputs[index] for index in self._indices))
+
+
+def _read_truth(path: Path) -> list[Odometry]:
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        truth = _TruthReader(next(rows)[1:])
+        return [truth.read(int(wall_ns), [float(value) for value in values]) for wall_ns, *values in rows]
+
+
+def _resample(points: Sequence[Odometry], start_ns: int, end_ns: int) -> list[Odometry]:
+    """The truth at regular times from start to end, each between the two ticks around it."""
+    stamps = [point.stamp_ns for point in points]
+    return [_between(points, stamps, stamp_ns) for stamp_ns in range(start_ns, end_ns + 1, _POINT_NS)]
+
+
+def _between(points: Sequence[Odometry], stamps: Sequence[int], stamp_ns: int) -> Odometry:
+    after = min(max(bisect_left(stamps, stamp_ns), 1), len(points) - 1)
+    a, b = points[after - 1], points[after]
+    share = (stamp_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns)
+    return Odometry(stamp_ns, *(p + share * (q - p) for p, q in zip(a[1:], b[1:], strict=True)))

@@ -1,0 +1,134 @@
+"""`segway-ecc case-study`: the thesis' tables and figures through each seat."""
+
+import argparse
+import importlib.metadata
+import importlib.util
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+from hil.simulation import simulated_bus
+from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
+from node.case_study.conduct import conduct
+from node.case_study.offline import OfflineSeat
+from node.case_study.progress import show_progress
+from node.case_study.ros import RosSeat
+from node.case_study.seats import SeatRunner
+from node.case_study.study import Cell, Seat, Study
+from node.case_study.table import table
+from node.cli.options import add_json, print_json
+from node.config import load_robot
+from node.cycle.clock import RealClock
+from node.errors import ConfigurationError
+from node.robot import can_link
+from node.ros.runtime import missing_packages
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `case-study`."""
+    parser.add_argument("--seat", choices=[*Seat, "all"], default="all", help="where the model runs (default: all)")
+    add_json(parser)
+    parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
+    parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
+    parser.add_argument("--out", type=Path, default=Path("out/case-study"), help="folder for the report and the logs")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Conduct the study, print its table and write its report."""
+    seats = _seats(options.seat)
+    studies = []
+    for number in range(options.repeat):
+        folder = options.out if options.repeat == 1 else options.out / f"run_{number + 1}"
+        with show_progress() as on_progress:
+            study = conduct(_runners(seats, folder, lock_step=options.lock_step), _facts(folder), on_progress)
+        _write_report(study, folder)
+        studies.append(study)
+    if options.json:
+        print_json({"cells": [_cell_json(cell) for cell in studies[-1].cells]})
+    else:
+        sys.stdout.write(table(studies[-1].cells, list(Seat)) + "\n")
+    return _compare(studies)
+
+
+def _seats(asked: str) -> list[Seat]:
+    """The seats to run; all of them means those that can."""
+    if asked != "all":
+        return [Seat(asked)]
+    missing = missing_packages()
+    if missing:
+        sys.stderr.write(f"segway-ecc: no ROS 2 here (no {', '.join(missing)}): the ros seat is left out\n")
+    return [seat for seat in Seat if not (missing and seat is Seat.ROS)]
+
+
+def _runners(seats: list[Seat], folder: Path, *, lock_step: bool) -> list[SeatRunner]:
+    logs, messages = folder / "logs", folder / "messages"
+    try:
+        for made in (logs, messages):
+            made.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another with --out") from error
+    made_runners: dict[Seat, SeatRunner] = {}
+    if Seat.OFFLINE in seats:
+        made_runners[Seat.OFFLINE] = OfflineSeat(logs)
+    if Seat.ROS in seats:
+        made_runners[Seat.ROS] = RosSeat(messages, logs)
+    if Seat.CAN in seats:
+        made_runners[Seat.CAN] = LockstepCanSeat(logs) if lock_step else RealTimeCanSeat(messages, logs)
+    return list(made_runners.values())
+
+
+def _facts(folder: Path) -> dict[str, str]:
+    bus = can_link(simulated_bus(load_robot("cart-can")), RealClock()).description
+    rclpy = "none" if missing_packages() else _ros_version()
+    return {
+        "segway-ecc": importlib.metadata.version("segway-ecc"),
+        "Python": platform.python_version(),
+        "ROS 2": rclpy,
+        "Machine": f"{platform.machine()}, {platform.system()} {platform.release()}",
+        "CAN bus": bus,
+        "Logs (MCAP)": str(folder / "logs"),
+    }
+
+
+def _ros_version() -> str:
+    try:
+        return f"rclpy {importlib.metadata.version('rclpy')}"
+    except importlib.metadata.PackageNotFoundError:
+        return "rclpy of the sourced installation"
+
+
+def _write_report(study: Study, folder: Path) -> None:
+    """Write the page, where the drawing library is there."""
+    if importlib.util.find_spec("matplotlib") is None:
+        sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+        return
+    from node.case_study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+    path = folder / "report.html"
+    path.write_text(render(study), encoding="utf-8")
+    sys.stderr.write(f"segway-ecc: report: {path}\n")
+
+
+def _cell_json(cell: Cell) -> dict[str, Any]:
+    return {
+        "linear": cell.linear,
+        "angular": cell.angular,
+        "offline_20sim": list(cell.thesis_offline),
+        "standalone_ros_2019": list(cell.thesis_ros),
+        **{str(seat): list(position) for seat, position in cell.positions.items()},
+    }
+
+
+def _compare(studies: list[Study]) -> int:
+    """Say how often each seat gave the bits of the first run, where there were several."""
+    if len(studies) == 1:
+        return 0
+    for seat in studies[0].seats:
+        same = sum(_positions(study, seat) == _positions(studies[0], seat) for study in studies)
+        sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
+    return 0
+
+
+def _positions(study: Study, seat: Seat) -> list[tuple[float, float]]:
+    return [cell.positions[seat] for cell in study.cells]

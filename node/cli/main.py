@@ -1,0 +1,66 @@
+"""segway-ecc: the command line. Data on standard output, messages on standard error.
+
+Exit codes: 0 done; 1 another error of ours; 2 arguments, robot file or sequence file; 3 model; 4 hardware; 5 ROS 2
+missing; 6 nobody listens; 7 robot lost; 8 simulation; 9 log; 130 Ctrl-C.
+"""
+
+import argparse
+import importlib
+import importlib.metadata
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_io.errors import HardwareError
+from hil.errors import RigError
+from node.errors import NodeError
+
+VERBS: Final = {
+    "run": "run a robot: the model node",
+    "sequence": "drive a robot through a sequence of set-points, over ROS 2",
+    "plant": "the simulated plant and drive at the other end of a robot's bus, in real time",
+    "case-study": "the thesis' tables and figures through each seat, side by side",
+    "bench": "how fast this machine runs the loop, in lock step and in real time",
+}
+_INTERRUPTED: Final = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; the exit code says how it went."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    words, ros_arguments = _split_ros(words)
+    parser = argparse.ArgumentParser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
+    parser.add_argument("--version", action="version", version=importlib.metadata.version("segway-ecc"))
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    chosen = next((word for word in words if word in VERBS), None)
+    for verb, text in VERBS.items():
+        verb_parser = verbs.add_parser(verb, help=text, description=text)
+        if verb == chosen:
+            # Only the verb in use is imported: a robot starts without what the others need.
+            module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
+            module.add_arguments(verb_parser)
+            verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)
+    options = parser.parse_args(words)
+    try:
+        return int(options.function(options))
+    except (NodeError, HardwareError, RigError) as error:
+        sys.stderr.write(f"segway-ecc: {error}\n")
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has enough; there is nobody left to tell.
+        sys.stdout = None  # keeps the interpreter from flushing it once more
+        return 0
+
+
+def _split_ros(words: list[str]) -> tuple[list[str], list[str]]:
+    """Split off what is meant for ROS: from `--ros-args` on."""
+    if "--ros-args" not in words:
+        return words, []
+    at = words.index("--ros-args")
+    return words[:at], words[at:]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

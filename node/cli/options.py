@@ -1,0 +1,81 @@
+"""Options and habits that several verbs share."""
+
+import argparse
+import contextlib
+import datetime as dt
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from node.config import RobotFile, WheelBoardSection, load_robot, packaged_robots
+from node.errors import ConfigurationError
+
+_STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """The robot file and its bus."""
+    parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
+    parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
+    parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
+
+
+def robot_file(options: argparse.Namespace) -> RobotFile:
+    """The robot file, with the bus that the command line names."""
+    file = load_robot(options.robot)
+    wanted = {name: getattr(options, name) for name in ("interface", "channel") if getattr(options, name) is not None}
+    if not wanted:
+        return file
+    if not isinstance(file.hardware, WheelBoardSection):
+        raise ConfigurationError(f"--{next(iter(wanted))}: robot '{file.name}' is on no CAN bus")
+    can = msgspec.structs.replace(file.hardware.can, **wanted)
+    return msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, can=can))
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Machine-readable output."""
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def add_namespace(parser: argparse.ArgumentParser) -> None:
+    """Where the robot lives in the ROS graph."""
+    parser.add_argument("--namespace", default="", help="ROS namespace of the robot, such as /robot1")
+
+
+def print_json(value: object) -> None:
+    """Print a value as JSON on standard output."""
+    sys.stdout.write(json.dumps(value, indent=2) + "\n")
+
+
+def print_table(rows: Mapping[str, str]) -> None:
+    """Print names and texts in two aligned columns."""
+    width = max(map(len, rows), default=0)
+    sys.stdout.write("".join(f"{name:<{width}}  {text}\n" for name, text in rows.items()))
+
+
+def default_log(name: str) -> Path:
+    """Where a run's log goes unless told otherwise: the user's state folder (XDG base directories)."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    stamp = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return state / "segway-ecc" / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
+
+
+@contextlib.contextmanager
+def stopped_by_signals(stop: Callable[[str], None]) -> Iterator[None]:
+    """Call `stop` with the signal's name on Ctrl-C, SIGTERM, or when the terminal goes away."""
+
+    def handle(number: int, _frame: object) -> None:
+        stop(signal.Signals(number).name)
+
+    old = {number: signal.signal(number, handle) for number in _STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)

@@ -1,0 +1,135 @@
+"""`segway-ecc run ROBOT`: the model node."""
+
+import argparse
+import contextlib
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+from node.cli.options import (
+    add_json,
+    add_namespace,
+    add_robot,
+    default_log,
+    print_json,
+    print_table,
+    robot_file,
+    stopped_by_signals,
+)
+from node.config import RobotFile, read_text
+from node.cycle.clock import RealClock
+from node.cycle.loop import Loop
+from node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
+from node.errors import ConfigurationError
+from node.logs import messages
+from node.recording.cycle_log import layout_of
+from node.recording.recorder import ProcessRecorder
+from node.robot import Robot, build_robot
+from node.ros.runtime import missing_packages, require_ros, ros_node
+from node.ros.stage import RosStage
+from node.sequence.manoeuvre import load_manoeuvre
+from node.sequence.player import Player
+from node.sequence.stage import ManoeuvreStage
+
+_logger = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `run`."""
+    add_robot(parser)
+    add_namespace(parser)
+    add_json(parser)
+    parser.add_argument("--ros", action=argparse.BooleanOptionalAction, help="with or without ROS (default: if there)")
+    parser.add_argument("--sequence", metavar="FILE", help="without ROS: play this sequence once armed, then end")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after this long")
+    log = parser.add_mutually_exclusive_group()
+    log.add_argument("--log", type=Path, metavar="FILE", help="where the MCAP log goes")
+    log.add_argument("--no-log", action="store_true", help="keep no log")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the robot until it is stopped."""
+    if options.duration is not None and not options.duration > 0.0:
+        raise ConfigurationError(f"--duration must be more than 0 s, not {options.duration}")
+    file = robot_file(options)
+    robot = build_robot(file, RealClock())
+    with messages(), contextlib.ExitStack() as stack:
+        stage = stack.enter_context(_stage(options, robot))
+        recorder = _recorder(options, robot)
+        loop = robot.loop(stage, recorder)
+        with stopped_by_signals(loop.stop):
+            _logger.info("%s runs at %g Hz", _what(file, robot), 1e9 / robot.period_ns)
+            loop.run(_cycles(options.duration, robot))
+        _logger.info("stopped: %s", loop.stop_reason)
+    _report(loop, stage, as_json=options.json)
+    return 0
+
+
+def _what(file: RobotFile, robot: Robot) -> str:
+    link = robot.hardware.health.get("link")
+    return f"robot '{file.name}'" + (f" on {link}" if link else "")
+
+
+def _cycles(duration_s: float | None, robot: Robot) -> int | None:
+    return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
+
+
+@contextlib.contextmanager
+def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
+    signals = list(robot.wiring.published)
+    if options.sequence is not None:
+        yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals)
+    elif _with_ros(wanted=options.ros):
+        with ros_node(robot.file.ros.node_name, options.namespace, options.ros_arguments) as node:
+            yield RosStage(node, robot.file.ros, signals)
+    else:
+        yield NoStage()
+
+
+def _with_ros(*, wanted: bool | None) -> bool:
+    if wanted:
+        require_ros()
+    missing = missing_packages()
+    if missing and wanted is None:
+        _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
+    return not missing and wanted is not False
+
+
+def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
+    if options.no_log:
+        return NoRecorder()
+    path = options.log or default_log(robot.file.name)
+    _logger.info("log: %s", path)
+    return ProcessRecorder(path, layout_of(robot), {"robot.yaml": read_text(options.robot)})
+
+
+def _played(stage: Stage) -> dict[str, int | None] | None:
+    if not isinstance(stage, ManoeuvreStage):
+        return None
+    return {"start_ns": stage.player.start_ns, "end_ns": stage.player.end_ns}
+
+
+def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
+    counters, lateness = loop.counters, loop.lateness.summary()
+    if as_json:
+        print_json(
+            {
+                "cycles": counters.cycles,
+                "late": counters.late,
+                "overrun": counters.overrun,
+                "skipped": counters.skipped,
+                "mean_rate_hz": counters.mean_rate_hz,
+                "max_lateness_s": lateness.max_s,
+                "stop_reason": loop.stop_reason,
+                "sequence": _played(stage),
+                "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
+            }
+        )
+        return
+    print_table(
+        {
+            "cycles": f"{counters.cycles} at {counters.mean_rate_hz:.4f} Hz",
+            "late": f"{counters.late} started late, {counters.overrun} ended late, {counters.skipped} skipped",
+            "lateness": lateness.as_text(),
+        }
+    )

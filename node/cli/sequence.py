@@ -1,0 +1,115 @@
+"""`segway-ecc sequence`: sequence control, a node of its own."""
+
+import argparse
+import csv
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
+from node.errors import ConfigurationError, NodeError
+from node.ros.commander import Commander
+from node.ros.runtime import ros_node
+from node.sequence.manoeuvre import Manoeuvre, load_manoeuvre, single_segment
+from node.sequence.player import Odometry, Player
+
+_THREE: Final = 3
+_BAR: Final = 30
+
+
+class _Interrupted(BaseException):
+    """Ends the manoeuvre from a signal handler; no `except Exception` on the way may swallow it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `sequence`."""
+    parser.add_argument(
+        "what",
+        nargs="+",
+        metavar="LINEAR ANGULAR DURATION | FILE",
+        help="set-points in m/s and rad/s held for some seconds, or a YAML file with a list of segments",
+    )
+    add_namespace(parser)
+    add_json(parser)
+    parser.add_argument("--wait", type=float, default=10.0, metavar="S", help="how long to wait for the model node")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was heard")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Play the sequence to its end."""
+    player = Player(_manoeuvre(options.what))
+    with ros_node("sequence_control", options.namespace, options.ros_arguments) as node:
+        commander = Commander(node)
+        commander.wait_for_robot(options.wait)
+        _play(commander, player)
+        graph = commander.graph()
+    if options.csv is not None:
+        _write_csv(options.csv, player)
+    _report(player, [asdict(c) for c in graph], as_json=options.json)
+    return 0
+
+
+def _manoeuvre(what: list[str]) -> Manoeuvre:
+    if len(what) == 1:
+        return load_manoeuvre(what[0])
+    if len(what) != _THREE:
+        raise ConfigurationError("give LINEAR ANGULAR DURATION, or one file")
+    try:
+        linear, angular, duration = map(float, what)
+    except ValueError as error:
+        raise ConfigurationError(f"LINEAR ANGULAR DURATION must be numbers: {error}") from error
+    return single_segment(linear, angular, duration)
+
+
+def _play(commander: Commander, player: Player) -> None:
+    def interrupt(name: str) -> None:
+        raise _Interrupted(name)
+
+    with stopped_by_signals(interrupt):
+        try:
+            commander.play(player, _progress())
+        except _Interrupted as interrupted:
+            commander.abandon(player)
+            raise NodeError(f"abandoned by {interrupted}; the robot was told to rest") from None
+
+
+def _progress() -> Callable[[float], None]:
+    if not sys.stderr.isatty():
+        return lambda _fraction: None
+
+    def show(fraction: float) -> None:
+        done = round(fraction * _BAR)
+        end = "\n" if fraction >= 1.0 else ""
+        sys.stderr.write(f"\r[{'#' * done}{'.' * (_BAR - done)}] {fraction:4.0%}{end}")
+        sys.stderr.flush()
+
+    return show
+
+
+def _last(player: Player) -> Odometry:
+    """The odometry that bears the stamp of the end."""
+    for odometry in reversed(player.heard):
+        if odometry.stamp_ns == player.end_ns:
+            return odometry
+    raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
+
+
+def _report(player: Player, graph: list[dict[str, str]], *, as_json: bool) -> None:
+    last = _last(player)
+    if as_json:
+        print_json({"start_ns": player.start_ns, "end_ns": player.end_ns, "end": last._asdict(), "graph": graph})
+        return
+    seconds = player.manoeuvre.duration_ns * 1e-9
+    sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")
+
+
+def _write_csv(path: Path, player: Player) -> None:
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(Odometry._fields)
+            writer.writerows(player.heard)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,111 @@
+"""The loop's side of the recorder: hands each cycle to a process of its own and never waits for it."""
+
+import contextlib
+import fcntl
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from node.cycle.seams import CycleRecord
+from node.diagnostics.status import Status
+from node.errors import RecordingError
+from node.recording.codec import CycleCodec, pack_diagnostics
+from node.recording.cycle_log import Layout
+
+_PIPE_BYTES: Final = 1 << 20
+_ATOMIC_BYTES: Final = 4096
+"""PIPE_BUF of Linux: what is not longer is written to a pipe whole or not at all (pipe(7))."""
+_CLOSE_S: Final = 10.0
+_logger = logging.getLogger(__name__)
+
+
+class Job(msgspec.Struct, frozen=True):
+    """What the writer is told first, as one line of JSON.
+
+    Attributes:
+        path: The log to write.
+        layout: Names of what each cycle holds.
+        attachments: Texts to put into the log, by file name.
+    """
+
+    path: str
+    layout: Layout
+    attachments: dict[str, str]
+
+
+class ProcessRecorder:
+    """See `node.cycle.seams.Recorder`.
+
+    Attributes:
+        dropped: Cycles that were not kept, because the writer did not keep up or is gone.
+    """
+
+    def __init__(self, path: Path, layout: Layout, attachments: Mapping[str, str]) -> None:
+        """Start the writer.
+
+        Raises:
+            RecordingError: The log cannot be written.
+        """
+        self.dropped = 0
+        self._path = path
+        self._codec = CycleCodec(layout)
+        _check_writable(path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "node.recording.writer"], stdin=subprocess.PIPE, start_new_session=True
+        )
+        assert self._process.stdin is not None  # noqa: S101 - it was asked for a line ago
+        self._pipe = self._process.stdin.fileno()
+        job = msgspec.json.encode(Job(str(path), layout, dict(attachments)))
+        self._process.stdin.write(job + b"\n")
+        self._process.stdin.flush()
+        with contextlib.suppress(OSError):  # a smaller pipe only drops sooner
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        os.set_blocking(self._pipe, False)
+
+    def write(self, record: CycleRecord) -> None:
+        """Hand over a cycle; one that finds no room is dropped and counted."""
+        self._send(self._codec.pack(record))
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Hand over diagnostics, one status at a time so that each fits whole."""
+        for status in statuses:
+            self._send(pack_diagnostics(stamp_ns, (status,)))
+
+    def close(self) -> None:
+        """Let the writer finish the log."""
+        with contextlib.suppress(OSError):
+            os.set_blocking(self._pipe, True)
+            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
+        try:
+            status = self._process.wait(_CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            status = self._process.wait()
+        if status != 0:
+            _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)
+        if self.dropped:
+            _logger.warning("%d cycles are missing in the log %s", self.dropped, self._path)
+
+    def _send(self, frame: bytes) -> None:
+        if len(frame) > _ATOMIC_BYTES:
+            self.dropped += 1
+            return
+        try:
+            os.write(self._pipe, frame)
+        except OSError:  # full, or the writer is gone: the loop goes on
+            self.dropped += 1
+
+
+def _check_writable(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb"):
+            pass
+    except OSError as error:
+        raise RecordingError(f"cannot write the log {path}: {error.strerror}; choose another with --log") from error

@@ -1,0 +1,1 @@
+"""The robot in a ROS 2 graph; the only place where ROS is imported."""

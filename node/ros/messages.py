@@ -1,0 +1,50 @@
+"""Filling standard messages from plain values."""
+
+import importlib
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from node.diagnostics.status import Status
+from node.ros.untyped import RosObject
+
+_NS_PER_S: Final = 1_000_000_000
+
+
+def message_type(name: str) -> RosObject:
+    """The class of a message or service type such as `geometry_msgs/msg/Twist`."""
+    package, kind, type_name = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), type_name)
+
+
+def set_stamp(header: RosObject, stamp_ns: int) -> None:
+    """Write a stamp, ns since the Unix epoch, into a std_msgs/Header."""
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, _NS_PER_S)
+
+
+def stamp_ns(header: RosObject) -> int:
+    """The stamp of a std_msgs/Header, ns since the Unix epoch."""
+    return int(header.stamp.sec) * _NS_PER_S + int(header.stamp.nanosec)
+
+
+def set_heading(quaternion: RosObject, heading: float) -> None:
+    """Write a rotation about z, rad, into a geometry_msgs/Quaternion."""
+    quaternion.z = math.sin(0.5 * heading)
+    quaternion.w = math.cos(0.5 * heading)
+
+
+def diagnostic_array(statuses: Sequence[Status], stamp_ns: int) -> RosObject:
+    """A diagnostic_msgs/DiagnosticArray."""
+    array = message_type("diagnostic_msgs/msg/DiagnosticArray")()
+    set_stamp(array.header, stamp_ns)
+    array.status = [_diagnostic_status(status) for status in statuses]
+    return array
+
+
+def _diagnostic_status(status: Status) -> RosObject:
+    key_value = message_type("diagnostic_msgs/msg/KeyValue")
+    message = message_type("diagnostic_msgs/msg/DiagnosticStatus")()
+    message.level = bytes((status.level,))
+    message.name, message.message = status.name, status.message
+    message.values = [key_value(key=key, value=value) for key, value in status.values.items()]
+    return message

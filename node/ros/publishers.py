@@ -1,0 +1,84 @@
+"""The topics that tell the world of each cycle."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from node.config import RosSection
+from node.ros.messages import message_type, set_heading, set_stamp
+from node.ros.untyped import RosObject
+
+Publish = Callable[[int, Sequence[float]], None]
+"""Called with the stamp, ns since the Unix epoch, and the published signals."""
+
+_DEPTH: Final = 10
+_SCALARS: Final = {
+    "linear_velocity": "odometry.linear_velocity",
+    "angular_velocity": "odometry.angular_velocity",
+}
+_ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
+_JOINTS: Final = ("left.angle", "right.angle", "left.velocity", "right.velocity")
+
+
+def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) -> list[Publish]:
+    """One callable per topic that these signals suffice for. Messages are made once and filled anew each cycle."""
+    index = {signal: position for position, signal in enumerate(signals)}
+    publishers = [_scalar(node, topic, index[signal]) for topic, signal in _SCALARS.items() if signal in index]
+    if all(f"odometry.{part}" in index for part in _ODOMETRY):
+        publishers.append(_position(node, index["odometry.x"], index["odometry.y"]))
+        publishers.append(_odometry(node, ros, [index[f"odometry.{part}"] for part in _ODOMETRY]))
+    if all(joint in index for joint in _JOINTS):
+        publishers.append(_joint_states(node, ros, [index[joint] for joint in _JOINTS]))
+    return publishers
+
+
+def _scalar(node: RosObject, topic: str, index: int) -> Publish:
+    kind = message_type("std_msgs/msg/Float64")
+    message, publisher = kind(), node.create_publisher(kind, topic, _DEPTH)
+
+    def publish(_stamp_ns: int, values: Sequence[float]) -> None:
+        message.data = values[index]
+        publisher.publish(message)
+
+    return publish
+
+
+def _position(node: RosObject, x: int, y: int) -> Publish:
+    kind = message_type("geometry_msgs/msg/Point")
+    message, publisher = kind(), node.create_publisher(kind, "position", _DEPTH)
+
+    def publish(_stamp_ns: int, values: Sequence[float]) -> None:
+        message.x, message.y = values[x], values[y]
+        publisher.publish(message)
+
+    return publish
+
+
+def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
+    kind = message_type("nav_msgs/msg/Odometry")
+    message, publisher = kind(), node.create_publisher(kind, "odom", _DEPTH)
+    message.header.frame_id, message.child_frame_id = ros.odometry_frame, ros.base_frame
+    pose, twist = message.pose.pose, message.twist.twist
+
+    def publish(stamp_ns: int, values: Sequence[float]) -> None:
+        x, y, heading, linear, angular = (values[index] for index in indices)
+        set_stamp(message.header, stamp_ns)
+        pose.position.x, pose.position.y = x, y
+        set_heading(pose.orientation, heading)
+        twist.linear.x, twist.angular.z = linear, angular
+        publisher.publish(message)
+
+    return publish
+
+
+def _joint_states(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
+    kind = message_type("sensor_msgs/msg/JointState")
+    message, publisher = kind(), node.create_publisher(kind, "joint_states", _DEPTH)
+    message.name = [ros.left_joint, ros.right_joint]
+
+    def publish(stamp_ns: int, values: Sequence[float]) -> None:
+        left, right, left_velocity, right_velocity = (values[index] for index in indices)
+        set_stamp(message.header, stamp_ns)
+        message.position, message.velocity = [left, right], [left_velocity, right_velocity]
+        publisher.publish(message)
+
+    return publish

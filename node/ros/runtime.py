@@ -1,0 +1,70 @@
+"""Starting and leaving ROS 2, and saying so where it is not there."""
+
+import contextlib
+import importlib
+import importlib.util
+import os
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from node.errors import RosUnavailableError
+from node.ros.untyped import RosObject
+
+_NEEDED: Final = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs")
+
+
+def missing_packages() -> list[str]:
+    """The ROS packages that cannot be found here; empty where ROS is usable."""
+    return [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+
+
+def require_ros() -> None:
+    """Make sure that ROS is there.
+
+    Raises:
+        RosUnavailableError: With what is missing and how to get it.
+    """
+    missing = missing_packages()
+    if missing:
+        raise RosUnavailableError(
+            f"ROS 2 is not available here (no {', '.join(missing)}): source an installation "
+            "(. /opt/ros/jazzy/setup.sh), or on x86_64 install 'segway-ecc[ros]'. Everything but the ROS stage "
+            "works without it: run with --no-ros"
+        )
+
+
+@contextlib.contextmanager
+def ros_node(name: str, namespace: str, ros_arguments: Sequence[str] = ()) -> Iterator[RosObject]:
+    """A ROS node of its own context, without parameter services or signal handlers of ROS' own.
+
+    Args:
+        name: Name of the node.
+        namespace: Its namespace; relative topic names live in it.
+        ros_arguments: What followed `--ros-args` on the command line, that flag included.
+
+    Raises:
+        RosUnavailableError: ROS is not there or does not start.
+    """
+    require_ros()
+    rclpy = importlib.import_module("rclpy")
+    signals = importlib.import_module("rclpy.signals")
+    context = rclpy.context.Context()
+    try:
+        rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
+        node = rclpy.create_node(
+            name, namespace=namespace or None, context=context, start_parameter_services=False, enable_rosout=False
+        )
+    except Exception as error:  # rclpy raises whatever its C++ core does
+        raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def discovery_text() -> str:
+    """The settings that decide whom ROS finds, for error messages."""
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+    found = [f"{name}={os.environ[name]}" for name in names if name in os.environ]
+    return ", ".join(found) or "no discovery setting in the environment: domain 0, the whole subnet"

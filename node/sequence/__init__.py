@@ -1,0 +1,1 @@
+"""Sequence control: set-points that follow one another in model time."""

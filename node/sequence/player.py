@@ -1,0 +1,99 @@
+"""Plays a manoeuvre to a robot it sees only through what the robot publishes; knows no ROS and no clock."""
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from node.cycle.setpoints import REST
+from node.sequence.manoeuvre import Manoeuvre, Said, schedule
+
+LEAD_NS: Final = 500_000_000
+"""How far ahead of the robot's time set-points are stamped: far more than any delay on the way."""
+
+
+class Odometry(NamedTuple):
+    """What the robot said of itself: stamp (ns since the Unix epoch), m, m, rad, m/s, rad/s."""
+
+    stamp_ns: int
+    x: float
+    y: float
+    heading: float
+    linear_velocity: float
+    angular_velocity: float
+
+
+@enum.unique
+class Progress(enum.Enum):
+    """How far the manoeuvre has come."""
+
+    RUNNING = enum.auto()
+    DONE = enum.auto()
+
+
+@dataclass(slots=True)
+class Player:
+    """Turns the robot's stamps into set-points to send, and keeps what the robot said meanwhile.
+
+    Time is the robot's own: the manoeuvre starts a lead after the first stamp seen, and every set-point is stamped
+    relative to that start. So durations are counted in model time, and delays on the way change nothing.
+
+    Attributes:
+        start_ns: Stamp of the start; None until the robot was heard.
+        heard: The robot's odometry from the start to the end of the manoeuvre.
+    """
+
+    manoeuvre: Manoeuvre
+    start_ns: int | None = None
+    heard: list[Odometry] = field(default_factory=list)
+    _pending: Iterator[Said] = field(init=False)
+    _next: Said | None = field(init=False)
+    _sent_ahead: list[Said] = field(default_factory=list)
+    _latest_ns: int = 0
+
+    def __post_init__(self) -> None:
+        """Stand at the beginning."""
+        self._pending = schedule(self.manoeuvre)
+        self._next = next(self._pending)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Stamp of the end; None until the robot was heard."""
+        return None if self.start_ns is None else self.start_ns + self.manoeuvre.duration_ns
+
+    @property
+    def fraction(self) -> float:
+        """How much of the manoeuvre has passed, 0 to 1."""
+        if self.start_ns is None:
+            return 0.0
+        return min(max((self._latest_ns - self.start_ns) / self.manoeuvre.duration_ns, 0.0), 1.0)
+
+    def hear(self, odometry: Odometry) -> Progress:
+        """Take the robot's newest odometry."""
+        self._latest_ns = odometry.stamp_ns
+        if self.start_ns is None:
+            self.start_ns = odometry.stamp_ns + LEAD_NS
+        end_ns = self.start_ns + self.manoeuvre.duration_ns
+        if self.start_ns <= odometry.stamp_ns <= end_ns:
+            self.heard.append(odometry)
+        return Progress.DONE if odometry.stamp_ns >= end_ns else Progress.RUNNING
+
+    def say(self) -> list[Said]:
+        """The set-points to send now; their offsets are from `start_ns`."""
+        if self.start_ns is None:
+            return []
+        said = []
+        while self._next is not None and self.start_ns + self._next.offset_ns <= self._latest_ns + LEAD_NS:
+            said.append(self._next)
+            self._next = next(self._pending, None)
+        now_ns = self._latest_ns - self.start_ns
+        self._sent_ahead = [s for s in self._sent_ahead if s.offset_ns >= now_ns] + said
+        return said
+
+    def abandon(self) -> list[Said]:
+        """What to send to stop now: rest at once, and in place of everything that was sent ahead."""
+        if self.start_ns is None:
+            return []
+        self._next = None
+        now_ns = self._latest_ns - self.start_ns
+        return [Said(now_ns, REST), *(Said(s.offset_ns, REST) for s in self._sent_ahead)]

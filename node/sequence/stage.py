@@ -1,0 +1,38 @@
+"""Sequence control without ROS: the player sits in the loop's own stage."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from node.safety.modes import ACTIVE
+from node.sequence.player import Odometry, Player, Progress
+
+_ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
+
+
+class ManoeuvreStage(NoStage):
+    """A world that plays one manoeuvre once the robot is armed, and then ends; see `Stage`."""
+
+    def __init__(self, player: Player, signals: Sequence[str]) -> None:
+        """Play to a robot that publishes `signals`; those of the odometry that it lacks count as zero."""
+        self.player = player
+        self._indices = [_index(signals, f"odometry.{part}") for part in _ODOMETRY]
+        self.over: str | None = None
+
+    def take(self) -> Inbox:
+        """The set-points that are to be sent now."""
+        inbox = Inbox()
+        start_ns = self.player.start_ns or 0
+        inbox.setpoints += [StampedSetpoint(s.setpoint, start_ns + s.offset_ns) for s in self.player.say()]
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Let the player hear the robot."""
+        if report.mode in ACTIVE:
+            values = [0.0 if index is None else report.values[index] for index in self._indices]
+            if self.player.hear(Odometry(report.stamp_ns, *values)) is Progress.DONE:
+                self.over = "the sequence is over"
+
+
+def _index(signals: Sequence[str], signal: str) -> int | None:
+    return signals.index(signal) if signal in signals else None
