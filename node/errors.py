@@ -43,13 +43,13 @@ class RosUnavailableError(NodeError):
 
 
 class NobodyListensError(NodeError):
-    """No model node found our set-points in time."""
+    """No model node found our set-points in time, or it does not follow them."""
 
     exit_code = 6
 
 
 class RobotLostError(NodeError):
-    """The model node fell silent while it was being commanded."""
+    """The model node fell silent, or stopped following, while it was being commanded."""
 
     exit_code = 7
 

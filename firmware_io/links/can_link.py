@@ -98,7 +98,8 @@ class CanLink:
         )
         try:
             self._open_bus().send(message)
-        except (can.CanError, OSError):
+        except (can.CanError, OSError, LinkLostError):
+            # On the way out there may be no bus left; what matters is that the loss is counted and nothing waits.
             self.counters.send_dropped += 1
             return False
         self.counters.sent += 1

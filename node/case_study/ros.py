@@ -24,7 +24,7 @@ class RosSeat:
     """Set-points and odometry cross DDS; each run lives in a namespace of its own."""
 
     seat = Seat.ROS
-    jobs = 4
+    jobs = 7
 
     def __init__(self, folder: Path, logs: Path) -> None:
         """Keep messages in `folder` and logs in `logs`.

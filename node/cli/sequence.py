@@ -34,6 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_namespace(parser)
     add_json(parser)
     parser.add_argument("--wait", type=float, default=10.0, metavar="S", help="how long to wait for the model node")
+    parser.add_argument("--node", default="model", help="name of the model node (default: model)")
+    parser.add_argument("--arm", action="store_true", help="arm the robot first")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was heard")
 
 
@@ -41,13 +43,16 @@ def run(options: argparse.Namespace) -> int:
     """Play the sequence to its end."""
     player = Player(_manoeuvre(options.what))
     with ros_node("sequence_control", options.namespace, options.ros_arguments) as node:
-        commander = Commander(node)
-        commander.wait_for_robot(options.wait)
+        commander = Commander(node, options.node)
+        commander.wait_for_robot(options.wait, arm=options.arm)
         _play(commander, player)
         graph = commander.graph()
+        unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
         _write_csv(options.csv, player)
-    _report(player, [asdict(c) for c in graph], as_json=options.json)
+    if unconfirmed:
+        sys.stderr.write(f"segway-ecc: the robot did not confirm {unconfirmed} set-points at their own time\n")
+    _report(player, [asdict(c) for c in graph], unconfirmed, as_json=options.json)
     return 0
 
 
@@ -96,10 +101,11 @@ def _last(player: Player) -> Odometry:
     raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
 
 
-def _report(player: Player, graph: list[dict[str, str]], *, as_json: bool) -> None:
+def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as_json: bool) -> None:
     last = _last(player)
     if as_json:
-        print_json({"start_ns": player.start_ns, "end_ns": player.end_ns, "end": last._asdict(), "graph": graph})
+        stamps = {"start_ns": player.start_ns, "end_ns": player.end_ns}
+        print_json({**stamps, "end": last._asdict(), "unconfirmed": unconfirmed, "graph": graph})
         return
     seconds = player.manoeuvre.duration_ns * 1e-9
     sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")

@@ -8,7 +8,7 @@ from typing import Final
 from firmware_io.errors import ArmingRefusedError, LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.clock import Clock
-from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage
+from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram
@@ -63,6 +63,7 @@ class Cycle:
         self._commands: Sequence[float] = self._zero
         self._signal_names = list(hardware.signals)
         self._y: list[float] = []
+        self._applied: StampedSetpoint | None = None
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations."""
@@ -83,11 +84,12 @@ class Cycle:
         inbox = self._stage.take()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
-        self._stage.publish(Report(stamp_ns, self.modes.mode, published))
+        self._stage.publish(Report(stamp_ns, self.modes.mode, published, self._applied))
         marks.append(now_ns())
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
         setpoint = self._decide(cycle, inbox.requests, sensors)
+        self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
         marks.append(now_ns())
         u = self._equations(sensors, setpoint)
         marks.append(now_ns())
@@ -119,8 +121,15 @@ class Cycle:
         self.hardware.disarm()
 
     def terminate(self) -> None:
-        """Run the final equations."""
-        self._model.terminate()
+        """Run the final equations.
+
+        Raises:
+            ModelFailedError: The model's own equations raised.
+        """
+        try:
+            self._model.terminate()
+        except Exception as error:  # the model is the user's and may raise anything
+            raise _model_failed(error, "in its final equations") from error
 
     def _exchange(self) -> Sensors:
         try:

@@ -33,11 +33,19 @@ class Inbox:
 
 
 class Report(NamedTuple):
-    """What is published of a cycle: its stamp, its mode, and the published signals in the order of the wiring."""
+    """What is published of a cycle.
+
+    Attributes:
+        stamp_ns: The cycle's stamp, ns since the Unix epoch.
+        mode: What the robot is allowed to do.
+        values: The published signals, in the order of the wiring.
+        applied: The set-point that came into force in the cycle before, with that cycle's stamp; None if none did.
+    """
 
     stamp_ns: int
     mode: Mode
     values: Sequence[float]
+    applied: StampedSetpoint | None
 
 
 class Stage(Protocol):

@@ -82,6 +82,10 @@ class SetpointSchedule:
             self.applied += 1
         return self._current
 
+    def came_into_force(self, now: int) -> bool:
+        """Whether the set-point in force is one of cycle `now`."""
+        return self._applied_at == now
+
     def is_silent(self, now: int) -> bool:
         """Whether a set-point is in force that was not renewed for longer than the time-out."""
         return self._applied_at is not None and now - self._applied_at > self._timeout

@@ -1,7 +1,7 @@
 """The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from firmware_io.hardware import Hardware
 from node.cycle.setpoints import SetpointSchedule
@@ -9,6 +9,9 @@ from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram, Summary
 from node.diagnostics.status import Level, Status
 from node.safety.modes import Mode, Modes
+
+MODE_SUFFIX: Final = ": mode"
+"""How the name of the status ends that tells the robot's mode; its values are `mode` and `reason`."""
 
 
 class Observed(Protocol):
@@ -76,7 +79,7 @@ class DiagnosticReport:
         modes = self._cycle.modes
         level = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}.get(modes.mode, Level.OK)
         values = {"mode": str(modes.mode), "reason": modes.reason}
-        return Status(level, f"{self._robot_name}: mode", f"{modes.mode}: {modes.reason}", values)
+        return Status(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
 
     def _timing(self) -> Status:
         deadlines = self._deadlines

@@ -6,12 +6,15 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from node.cycle.clock import NS_PER_S
 from node.cycle.setpoints import REST
+from node.diagnostics.report import MODE_SUFFIX
 from node.errors import NobodyListensError, RobotLostError
 from node.ros.graph import Connection, connections
 from node.ros.messages import message_type, set_stamp, stamp_ns
 from node.ros.runtime import discovery_text
 from node.ros.untyped import RosObject
+from node.safety.modes import ACTIVE, Action, Mode
 from node.sequence.manoeuvre import Said
 from node.sequence.player import LEAD_NS, Odometry, Player, Progress
 
@@ -19,44 +22,64 @@ _DEPTH: Final = 10
 _HEARD_DEPTH: Final = 1000
 """Odometry of ten seconds at 100 Hz may wait for us without loss."""
 _SPIN_S: Final = 0.1
-_LOST_SPINS: Final = 20
-_ACKNOWLEDGE_S: Final = 0.4
+_TELL_S: Final = 0.2
+_TELL_AHEAD_NS: Final = 100_000_000
+_SILENCE_S: Final = 2.0
+_ANSWER_S: Final = 2.0
 
 
 class Commander:
-    """Plays manoeuvres to the model node in one namespace."""
+    """Plays manoeuvres to the model node in one namespace.
 
-    def __init__(self, node: RosObject) -> None:
-        """Speak through `node`, an rclpy node of the robot's namespace."""
+    Attributes:
+        mode: The robot's mode as its diagnostics last told; None until they did.
+        reason: Why it is in that mode.
+        confirmed: Stamps of the cycles in which the robot brought a set-point into force.
+    """
+
+    def __init__(self, node: RosObject, robot_node: str) -> None:
+        """Speak through `node`, an rclpy node of the robot's namespace, to the model node named `robot_node`."""
         executors = importlib.import_module("rclpy.executors")
+        self.mode: Mode | None = None
+        self.reason = ""
+        self.confirmed: set[int] = set()
         self._node = node
         self._executor = executors.SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._twist_type = message_type("geometry_msgs/msg/TwistStamped")
         self._publisher = node.create_publisher(self._twist_type, "cmd_vel_stamped", _HEARD_DEPTH)
-        odometry_type = message_type("nav_msgs/msg/Odometry")
+        self._arm_type = message_type("std_srvs/srv/Trigger")
+        self._arm = node.create_client(self._arm_type, f"{robot_node}/{Action.ARM}")
         self._heard: list[Odometry] = []
-        node.create_subscription(odometry_type, "odom", self._hear, _HEARD_DEPTH)
+        self._armed_ns = 0
+        node.create_subscription(message_type("nav_msgs/msg/Odometry"), "odom", self._hear, _HEARD_DEPTH)
+        node.create_subscription(self._twist_type, "setpoint", self._hear_setpoint, _HEARD_DEPTH)
+        diagnostics_type = message_type("diagnostic_msgs/msg/DiagnosticArray")
+        node.create_subscription(diagnostics_type, "diagnostics", self._hear_diagnostics, _DEPTH)
 
-    def wait_for_robot(self, wait_s: float) -> None:
-        """Wait until we have heard the model node and it has acknowledged a set-point of ours.
+    def wait_for_robot(self, wait_s: float, *, arm: bool = False) -> None:
+        """Wait until we have heard the model node and it has confirmed a set-point of ours.
 
         That we see its subscription does not mean that it sees us: discovery goes each way on its own. So the robot is
-        told to rest, from a lead ahead, until it has acknowledged that.
+        told to rest, from a moment ahead, until it says that it does.
+
+        Args:
+            wait_s: How long to wait, s.
+            arm: Whether to arm the robot, should it not be.
 
         Raises:
-            NobodyListensError: Nobody did within `wait_s`.
+            NobodyListensError: Nobody did within `wait_s`, or the robot is not armed.
         """
-        told = False
         deadline_s = time.monotonic() + wait_s
-        while time.monotonic() < deadline_s:
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-            if told and self._publisher.wait_for_all_acked(_duration(0.0)):
-                return
-            if self._publisher.get_subscription_count() and self._heard:
-                self._send(self._heard[-1].stamp_ns + LEAD_NS, [Said(0, REST)])
-                told = True
-        raise NobodyListensError(self._why_nobody(wait_s))
+        self._spin_until(lambda: self.mode is not None and bool(self._heard), deadline_s, wait_s)
+        if arm and self.mode not in ACTIVE:
+            self._ask_to_arm()
+        elif self.mode not in ACTIVE:
+            raise NobodyListensError(
+                f"the robot is {self.mode} ({self.reason}) and takes no set-points: arm it first, or add --arm"
+            )
+        told: list[int] = []
+        self._spin_until(lambda: self._tell_to_rest(told), deadline_s, wait_s)
 
     def play(self, player: Player, on_progress: Callable[[float], None]) -> None:
         """Play a manoeuvre to its end.
@@ -66,34 +89,63 @@ class Commander:
             on_progress: Called with the fraction that has passed, 0 to 1.
 
         Raises:
-            RobotLostError: The model node fell silent.
+            RobotLostError: The model node fell silent, or is no longer armed.
         """
-        self._heard = self._heard[-1:]
-        silent = 0
-        while True:
-            progress = Progress.RUNNING
+        player.lead_ns = self._on_grid(LEAD_NS)
+        del self._heard[:-1]
+        progress, heard_s = Progress.RUNNING, time.monotonic()
+        while progress is Progress.RUNNING:
+            if self._heard:
+                heard_s = time.monotonic()
             for odometry in self._heard:
                 progress = player.hear(odometry)
-            silent = 0 if self._heard else silent + 1
             self._heard.clear()
             self._send(player.start_ns, player.say())
             on_progress(player.fraction)
-            if progress is Progress.DONE:
-                return
-            if silent > _LOST_SPINS:
-                raise RobotLostError(
-                    f"the model node has published no odometry for {_LOST_SPINS * _SPIN_S:g} s; is it still running?"
-                )
+            self._check_robot(time.monotonic() - heard_s)
             self._executor.spin_once(timeout_sec=_SPIN_S)
+        self._wait_for_confirmations(player)
 
     def abandon(self, player: Player) -> None:
         """Tell the robot to rest at once."""
         self._send(player.start_ns, player.abandon())
-        self._publisher.wait_for_all_acked(_duration(_ACKNOWLEDGE_S))
+        self._publisher.wait_for_all_acked(_duration(_ANSWER_S))
 
     def graph(self) -> list[Connection]:
         """The topics of this namespace with their ends."""
         return connections(self._node, self._node.get_namespace())
+
+    def _spin_until(self, done: Callable[[], bool], deadline_s: float, wait_s: float) -> None:
+        while not done():
+            if time.monotonic() > deadline_s:
+                raise NobodyListensError(self._why_nobody(wait_s))
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+
+    def _wait_for_confirmations(self, player: Player) -> None:
+        """The last set-points are confirmed a cycle after they came into force."""
+        deadline_s = time.monotonic() + _ANSWER_S
+        while player.unconfirmed(self.confirmed) and time.monotonic() < deadline_s:
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+
+    def _tell_to_rest(self, told: list[int]) -> bool:
+        """Tell the robot to rest now and then; whether it has confirmed one of these, whose stamps are in `told`."""
+        now_ns = self._heard[-1].stamp_ns
+        if not told or now_ns > told[-1] + round(_TELL_S * NS_PER_S):
+            told.append(now_ns + self._on_grid(_TELL_AHEAD_NS))
+            self._send(told[-1], [Said(0, REST)])
+        return not self.confirmed.isdisjoint(told)
+
+    def _on_grid(self, duration_ns: int) -> int:
+        """A duration rounded up to the robot's periods, as far as they were seen."""
+        stamps = [odometry.stamp_ns for odometry in self._heard[-2:]]
+        period_ns = stamps[-1] - stamps[0]
+        return -(-duration_ns // period_ns) * period_ns if period_ns else duration_ns
+
+    def _check_robot(self, silent_s: float) -> None:
+        if silent_s > _SILENCE_S:
+            raise RobotLostError(f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?")
+        if self.mode not in ACTIVE:
+            raise RobotLostError(f"the robot went to {self.mode}: {self.reason}")
 
     def _send(self, start_ns: int | None, said: Iterable[Said]) -> None:
         for offset_ns, setpoint in said:
@@ -102,6 +154,17 @@ class Commander:
             message.twist.linear.x = setpoint.linear_velocity
             message.twist.angular.z = setpoint.angular_velocity
             self._publisher.publish(message)
+
+    def _ask_to_arm(self) -> None:
+        self._arm.wait_for_service(_ANSWER_S)
+        answer = self._arm.call_async(self._arm_type.Request())
+        self._executor.spin_until_future_complete(answer, _ANSWER_S)
+        if not answer.done():
+            raise NobodyListensError(f"the model node did not answer {self._arm.srv_name} within {_ANSWER_S:g} s")
+        if not answer.result().success:
+            raise NobodyListensError(f"the robot refuses to arm: {answer.result().message}")
+        self.mode, self.reason = Mode.ARMED, answer.result().message
+        self._armed_ns = self._heard[-1].stamp_ns
 
     def _hear(self, message: RosObject) -> None:
         pose, twist = message.pose.pose, message.twist.twist
@@ -112,6 +175,17 @@ class Commander:
             )
         )
 
+    def _hear_setpoint(self, message: RosObject) -> None:
+        self.confirmed.add(stamp_ns(message.header))
+
+    def _hear_diagnostics(self, message: RosObject) -> None:
+        if stamp_ns(message.header) <= self._armed_ns:
+            return  # from before the robot answered that it is armed
+        for status in message.status:
+            if status.name.endswith(MODE_SUFFIX):
+                values = {pair.key: pair.value for pair in status.values}
+                self.mode, self.reason = Mode(values["mode"]), values["reason"]
+
     def _why_nobody(self, wait_s: float) -> str:
         namespace = self._node.get_namespace()
         topic = self._publisher.topic_name
@@ -119,8 +193,8 @@ class Commander:
         others = sorted(set(nodes) - {self._node.get_fully_qualified_name()})
         seen = f"nodes seen: {', '.join(others)}" if others else f"no node is seen at all ({discovery_text()})"
         return (
-            f"nobody listens: no model node took {topic} and published odom within {wait_s:g} s in namespace "
-            f"{namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its namespace with --namespace"
+            f"nobody listens: no model node took {topic} and published odom and diagnostics within {wait_s:g} s in "
+            f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with --namespace"
         )
 
 

@@ -9,7 +9,7 @@ from node.cycle.seams import Inbox, Report, Request, StampedSetpoint
 from node.cycle.setpoints import Setpoint
 from node.diagnostics.status import Status
 from node.ros.graph import mismatch
-from node.ros.messages import diagnostic_array, message_type, stamp_ns
+from node.ros.messages import diagnostic_array, message_type, set_stamp, stamp_ns
 from node.ros.publishers import make_publishers
 from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
@@ -20,6 +20,7 @@ _COMMAND_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
 _LOOK_EVERY: Final = 25
+_TOLD_AT_MOST: Final = 100
 _logger = logging.getLogger(__name__)
 
 
@@ -39,6 +40,8 @@ class RosStage:
         self._services = [(action, node.create_service(trigger, f"~/{action}", _never_called)) for action in Action]
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
+        self._setpoint = node.create_publisher(message_type("geometry_msgs/msg/TwistStamped"), "setpoint", _AHEAD_DEPTH)
+        self._base_frame = ros.base_frame
         self._looks = 0
         self._told: set[str] = set()
 
@@ -50,6 +53,31 @@ class RosStage:
     def take(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`."""
         inbox = Inbox()
+        self._guarded(self._take, inbox)
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Publish every topic of the cycle."""
+        for publish in self._publishers:
+            self._guarded(publish, report.stamp_ns, report.values)
+        if report.applied is not None:
+            self._guarded(self._publish_setpoint, report.applied)
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Publish a diagnostic_msgs/DiagnosticArray."""
+        self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
+
+    def look_around(self) -> None:
+        """Now and then look at one topic for publishers that never reach us, and say each once."""
+        self._looks += 1
+        turn, rest = divmod(self._looks, _LOOK_EVERY)
+        if rest == 0:
+            self._guarded(self._look_at, self._subscriptions[turn % len(self._subscriptions)][0])
+
+    def close(self) -> None:
+        """Nothing to do: who made the node destroys it."""
+
+    def _take(self, inbox: Inbox) -> None:
         for subscription, convert in self._subscriptions:
             handle, kind = subscription.handle, subscription.msg_type
             for _ in range(_TAKEN_PER_CYCLE):
@@ -61,32 +89,32 @@ class RosStage:
             request, header = service.handle.service_take_request(self._request_type)
             if request is not None:
                 inbox.requests.append(Request(action, self._answer(service, header)))
-        return inbox
 
-    def publish(self, report: Report) -> None:
-        """Publish every topic of the cycle."""
-        for publish in self._publishers:
-            publish(report.stamp_ns, report.values)
+    def _publish_setpoint(self, applied: StampedSetpoint) -> None:
+        """Tell which set-point came into force, and when: whoever sent it can check that it did."""
+        message = self._setpoint.msg_type()
+        set_stamp(message.header, applied.stamp_ns or 0)
+        message.header.frame_id = self._base_frame
+        message.twist.linear.x, message.twist.angular.z = applied.setpoint
+        self._setpoint.publish(message)
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
-        """Publish a diagnostic_msgs/DiagnosticArray."""
-        self._diagnostics.publish(diagnostic_array(statuses, stamp_ns))
-
-    def look_around(self) -> None:
-        """Now and then look at one topic for publishers that never reach us, and say each once."""
-        self._looks += 1
-        turn, rest = divmod(self._looks, _LOOK_EVERY)
-        if rest:
-            return
-        subscription, _ = self._subscriptions[turn % len(self._subscriptions)]
+    def _look_at(self, subscription: RosObject) -> None:
         for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):
             text = mismatch(subscription.topic_name, _type_name(subscription.msg_type), peer)
-            if text is not None and text not in self._told:
-                self._told.add(text)
-                _logger.warning(text)
+            if text is not None:
+                self._tell_once(text)
 
-    def close(self) -> None:
-        """Nothing to do: who made the node destroys it."""
+    def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
+        """Call into ROS; what goes wrong there is told, and the robot goes on without it."""
+        try:
+            function(*arguments)
+        except RuntimeError as error:  # the root of what rclpy's C++ core raises
+            self._tell_once(f"ROS failed: {error}; the robot goes on without this message")
+
+    def _tell_once(self, text: str) -> None:
+        if text not in self._told and len(self._told) < _TOLD_AT_MOST:
+            self._told.add(text)
+            _logger.warning(text)
 
     def _subscribe(
         self, topic: str, type_name: str, depth: int, convert: Callable[[RosObject], StampedSetpoint]
@@ -96,7 +124,7 @@ class RosStage:
     def _answer(self, service: RosObject, header: RosObject) -> Callable[[Answer], None]:
         def send(answer: Answer) -> None:
             response = self._response_type(success=answer.accepted, message=answer.message)
-            service.handle.service_send_response(response, header)
+            self._guarded(service.handle.service_send_response, response, header.request_id)
 
         return send
 

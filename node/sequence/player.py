@@ -1,7 +1,7 @@
 """Plays a manoeuvre to a robot it sees only through what the robot publishes; knows no ROS and no clock."""
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -9,7 +9,6 @@ from node.cycle.setpoints import REST
 from node.sequence.manoeuvre import Manoeuvre, Said, schedule
 
 LEAD_NS: Final = 500_000_000
-"""How far ahead of the robot's time set-points are stamped: far more than any delay on the way."""
 
 
 class Odometry(NamedTuple):
@@ -39,11 +38,13 @@ class Player:
     relative to that start. So durations are counted in model time, and delays on the way change nothing.
 
     Attributes:
+        lead_ns: How far ahead of the robot's time set-points are stamped; far more than any delay on the way.
         start_ns: Stamp of the start; None until the robot was heard.
         heard: The robot's odometry from the start to the end of the manoeuvre.
     """
 
     manoeuvre: Manoeuvre
+    lead_ns: int = LEAD_NS
     start_ns: int | None = None
     heard: list[Odometry] = field(default_factory=list)
     _pending: Iterator[Said] = field(init=False)
@@ -72,7 +73,7 @@ class Player:
         """Take the robot's newest odometry."""
         self._latest_ns = odometry.stamp_ns
         if self.start_ns is None:
-            self.start_ns = odometry.stamp_ns + LEAD_NS
+            self.start_ns = odometry.stamp_ns + self.lead_ns
         end_ns = self.start_ns + self.manoeuvre.duration_ns
         if self.start_ns <= odometry.stamp_ns <= end_ns:
             self.heard.append(odometry)
@@ -83,12 +84,23 @@ class Player:
         if self.start_ns is None:
             return []
         said = []
-        while self._next is not None and self.start_ns + self._next.offset_ns <= self._latest_ns + LEAD_NS:
+        while self._next is not None and self.start_ns + self._next.offset_ns <= self._latest_ns + self.lead_ns:
             said.append(self._next)
             self._next = next(self._pending, None)
         now_ns = self._latest_ns - self.start_ns
         self._sent_ahead = [s for s in self._sent_ahead if s.offset_ns >= now_ns] + said
         return said
+
+    def unconfirmed(self, confirmed: Collection[int]) -> int:
+        """How many set-points the robot did not bring into force in their own cycle.
+
+        Args:
+            confirmed: Stamps of the cycles in which it brought one into force.
+        """
+        if self.start_ns is None:
+            return 0
+        due = (self.start_ns + said.offset_ns for said in schedule(self.manoeuvre))
+        return sum(stamp_ns not in confirmed for stamp_ns in due)
 
     def abandon(self) -> list[Said]:
         """What to send to stop now: rest at once, and in place of everything that was sent ahead."""
