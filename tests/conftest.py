@@ -1,0 +1,35 @@
+"""What the whole test run shares: tests that need more than Python say so, and are never silently left out."""
+
+import os
+
+import pytest
+
+from hil.kernels.uml import available
+from node.ros.runtime import missing_packages
+
+NEEDS = {
+    "kernel": (available, "sudo apt-get install user-mode-linux"),
+    "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
+}
+
+
+def required() -> bool:
+    """Whether what is missing is a failure: always in CI."""
+    return "CI" in os.environ or os.environ.get("SEGWAY_ECC_REQUIRE_ALL") == "1"
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for marker, (missing, cure) in NEEDS.items():
+        if item.get_closest_marker(marker) is None:
+            continue
+        lacking = missing()
+        if lacking is not None:
+            (pytest.fail if required() else pytest.skip)(f"needs {marker}: {lacking}; {cure}")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    skipped = terminalreporter.stats.get("skipped", [])
+    for marker, (_, cure) in NEEDS.items():
+        names = [report.nodeid for report in skipped if marker in report.keywords]
+        if names:
+            terminalreporter.write_line(f"left out, needs {marker} ({cure}): {', '.join(names)}", yellow=True)
