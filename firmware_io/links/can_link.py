@@ -97,7 +97,7 @@ class CanLink:
             arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=frame.is_extended, check=False
         )
         try:
-            self._open_bus().send(message)
+            self._open_bus().send(message, timeout=0)
         except (can.CanError, OSError, LinkLostError):
             # On the way out there may be no bus left; what matters is that the loss is counted and nothing waits.
             self.counters.send_dropped += 1

@@ -136,8 +136,11 @@ def graph_svg(edges: Sequence[Edge]) -> str:
         axes.axis("off")
         for row, (topic, type_name) in enumerate(topics):
             _box(axes, (3.2, 6.8), (row, row + 1), f"{topic}\n{type_name}", "#8a8a8a")
-        _nodes(axes, "published by", (0.1, 2.2, 3.2), [(edge.publisher, rows[edge.topic]) for edge in ordered])
-        _nodes(axes, "subscribed by", (7.8, 9.9, 6.8), [(edge.subscriber, rows[edge.topic]) for edge in ordered])
+        # A topic with nobody at one end stands without an arrow there.
+        published = [(edge.publisher, rows[edge.topic]) for edge in ordered if edge.publisher]
+        subscribed = [(edge.subscriber, rows[edge.topic]) for edge in ordered if edge.subscriber]
+        _nodes(axes, "published by", (0.1, 2.2, 3.2), published)
+        _nodes(axes, "subscribed by", (7.8, 9.9, 6.8), subscribed)
 
     return _svg("graph", "Nodes and topics of the ROS graph", (9.5, 0.55 * (len(topics) + 0.8)), draw)
 

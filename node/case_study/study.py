@@ -62,7 +62,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """One topic between two nodes of the ROS graph."""
+    """One topic between two nodes of the ROS graph; an end with nobody there is empty."""
 
     publisher: str
     topic: str

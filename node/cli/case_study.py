@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
         print_json({"cells": [_cell_json(cell) for cell in studies[-1].cells]})
     else:
         sys.stdout.write(table(studies[-1].cells, list(Seat)) + "\n")
-    return _compare(studies)
+    _compare(studies)
+    return 0
 
 
 def _seats(asked: str) -> list[Seat]:
@@ -120,14 +121,12 @@ def _cell_json(cell: Cell) -> dict[str, Any]:
     }
 
 
-def _compare(studies: list[Study]) -> int:
+def _compare(studies: list[Study]) -> None:
     """Say how often each seat gave the bits of the first run, where there were several."""
-    if len(studies) == 1:
-        return 0
-    for seat in studies[0].seats:
-        same = sum(_positions(study, seat) == _positions(studies[0], seat) for study in studies)
-        sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
-    return 0
+    if len(studies) > 1:
+        for seat in studies[0].seats:
+            same = sum(_positions(study, seat) == _positions(studies[0], seat) for study in studies)
+            sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
 
 
 def _positions(study: Study, seat: Seat) -> list[tuple[float, float]]:

@@ -27,8 +27,10 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
-    """The robot file, with the bus that the command line names."""
+    """The robot file, with the bus that the command line names; models that stand beside it can be loaded by name."""
     file = load_robot(options.robot)
+    if options.robot not in packaged_robots():
+        sys.path.append(str(Path(options.robot).resolve().parent))
     wanted = {name: getattr(options, name) for name in ("interface", "channel") if getattr(options, name) is not None}
     if not wanted:
         return file

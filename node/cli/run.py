@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import dataclasses
 import logging
 from collections.abc import Iterator
 from pathlib import Path
@@ -119,8 +120,8 @@ def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
                 "overrun": counters.overrun,
                 "skipped": counters.skipped,
                 "mean_rate_hz": counters.mean_rate_hz,
-                "max_lateness_s": lateness.max_s,
                 "stop_reason": loop.stop_reason,
+                "timing": {name: dataclasses.asdict(summary) for name, summary in loop.timing().items()},
                 "sequence": _played(stage),
                 "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
             }

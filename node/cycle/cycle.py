@@ -19,6 +19,7 @@ from node.safety.limits import limit, not_finite
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
 PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
+WHOLE: Final = "cycle"
 
 
 class Cycle:
@@ -28,7 +29,7 @@ class Cycle:
         modes: What the robot is allowed to do, and why.
         schedule: The set-points.
         arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
-        histograms: Duration of each phase, by name.
+        histograms: Duration of each phase, by name, and of the whole cycle.
     """
 
     def __init__(  # noqa: PLR0913 - the six seams of the robot, each named at the one place that joins them
@@ -51,7 +52,7 @@ class Cycle:
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
-        self.histograms = {phase: Histogram() for phase in PHASES}
+        self.histograms = {name: Histogram() for name in (*PHASES, WHOLE)}
         self._model = model
         self._wiring = wiring
         self._clock = clock
@@ -111,8 +112,10 @@ class Cycle:
                 durations_ns,
             )
         )
-        durations_ns = (*durations_ns, now_ns() - marks[-1])
-        for histogram, duration_ns in zip(self.histograms.values(), durations_ns, strict=True):
+        end_ns = now_ns()
+        for histogram, duration_ns in zip(
+            self.histograms.values(), (*durations_ns, end_ns - marks[-1], end_ns - marks[0]), strict=True
+        ):
             histogram.add(duration_ns)
 
     def disarm(self) -> None:

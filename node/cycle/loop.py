@@ -10,7 +10,7 @@ from node.cycle.announcer import Announcer
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
 from node.cycle.seams import Recorder, Stage
-from node.cycle.timing import Histogram
+from node.cycle.timing import Histogram, Summary
 from node.diagnostics.report import DiagnosticReport
 from node.diagnostics.status import Status
 
@@ -83,6 +83,11 @@ class Loop:
     def stop(self, reason: str) -> None:
         """Ask the loop to end after the present cycle; may be called from a signal handler."""
         self.stop_reason = self.stop_reason or reason
+
+    def timing(self) -> dict[str, Summary]:
+        """Lateness, and the duration of the cycle and its phases, by name."""
+        histograms = {"lateness": self.lateness, **self._cycle.histograms}
+        return {name: histogram.summary() for name, histogram in histograms.items()}
 
     def statuses(self) -> Sequence[Status]:
         """The robot's diagnostics as of now; takes too long for the loop itself."""

@@ -1,6 +1,5 @@
 """How long things take, in bounded memory: a histogram with logarithmic buckets."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,7 +7,7 @@ _SUB_BITS: Final = 5
 _SUB_BUCKETS: Final = 1 << _SUB_BITS
 _MAX_BITS: Final = 40
 _BUCKETS: Final = (_MAX_BITS - _SUB_BITS + 1) * _SUB_BUCKETS
-PERCENTILES: Final = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
+_FRACTIONS: Final = (0.5, 0.99, 0.999)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +63,7 @@ class Histogram:
     def summary(self) -> Summary:
         """Everything that is reported of it."""
         mean_ns = self._sum_ns / self._total if self._total else 0.0
-        p50, p99, p999 = (self.percentile_s(fraction) for fraction in PERCENTILES.values())
+        p50, p99, p999 = (self.percentile_s(fraction) for fraction in _FRACTIONS)
         return Summary(self._total, mean_ns * 1e-9, p50, p99, p999, self._max_ns * 1e-9)
 
 
@@ -73,8 +72,3 @@ def _upper_ns(index: int) -> int:
         return index
     shift = (index >> _SUB_BITS) - 1
     return ((index - (shift << _SUB_BITS) + 1) << shift) - 1
-
-
-def summaries(histograms: Mapping[str, Histogram]) -> dict[str, Summary]:
-    """The summary of each histogram by name."""
-    return {name: histogram.summary() for name, histogram in histograms.items()}

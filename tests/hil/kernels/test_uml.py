@@ -18,14 +18,6 @@ exit 3
 pytestmark = pytest.mark.kernel
 
 
-@pytest.fixture(scope="module")
-def uml() -> None:
-    missing = available()
-    if missing is not None:
-        required = "CI" in os.environ or os.environ.get("SEGWAY_ECC_REQUIRE_KERNEL") == "1"
-        (pytest.fail if required else pytest.skip)(f"no kernel with SocketCAN to run in: {missing}")
-
-
 @dataclass(frozen=True)
 class Visit:
     result: GuestResult
@@ -34,7 +26,7 @@ class Visit:
 
 
 @pytest.fixture(scope="module")
-def visit(uml: None, tmp_path_factory: pytest.TempPathFactory) -> Visit:  # noqa: ARG001 - named for its effect
+def visit(tmp_path_factory: pytest.TempPathFactory) -> Visit:
     results = tmp_path_factory.mktemp("visit") / "made by the call"
     streamed: list[str] = []
     result = run_in_guest(

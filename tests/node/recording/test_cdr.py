@@ -12,8 +12,8 @@ from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from node.recording import cdr
 from node.errors import RecordingError
+from node.recording import cdr
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,

@@ -12,8 +12,8 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from node.recording import cdr
 from node.errors import RecordingError
+from node.recording import cdr
 from node.recording.mcap_log import CHUNK_BYTES, McapLog
 from node.recording.schemas import SCHEMAS
 

@@ -1,0 +1,44 @@
+#!/bin/sh
+# Makes a virtual environment with this checkout and all it needs: deploy/setup.sh FOLDER
+# A sourced ROS installation is used where there is one; else ROS comes from PyPI where it has it (Linux on x86_64).
+set -eu
+folder=$1
+cd "$(dirname "$0")/.."
+
+fail() {
+    echo "setup: $1" >&2
+    exit 1
+}
+
+newest_python() {
+    for name in ${PYTHON:-} python3 python3.14 python3.13 python3.12 python3.11; do
+        if "$name" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2> /dev/null; then
+            echo "$name"
+            return
+        fi
+    done
+    fail "no Python 3.11 to 3.14 found; install one, or name it: make PYTHON=/path/to/python3"
+}
+python=$(newest_python)
+
+if ! "$python" -c 'import ensurepip, venv' 2> /dev/null; then
+    # Debian splits these off.
+    package=$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
+    [ "$(id -u)" = 0 ] && command -v apt-get > /dev/null || fail "$python cannot make virtual environments: sudo apt-get install $package"
+    apt-get update -qq && apt-get install -y -qq "$package"
+fi
+
+extras=report,dev
+options=
+if "$python" -c 'import rclpy' 2> /dev/null; then
+    echo "setup: using the ROS 2 that is sourced here" >&2
+    # Its message packages are built against the system's numpy, so that one must stay in use.
+    options=--system-site-packages
+elif [ "$(uname -s)-$(uname -m)" = Linux-x86_64 ]; then
+    extras=ros,$extras
+else
+    echo "setup: no ROS 2 here: source an installation for the ROS stage; everything else works without" >&2
+fi
+
+"$python" -m venv $options "$folder"
+"$folder/bin/python" -m pip install --quiet --disable-pip-version-check --editable ".[$extras]"

@@ -1,0 +1,287 @@
+import math
+from collections.abc import Callable, Mapping
+from importlib.resources import as_file, files
+from typing import Any
+
+import cantools
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from firmware_io.drives.wheel_board.driver import WheelBoard
+from firmware_io.drives.wheel_board.frames import (
+    CYCLE_TIME_S,
+    BoardSetup,
+    BoardState,
+    BoardStatus,
+    FrameId,
+    FrameRefusedError,
+    Payload,
+    Wheel,
+    WheelCommand,
+    decode,
+    encode,
+)
+from firmware_io.integrity import Refusal
+
+Crc = Callable[[bytes], int]
+Signals = dict[str, float]
+
+with as_file(files("firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
+    DBC: Any = cantools.database.load_file(_path)
+
+PROTECTION = {"Counter", "Crc"}
+TYPES: Mapping[FrameId, type[WheelCommand | BoardSetup | Wheel | BoardStatus]] = {
+    FrameId.WHEEL_COMMAND: WheelCommand,
+    FrameId.BOARD_SETUP: BoardSetup,
+    FrameId.LEFT_WHEEL: Wheel,
+    FrameId.RIGHT_WHEEL: Wheel,
+    FrameId.BOARD_STATUS: BoardStatus,
+}
+SAMPLES: Mapping[FrameId, Payload] = {
+    FrameId.WHEEL_COMMAND: WheelCommand(12.345, -6.789, enable=True),
+    FrameId.BOARD_SETUP: BoardSetup(0.05),
+    FrameId.LEFT_WHEEL: Wheel(-1234.5678, 98.76),
+    FrameId.RIGHT_WHEEL: Wheel(0.0, 0.0),
+    FrameId.BOARD_STATUS: BoardStatus(BoardState.WATCHDOG, 36.0, 0.05, 255),
+}
+
+
+def _signals(payload: Payload) -> Signals:
+    match payload:
+        case WheelCommand(left, right, enable):
+            return {"LeftVoltage": left, "RightVoltage": right, "Enable": int(enable)}
+        case BoardSetup(watchdog_s):
+            return {"Watchdog": watchdog_s}
+        case Wheel(angle, velocity):
+            return {"Angle": angle, "Velocity": velocity}
+        case BoardStatus(state, bus_voltage, watchdog_s, refused):
+            return {"State": state, "BusVoltage": bus_voltage, "Watchdog": watchdog_s, "RefusedFrames": refused}
+
+
+def _payload(frame_id: FrameId, signals: Mapping[str, Any]) -> Payload:
+    """Build the payload from values in the DBC's order, which is also the order of the fields."""
+    message = DBC.get_message_by_name(frame_id.name)
+    return TYPES[frame_id](*(signals[signal.name] for signal in message.signals if signal.name not in PROTECTION))
+
+
+def _draw(frame_id: FrameId) -> st.SearchStrategy[tuple[FrameId, Signals]]:
+    """Values anywhere in the DBC's ranges, for one frame."""
+    values: dict[str, st.SearchStrategy[float]] = {}
+    for signal in DBC.get_message_by_name(frame_id.name).signals:
+        if signal.name in PROTECTION:
+            continue
+        low, high = signal.minimum, signal.maximum
+        values[signal.name] = st.integers(low, high) if signal.scale == 1 else st.floats(low, high)
+    return st.tuples(st.just(frame_id), st.fixed_dictionaries(values))
+
+
+IN_RANGE = st.one_of([_draw(frame_id) for frame_id in FrameId])
+COUNTERS = st.integers(0, 15)
+
+
+def _seal(reference_crc: Crc, frame_id: int, body: bytes) -> bytes:
+    return body + bytes((reference_crc(body + frame_id.to_bytes(2, "little")),))
+
+
+def _by_cantools(reference_crc: Crc, frame_id: FrameId, signals: Signals, counter: int) -> bytes:
+    raw = DBC.encode_message(frame_id.name, {**signals, "Counter": counter, "Crc": 0}, strict=False)
+    return _seal(reference_crc, frame_id, raw[:7])
+
+
+@given(IN_RANGE, COUNTERS)
+def test_encoded_bytes_are_cantools_bytes(reference_crc: Crc, drawn: tuple[FrameId, Signals], counter: int) -> None:
+    frame_id, signals = drawn
+    expected = _by_cantools(reference_crc, frame_id, signals, counter)
+    assert encode(frame_id, _payload(frame_id, signals), counter) == expected
+
+
+@given(IN_RANGE, COUNTERS)
+def test_decoded_values_are_cantools_values(reference_crc: Crc, drawn: tuple[FrameId, Signals], counter: int) -> None:
+    frame_id, signals = drawn
+    data = _by_cantools(reference_crc, frame_id, signals, counter)
+    theirs = DBC.decode_message(frame_id.name, data, decode_choices=False)
+
+    payload, decoded_counter = decode(frame_id, data)
+
+    assert type(payload) is TYPES[frame_id]
+    assert _signals(payload) == pytest.approx({k: v for k, v in theirs.items() if k not in PROTECTION}, rel=1e-15)
+    assert decoded_counter == theirs["Counter"] == counter
+    assert theirs["Crc"] == data[7]
+
+
+@given(IN_RANGE, COUNTERS)
+def test_a_round_trip_keeps_every_value_to_half_a_step(drawn: tuple[FrameId, Signals], counter: int) -> None:
+    frame_id, signals = drawn
+    payload, decoded_counter = decode(frame_id, encode(frame_id, _payload(frame_id, signals), counter))
+    assert decoded_counter == counter
+    for name, value in _signals(payload).items():
+        step = DBC.get_message_by_name(frame_id.name).get_signal_by_name(name).scale
+        assert value == pytest.approx(signals[name], abs=0.500001 * step)
+
+
+def test_the_dbc_has_exactly_our_frames() -> None:
+    ours = {(frame_id.name, int(frame_id), 8, False) for frame_id in FrameId}
+    assert {(m.name, m.frame_id, m.length, m.is_extended_frame) for m in DBC.messages} == ours
+
+
+def test_cycle_times_are_the_dbcs() -> None:
+    cyclic = {m.name: m.cycle_time for m in DBC.messages if m.cycle_time}
+    assert {frame_id.name: round(period * 1000) for frame_id, period in CYCLE_TIME_S.items()} == cyclic
+
+
+def test_states_are_the_dbcs() -> None:
+    choices = DBC.get_message_by_name("BOARD_STATUS").get_signal_by_name("State").choices
+    assert {state.value: state.name for state in BoardState} == {value: str(name) for value, name in choices.items()}
+
+
+def test_units_are_si_and_the_drivers() -> None:
+    units = {f"{m.name}.{s.name}": s.unit for m in DBC.messages for s in m.signals if s.unit}
+    assert units == {
+        "WHEEL_COMMAND.LeftVoltage": WheelBoard.commands["left.voltage"],
+        "WHEEL_COMMAND.RightVoltage": WheelBoard.commands["right.voltage"],
+        "BOARD_SETUP.Watchdog": "s",
+        "LEFT_WHEEL.Angle": WheelBoard.signals["left.angle"],
+        "LEFT_WHEEL.Velocity": WheelBoard.signals["left.velocity"],
+        "RIGHT_WHEEL.Angle": WheelBoard.signals["right.angle"],
+        "RIGHT_WHEEL.Velocity": WheelBoard.signals["right.velocity"],
+        "BOARD_STATUS.BusVoltage": "V",
+        "BOARD_STATUS.Watchdog": "s",
+    }
+    assert set(units.values()) == {"V", "rad", "rad/s", "s"}
+
+
+def test_the_drivers_limits_are_the_dbcs() -> None:
+    command = DBC.get_message_by_name("WHEEL_COMMAND")
+    names = {"left.voltage": "LeftVoltage", "right.voltage": "RightVoltage"}
+    assert [command.get_signal_by_name(names[name]).maximum for name in WheelBoard.commands] == list(WheelBoard.limits)
+
+
+@pytest.mark.parametrize("frame_id", FrameId)
+def test_counter_and_crc_stand_where_the_dbc_says(reference_crc: Crc, frame_id: FrameId) -> None:
+    message = DBC.get_message_by_name(frame_id.name)
+    places = {s.name: (s.start, s.length, s.is_signed) for s in message.signals if s.name in PROTECTION}
+    assert places == {"Counter": (48, 4, False), "Crc": (56, 8, False)}
+
+    data = encode(frame_id, SAMPLES[frame_id], 16 + 11)
+    assert data[6] == 11, "counters are taken modulo 16"
+    assert data[7] == reference_crc(data[:7] + bytes((frame_id & 0xFF, frame_id >> 8)))
+
+
+BOUNDS = [
+    pytest.param(frame_id, signal.name, bound, way, id=f"{frame_id.name}.{signal.name}-{bound:g}")
+    for frame_id in FrameId
+    for signal in DBC.get_message_by_name(frame_id.name).signals
+    if signal.scale != 1
+    for bound, way in ((signal.minimum, -1), (signal.maximum, 1))
+]
+
+
+@pytest.mark.parametrize(("frame_id", "name", "bound", "way"), BOUNDS)
+def test_the_dbcs_bounds_are_taken_and_the_next_number_is_not(
+    reference_crc: Crc, frame_id: FrameId, name: str, bound: float, way: int
+) -> None:
+    sample = _signals(SAMPLES[frame_id])
+    signal = DBC.get_message_by_name(frame_id.name).get_signal_by_name(name)
+    at_bound = {**sample, name: bound}
+
+    data = encode(frame_id, _payload(frame_id, at_bound), 0)
+    assert _signals(decode(frame_id, data)[0])[name] == bound
+
+    beyond = {**sample, name: math.nextafter(bound, way * math.inf)}
+    with pytest.raises(FrameRefusedError) as refused:
+        encode(frame_id, _payload(frame_id, beyond), 0)
+    assert refused.value.refusal is Refusal.RANGE
+
+    if bound == 0 and not signal.is_signed:
+        return  # no bit pattern stands for less
+    step_beyond = {**sample, name: bound + way * signal.scale}
+    with pytest.raises(FrameRefusedError) as refused:
+        decode(frame_id, _by_cantools(reference_crc, frame_id, step_beyond, 0))
+    assert refused.value.refusal is Refusal.RANGE
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize(("frame_id", "name"), {(p.values[0], p.values[1]): None for p in BOUNDS})
+def test_what_is_no_number_in_range_is_never_encoded(frame_id: FrameId, name: str, value: float) -> None:
+    with pytest.raises(FrameRefusedError, match=f"0x{frame_id:03X} refused: range"):
+        encode(frame_id, _payload(frame_id, {**_signals(SAMPLES[frame_id]), name: value}), 0)
+
+
+@pytest.mark.parametrize("state", range(4, 8))
+def test_a_state_without_a_name_is_refused(reference_crc: Crc, state: int) -> None:
+    body = bytes((state, *encode(FrameId.BOARD_STATUS, SAMPLES[FrameId.BOARD_STATUS], 0)[1:7]))
+    with pytest.raises(FrameRefusedError) as refused:
+        decode(FrameId.BOARD_STATUS, _seal(reference_crc, FrameId.BOARD_STATUS, body))
+    assert refused.value.refusal is Refusal.RANGE
+
+
+def test_refused_frames_are_told_modulo_256() -> None:
+    status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0x1FE)
+    assert decode(FrameId.BOARD_STATUS, encode(FrameId.BOARD_STATUS, status, 0))[0] == status._replace(
+        refused_frames=0xFE
+    )
+
+
+@st.composite
+def _sealed(draw: st.DrawFn) -> tuple[int, bytes]:
+    """Draw frames whose CRC is right, whatever else they say: only these reach the range checks."""
+    frame_id = draw(st.sampled_from(FrameId))
+    body = draw(st.binary(min_size=7, max_size=7))
+    return frame_id, body
+
+
+def _check_what_decode_makes(identifier: int, data: bytes) -> None:
+    try:
+        payload, counter = decode(identifier, data)
+    except FrameRefusedError:
+        return
+    assert 0 <= counter <= 15
+    message = DBC.get_message_by_frame_id(identifier)
+    for name, value in _signals(payload).items():
+        signal = message.get_signal_by_name(name)
+        assert math.isfinite(value)
+        assert signal.minimum <= value <= signal.maximum
+
+
+@given(st.integers(0, 0x1FFFFFFF) | st.sampled_from(FrameId), st.binary(max_size=72))
+def test_arbitrary_bytes_are_refused_or_sound(identifier: int, data: bytes) -> None:
+    _check_what_decode_makes(identifier, data)
+
+
+@given(_sealed())
+@example((FrameId.WHEEL_COMMAND, b"\x00\x80\x00\x80\xff\xff\xff"))
+@example((FrameId.LEFT_WHEEL, b"\x00\x00\x00\x80\x00\x80\xff"))
+@example((FrameId.BOARD_STATUS, b"\xff" * 7))
+def test_arbitrary_bodies_under_a_right_crc_are_refused_or_sound(reference_crc: Crc, drawn: tuple[int, bytes]) -> None:
+    identifier, body = drawn
+    _check_what_decode_makes(identifier, _seal(reference_crc, identifier, body))
+
+
+@pytest.mark.parametrize("counter", [0, 7, 15])
+@pytest.mark.parametrize("frame_id", FrameId)
+def test_every_flipped_bit_is_refused(frame_id: FrameId, counter: int) -> None:
+    data = encode(frame_id, SAMPLES[frame_id], counter)
+    whole = int.from_bytes(data, "big")
+    for bit in range(64):
+        with pytest.raises(FrameRefusedError) as refused:
+            decode(frame_id, (whole ^ (1 << bit)).to_bytes(8, "big"))
+        assert refused.value.refusal is Refusal.CRC
+
+
+@pytest.mark.parametrize("frame_id", FrameId)
+def test_a_frame_under_any_other_standard_identifier_is_refused(frame_id: FrameId) -> None:
+    data = encode(frame_id, SAMPLES[frame_id], 3)
+    for other in set(range(2048)) - {frame_id}:
+        with pytest.raises(FrameRefusedError) as refused:
+            decode(other, data)
+        assert refused.value.refusal is (Refusal.CRC if other in set(FrameId) else Refusal.UNKNOWN)
+
+
+def test_every_identifier_and_length_that_is_not_ours_is_refused() -> None:
+    for identifier in range(2048):
+        known = identifier in set(FrameId)
+        for length in range(8 if known else 9):
+            with pytest.raises(FrameRefusedError) as refused:
+                decode(identifier, bytes(length))
+            assert refused.value.refusal is (Refusal.LENGTH if known else Refusal.UNKNOWN)

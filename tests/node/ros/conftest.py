@@ -1,0 +1,96 @@
+"""Processes of these tests: each module has a ROS domain of its own, which never leaves this machine."""
+
+import contextlib
+import importlib.resources
+import itertools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SAFE_DOMAINS = 101
+DOMAINS_PER_PROCESS = 7
+STARTED_WITHIN_S = 20.0
+_used = itertools.count()
+
+Start = Callable[..., "subprocess.Popen[str]"]
+"""Called with a name for the process' messages and the words after `segway-ecc`."""
+Ask = Callable[..., Any]
+"""Called with what the foreign node is asked and its arguments; returns its answer."""
+
+
+@pytest.fixture(scope="module")
+def ros_environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    # Spread by process id, so that test runs side by side stay out of each other's domains.
+    domain = 1 + (os.getpid() * DOMAINS_PER_PROCESS + next(_used)) % SAFE_DOMAINS
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path_factory.mktemp("ros_log")),
+        "XDG_STATE_HOME": str(tmp_path_factory.mktemp("state")),
+    }
+
+
+@pytest.fixture(scope="module")
+def messages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where each process' standard error goes, as `<name>.txt`."""
+    return tmp_path_factory.mktemp("messages")
+
+
+@pytest.fixture(scope="module")
+def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
+    with contextlib.ExitStack() as stack:
+
+        def started(name: str, *words: str, env: dict[str, str] | None = None) -> "subprocess.Popen[str]":
+            with (messages / f"{name}.txt").open("w") as errors:
+                process = subprocess.Popen(
+                    [sys.executable, "-m", "node.cli.main", *words],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    env={**ros_environment, **(env or {})},
+                    text=True,
+                )
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return process
+
+        yield started
+
+
+@pytest.fixture(scope="module")
+def on_request(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A robot file of the cart that waits to be armed."""
+    text = importlib.resources.files("node").joinpath("robots/cart.yaml").read_text("utf-8")
+    path = tmp_path_factory.mktemp("robot") / "cart-on-request.yaml"
+    path.write_text(text.replace("arming: at_start", "arming: on_request"), "utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def foreign(ros_environment: dict[str, str]) -> Iterator[Ask]:
+    """A node of somebody else's; see foreign_node.py."""
+    with subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("foreign_node.py"))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=ros_environment,
+        text=True,
+    ) as process:
+        questions, answers = process.stdin, process.stdout
+        assert questions is not None
+        assert answers is not None
+
+        def ask(what: str, **arguments: Any) -> Any:
+            questions.write(json.dumps({"do": what, **arguments}) + "\n")
+            questions.flush()
+            return json.loads(answers.readline())
+
+        yield ask
+        questions.close()

@@ -1,0 +1,182 @@
+"""A ROS node by somebody who knows this project only from its table of topics: rclpy and message packages, no more.
+
+Reads one JSON object per line from standard input, answers each with one JSON value per line on standard output.
+"""
+
+import json
+import sys
+import time
+from collections import defaultdict
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+
+OUT = {
+    "position": Point,
+    "linear_velocity": Float64,
+    "angular_velocity": Float64,
+    "odom": Odometry,
+    "joint_states": JointState,
+    "diagnostics": DiagnosticArray,
+    "setpoint": TwistStamped,
+}
+KINDS = {"Twist": Twist, "TwistStamped": TwistStamped, "String": String}
+PATIENCE_S = 15.0
+NS_PER_S = 1_000_000_000
+
+
+def stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
+
+
+def plain(message: Any) -> Any:
+    """What a message says, in plain values."""
+    match message:
+        case Point():
+            return [message.x, message.y, message.z]
+        case Float64():
+            return message.data
+        case Odometry():
+            pose, twist = message.pose.pose, message.twist.twist
+            return {
+                "stamp_ns": stamp_ns(message.header),
+                "frames": [message.header.frame_id, message.child_frame_id],
+                "x": pose.position.x,
+                "y": pose.position.y,
+                "z": pose.orientation.z,
+                "w": pose.orientation.w,
+                "linear": twist.linear.x,
+                "angular": twist.angular.z,
+            }
+        case JointState():
+            return {
+                "stamp_ns": stamp_ns(message.header),
+                "name": list(message.name),
+                "position": list(message.position),
+                "velocity": list(message.velocity),
+            }
+        case TwistStamped():
+            return {
+                "stamp_ns": stamp_ns(message.header),
+                "linear": message.twist.linear.x,
+                "angular": message.twist.angular.z,
+            }
+        case DiagnosticArray():
+            return {
+                status.name: {"level": ord(status.level), **{pair.key: pair.value for pair in status.values}}
+                for status in message.status
+            }
+
+
+class ForeignNode:
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("foreign", start_parameter_services=False, enable_rosout=False)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.heard: dict[str, list[Any]] = defaultdict(list)
+        self.listening: set[str] = set()
+        self.publishers: dict[tuple[str, str], Any] = {}
+
+    def look(self, namespace: str, expected: Any) -> Any:
+        """Topics and services of the node called `model`, with type and QoS, once they are as expected or never."""
+        self._spin_until(lambda: self._seen(namespace) == expected)
+        return self._seen(namespace)
+
+    def _seen(self, namespace: str) -> Any:
+        node = self.node
+        found: dict[str, Any] = {"in": {}, "out": {}}
+        listed = {
+            "in": (node.get_subscriber_names_and_types_by_node, node.get_subscriptions_info_by_topic),
+            "out": (node.get_publisher_names_and_types_by_node, node.get_publishers_info_by_topic),
+        }
+        for direction, (names_and_types, infos) in listed.items():
+            for topic, types in names_and_types("model", namespace):
+                profiles = [
+                    info.qos_profile
+                    for info in infos(topic)
+                    if info.node_name == "model" and info.node_namespace == namespace
+                ]
+                qos = [(profile.reliability.name, profile.durability.name) for profile in profiles]
+                found[direction][topic] = [*types, *(name for names in qos for name in names)]
+        found["services"] = dict(node.get_service_names_and_types_by_node("model", namespace))
+        return found
+
+    def wait_for(self, node: str, namespace: str) -> Any:
+        """Wait until a node is seen."""
+        return self._spin_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
+
+    def hear(self, topic: str) -> Any:
+        """All that came on a topic since it was last asked for, waiting for one where there is none."""
+        if topic not in self.listening:
+            self.listening.add(topic)
+            kind = OUT[topic.rpartition("/")[2]]
+            self.node.create_subscription(kind, topic, lambda message: self.heard[topic].append(plain(message)), 1000)
+        self._spin_until(lambda: bool(self.heard[topic]))
+        return self.heard.pop(topic, [])
+
+    def publish(self, topic: str, kind: str, linear: float, angular: float, stamp_ns: int = 0) -> Any:
+        """Publish one set-point, when whoever takes it is there."""
+        publisher = self._publisher(topic, kind)
+        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+            return False
+        message = KINDS[kind]()
+        twist = message
+        if kind == "TwistStamped":
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+            twist = message.twist
+        twist.linear.x, twist.angular.z = linear, angular
+        publisher.publish(message)
+        return True
+
+    def advertise(self, topic: str, kind: str, *, best_effort: bool) -> Any:
+        """Offer a topic without publishing anything."""
+        reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+        profile = QoSProfile(depth=10, reliability=reliability)
+        self.publishers[topic, f"{kind} {best_effort}"] = self.node.create_publisher(KINDS[kind], topic, profile)
+        return True
+
+    def call(self, service: str) -> Any:
+        """Call a Trigger service."""
+        client = self.node.create_client(Trigger, service)
+        client.wait_for_service(PATIENCE_S)
+        future = client.call_async(Trigger.Request())
+        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        answer = future.result() if future.done() else None
+        self.node.destroy_client(client)
+        return answer and [answer.success, answer.message]
+
+    def _publisher(self, topic: str, kind: str) -> Any:
+        if (topic, kind) not in self.publishers:
+            self.publishers[topic, kind] = self.node.create_publisher(KINDS[kind], topic, 100)
+        return self.publishers[topic, kind]
+
+    def _spin_until(self, done: Any) -> bool:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not done():
+            if time.monotonic() > deadline_s:
+                return False
+            self.executor.spin_once(timeout_sec=0.1)
+        return True
+
+
+def main() -> None:
+    rclpy.init()
+    foreign = ForeignNode()
+    for line in sys.stdin:
+        question = json.loads(line)
+        answer = getattr(foreign, question.pop("do"))(**question)
+        sys.stdout.write(json.dumps(answer) + "\n")
+        sys.stdout.flush()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
