@@ -1,20 +1,16 @@
 """The robot file: one YAML document, decoded into typed structures in one go."""
 
 import importlib.resources
-import types
-import typing
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import msgspec
-import yaml
-from msgspec import structs
 
+from node.documents import decode_yaml
 from node.errors import ConfigurationError
 
-T = TypeVar("T")
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
+SecondsOrNone = Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)]
 
 _PACKAGED = importlib.resources.files("node") / "robots"
 
@@ -74,9 +70,9 @@ class SetpointSection(_Section, frozen=True, kw_only=True):
         horizon_s: How far ahead a stamp may lie, s.
     """
 
-    timeout_s: Positive = 0.5
-    stamp_tolerance_s: NotNegative = 0.1
-    horizon_s: Positive = 30.0
+    timeout_s: Seconds = 0.5
+    stamp_tolerance_s: SecondsOrNone = 0.1
+    horizon_s: Seconds = 30.0
 
 
 class RosSection(_Section, frozen=True, kw_only=True):
@@ -162,59 +158,3 @@ def read_text(robot: str) -> str:
         raise ConfigurationError(
             f"cannot read robot file '{robot}': {reason}; the packaged robots are {', '.join(packaged_robots())}"
         ) from error
-
-
-def decode_yaml(text: str, kind: type[T], where: str) -> T:
-    """Decode a YAML document into `kind`.
-
-    Raises:
-        ConfigurationError: With the place in the document, what was found and what is allowed.
-    """
-    try:
-        return msgspec.convert(yaml.safe_load(text), kind)
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{where} is not YAML: {' '.join(str(error).split())}") from error
-    except msgspec.ValidationError as error:
-        raise ConfigurationError(f"{where}: {_explain(str(error), kind)}") from error
-
-
-def _explain(message: str, kind: type) -> str:
-    """Add what is allowed to msgspec's message about a key or value that is not."""
-    path = message.rpartition("`$")[2].rstrip("`") if "`$" in message else ""
-    parts = [part for part in path.split(".") if part]
-    if "unknown field" in message:
-        return f"{message}; the keys there are {', '.join(_keys(_kinds_at([kind], parts)))}"
-    if "Invalid enum value" in message:
-        return f"{message}; allowed is {', '.join(_choices(_kinds_at([kind], parts)))}"
-    if message.startswith("Invalid value"):
-        return f"{message}; allowed is {', '.join(_tags(_kinds_at([kind], parts[:-1])))}"
-    return message
-
-
-def _kinds_at(kinds: list[object], path: list[str]) -> list[object]:
-    """The types, alternatives included, that stand at `path` below `kinds`."""
-    kinds = [kind for given in kinds for kind in (typing.get_args(given) if _is_union(given) else (given,))]
-    if not path:
-        return kinds
-    below = [field.type for struct in _structs(kinds) for field in structs.fields(struct) if field.name == path[0]]
-    return _kinds_at(below, path[1:])
-
-
-def _is_union(kind: object) -> bool:
-    return isinstance(kind, types.UnionType)
-
-
-def _structs(kinds: list[object]) -> list[type[msgspec.Struct]]:
-    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
-
-
-def _keys(kinds: list[object]) -> list[str]:
-    return sorted({field.name for struct in _structs(kinds) for field in structs.fields(struct)})
-
-
-def _choices(kinds: list[object]) -> list[str]:
-    return sorted(str(choice) for kind in kinds for choice in typing.get_args(kind))
-
-
-def _tags(kinds: list[object]) -> list[str]:
-    return sorted(str(struct.__struct_config__.tag) for struct in _structs(kinds))

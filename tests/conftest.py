@@ -3,9 +3,14 @@
 import os
 
 import pytest
+from hypothesis import settings
 
 from hil.kernels.uml import available
 from node.ros.runtime import missing_packages
+
+# A run is the same every time; how long an example takes says more of the machine than of us.
+settings.register_profile("deterministic", derandomize=True, deadline=None)
+settings.load_profile("deterministic")
 
 NEEDS = {
     "kernel": (available, "sudo apt-get install user-mode-linux"),

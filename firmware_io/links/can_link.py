@@ -88,7 +88,9 @@ class CanLink:
         try:
             self._bus = can.Bus(channel=self._channel, interface=self._interface, bitrate=self._bitrate)
         except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise BusNotFoundError(f"cannot open CAN bus {self.description}: {error}") from error
+            raise BusNotFoundError(
+                f"cannot open CAN bus {self.description}: {error}; check interface and channel"
+            ) from error
         self._drained_ns = self._now_ns()
 
     def send(self, frame: Frame) -> bool:
@@ -164,5 +166,8 @@ class CanLink:
 
 
 def _is_up(name: str) -> bool:
-    flags = int((_NETWORK_DEVICES / name / "flags").read_text(), 16)
+    try:
+        flags = int((_NETWORK_DEVICES / name / "flags").read_text(), 16)
+    except OSError:  # it has gone since it was listed
+        return False
     return bool(flags & 1)

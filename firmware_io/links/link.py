@@ -29,8 +29,6 @@ class LinkCounters:
     received: int = 0
     send_dropped: int = 0
     """Frames the transmit queue had no room for."""
-    receive_overflow: int = 0
-    """Frames lost because nobody took them in time."""
     error_frames: int = 0
     remote_frames: int = 0
     undecodable: int = 0

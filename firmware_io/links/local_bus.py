@@ -55,6 +55,8 @@ class LocalBus(can.BusABC):
         Raises:
             can.CanOperationError: The datagram could not be sent.
         """
+        if msg.is_fd:
+            raise can.CanOperationError(f"{self.channel_info} carries classic CAN frames only")
         flags = (_EXTENDED if msg.is_extended_id else 0) | (_REMOTE if msg.is_remote_frame else 0)
         flags |= _ERROR if msg.is_error_frame else 0
         datagram = _DATAGRAM.pack(
@@ -81,7 +83,7 @@ class LocalBus(can.BusABC):
             except OSError as error:
                 raise can.CanOperationError(f"{self.channel_info} is closed", error.errno) from error
             message = self._decode(datagram)
-            if message is not None:
+            if message is not None or timeout:  # python-can then waits on for what is left of the time
                 return message, False
 
     def _decode(self, datagram: bytes) -> can.Message | None:

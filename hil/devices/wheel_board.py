@@ -6,6 +6,8 @@ from typing import Final
 from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
 from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
+    MAX_ANGLE,
+    MAX_VELOCITY,
     BoardSetup,
     BoardState,
     BoardStatus,
@@ -94,11 +96,16 @@ class SimulatedWheelBoard:
 
     def _tell(self) -> None:
         left_angle, left_velocity, right_angle, right_velocity = (self.outputs[index] for index in self._signals)
-        self._endpoint.send(FrameId.LEFT_WHEEL, Wheel(left_angle, left_velocity))
-        self._endpoint.send(FrameId.RIGHT_WHEEL, Wheel(right_angle, right_velocity))
+        self._endpoint.send(FrameId.LEFT_WHEEL, _measured(left_angle, left_velocity))
+        self._endpoint.send(FrameId.RIGHT_WHEEL, _measured(right_angle, right_velocity))
         if self._ticks % _STATUS_TICKS == 0:
             status = BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, self.refused_frames)
             self._endpoint.send(FrameId.BOARD_STATUS, status)
+
+
+def _measured(angle: float, velocity: float) -> Wheel:
+    """What the board tells of a wheel: its counters stop at the ends of their range."""
+    return Wheel(min(max(angle, -MAX_ANGLE), MAX_ANGLE), min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY))
 
 
 def _check(plant: Model) -> None:

@@ -36,6 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its table and write its report."""
+    if options.repeat < 1:
+        raise ConfigurationError(f"--repeat must be at least 1, not {options.repeat}")
     seats = _seats(options.seat)
     studies = []
     for number in range(options.repeat):

@@ -42,7 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)
     options = parser.parse_args(words)
     try:
-        return int(options.function(options))
+        code = int(options.function(options))
+        sys.stdout.flush()  # here, where a reader that has gone is expected, and not when the interpreter ends
     except (NodeError, HardwareError, RigError) as error:
         sys.stderr.write(f"segway-ecc: {error}\n")
         return error.exit_code
@@ -52,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Whoever read our output has enough; there is nobody left to tell.
         sys.stdout = None  # keeps the interpreter from flushing it once more
         return 0
+    return code
 
 
 def _split_ros(words: list[str]) -> tuple[list[str], list[str]]:

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from node.cli.options import (
     add_json,
@@ -21,7 +22,7 @@ from node.config import RobotFile, read_text
 from node.cycle.clock import RealClock
 from node.cycle.loop import Loop
 from node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
-from node.errors import ConfigurationError
+from node.errors import ConfigurationError, RobotLostError
 from node.logs import messages
 from node.recording.cycle_log import layout_of
 from node.recording.recorder import ProcessRecorder
@@ -32,6 +33,7 @@ from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
 
+_LONGEST_S: Final = 1e9
 _logger = logging.getLogger(__name__)
 
 
@@ -50,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
-    if options.duration is not None and not options.duration > 0.0:
-        raise ConfigurationError(f"--duration must be more than 0 s, not {options.duration}")
+    if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
+        raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
     file = robot_file(options)
     robot = build_robot(file, RealClock())
     with messages(), contextlib.ExitStack() as stack:
@@ -63,6 +65,8 @@ def run(options: argparse.Namespace) -> int:
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
+    if isinstance(stage, ManoeuvreStage) and stage.failure is not None:
+        raise RobotLostError(stage.failure)
     return 0
 
 

@@ -1,12 +1,14 @@
 """One cycle of the robot: exchange, ROS stage, decide, equations, limit."""
 
 import itertools
+import math
 import traceback
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.errors import ArmingRefusedError, LinkLostError
+from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
+from node.cycle.authority import Authority
 from node.cycle.clock import Clock
 from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
@@ -16,7 +18,7 @@ from node.cycle.wiring import Wiring
 from node.errors import ModelFailedError
 from node.model.model import Model
 from node.safety.limits import limit, not_finite
-from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from node.safety.modes import Mode
 
 PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
 WHOLE: Final = "cycle"
@@ -26,9 +28,10 @@ class Cycle:
     """The parts of a robot, run once per period in their fixed order.
 
     Attributes:
-        modes: What the robot is allowed to do, and why.
+        authority: Who may move the motors.
         schedule: The set-points.
-        arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
+        time_base: Which stamp each cycle bears.
+        hardware: The drives and sensors.
         histograms: Duration of each phase, by name, and of the whole cycle.
     """
 
@@ -47,8 +50,7 @@ class Cycle:
         actuate_immediately: bool,
     ) -> None:
         """Join the parts; nothing is opened yet."""
-        self.modes = Modes()
-        self.arming_obstacle: str | None = None
+        self.authority = Authority(hardware, schedule, arm_at_start=arm_at_start)
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
@@ -58,7 +60,6 @@ class Cycle:
         self._clock = clock
         self._stage = stage
         self._recorder = recorder
-        self._arm_pending = arm_at_start
         self._immediately = actuate_immediately
         self._zero = (0.0,) * len(hardware.commands)
         self._commands: Sequence[float] = self._zero
@@ -69,8 +70,7 @@ class Cycle:
     def start(self) -> None:
         """Open the hardware and run the initial and static equations."""
         self.hardware.open()
-        sensors = self.hardware.exchange(self._zero)
-        self._y = self._equations_start(sensors)
+        self._initialize(self.hardware.exchange(self._zero))
 
     def run(self, cycle: int, lateness_ns: int) -> None:
         """Run cycle number `cycle`, which started `lateness_ns` after its deadline.
@@ -80,12 +80,12 @@ class Cycle:
         """
         now_ns = self._clock.now_ns
         marks = [now_ns()]
-        sensors = self._exchange()
+        sensors = self._exchange(None if self._immediately else self._commands)
         marks.append(now_ns())
         inbox = self._stage.take()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
-        self._stage.publish(Report(stamp_ns, self.modes.mode, published, self._applied))
+        self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied))
         marks.append(now_ns())
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
@@ -101,7 +101,7 @@ class Cycle:
             CycleRecord(
                 cycle,
                 stamp_ns,
-                self.modes.mode,
+                self.authority.modes.mode,
                 lateness_ns,
                 sensors,
                 setpoint,
@@ -134,64 +134,43 @@ class Cycle:
         except Exception as error:  # the model is the user's and may raise anything
             raise _model_failed(error, "in its final equations") from error
 
-    def _exchange(self) -> Sensors:
+    def _exchange(self, commands: Sequence[float] | None) -> Sensors:
         try:
-            return self.hardware.exchange(None if self._immediately else self._commands)
+            return self.hardware.exchange(commands)
         except LinkLostError as error:
-            self.modes.fail(str(error))
-            return Sensors(
-                (0.0,) * len(self._signal_names),
-                (float("inf"),) * len(self._signal_names),
-                (False,) * len(self._signal_names),
-                (str(error),),
-            )
+            self.authority.fail(str(error))
+            count = len(self._signal_names)
+            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),))
 
     def _receive(self, setpoint: Setpoint, for_cycle: int, cycle: int) -> None:
-        if self.modes.mode in ACTIVE:
+        if self.authority.is_active:
             self.schedule.add(setpoint, for_cycle, cycle)
         else:
             self.schedule.refuse(SetpointRefusal.NOT_ARMED)
 
     def _decide(self, cycle: int, requests: Sequence[Request], sensors: Sensors) -> Setpoint:
-        before = self.modes.mode
         for request in requests:
-            request.answer(self._act(request.action))
-        if self._arm_pending:
-            answer = self._act(Action.ARM)
-            self._arm_pending = not answer.accepted
-            self.arming_obstacle = None if answer.accepted else answer.message
+            request.answer(self.authority.act(request.action))
+        if not_finite(self._y) is not None and self.authority.modes.mode is Mode.DISARMED:
+            # The fault was cleared; what is not finite stays so until the model starts anew.
+            self._initialize(sensors)
+        self.authority.arm_itself()
         setpoint = self.schedule.due(cycle)
         silent = self.schedule.is_silent(cycle) and setpoint != REST
-        self.modes.observe(self._faults(sensors), setpoints_silent=silent)
-        if before in ACTIVE and self.modes.mode not in ACTIVE:
-            self.schedule.clear()
-            self.hardware.disarm()
-        return setpoint if self.modes.mode is Mode.ARMED else REST
-
-    def _act(self, action: Action) -> Answer:
-        if action is not Action.ARM or self.modes.mode is not Mode.DISARMED:
-            return self.modes.ask(action)
-        try:
-            self.hardware.arm()
-        except ArmingRefusedError as error:
-            return self.modes.ask(action, error.reasons)
-        return self.modes.ask(action)
+        self.authority.observe(self._faults(sensors), setpoints_silent=silent)
+        return setpoint if self.authority.modes.mode is Mode.ARMED else REST
 
     def _faults(self, sensors: Sensors) -> list[str]:
-        faults = list(sensors.faults)
-        faults += [
+        too_old = [
             f"{self._signal_names[index]} is too old: {sensors.ages[index] * 1e3:.0f} ms"
             for index in self._wiring.sensors
             if not sensors.valid[index]
         ]
-        bad = not_finite(self._y)
-        if bad is not None:
-            faults.append(f"output '{self._model.outputs[bad].name}' of the model is not finite")
-        return faults
+        return [*sensors.faults, *too_old]
 
-    def _equations_start(self, sensors: Sensors) -> list[float]:
+    def _initialize(self, sensors: Sensors) -> None:
         try:
-            return self._model.initialize(self._wiring.model_inputs(sensors, REST))
+            self._y = self._model.initialize(self._wiring.model_inputs(sensors, REST))
         except Exception as error:  # the model is the user's and may raise anything
             raise _model_failed(error, "in its initial equations") from error
 
@@ -206,16 +185,15 @@ class Cycle:
         return u
 
     def _limit(self) -> None:
-        if self.modes.mode not in ACTIVE:
-            self._commands = self._zero
-        elif not_finite(wanted := self._wiring.commands(self._y)) is None:
-            self._commands = limit(wanted, self.hardware.limits)
+        bad = not_finite(self._y)
+        if bad is not None:
+            self.authority.fail(f"output '{self._model.outputs[bad].name}' of the model is not finite")
+        if self.authority.is_active:
+            self._commands = limit(self._wiring.commands(self._y), self.hardware.limits)
         else:
             self._commands = self._zero
-            self.modes.fail("a command is not finite")
-            self.hardware.disarm()
         if self._immediately:
-            self.hardware.exchange(self._commands)
+            self._exchange(self._commands)
 
 
 def _model_failed(error: Exception, when: str) -> ModelFailedError:

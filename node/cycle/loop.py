@@ -9,10 +9,10 @@ from typing import Final
 from node.cycle.announcer import Announcer
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
+from node.cycle.report import DiagnosticReport
 from node.cycle.seams import Recorder, Stage
+from node.cycle.status import Status
 from node.cycle.timing import Histogram, Summary
-from node.diagnostics.report import DiagnosticReport
-from node.diagnostics.status import Status
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
@@ -77,6 +77,7 @@ class Loop:
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
         self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
+        self._collect_due = False
         self._announcer = Announcer(clock)
         self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
 
@@ -92,8 +93,8 @@ class Loop:
     def statuses(self) -> Sequence[Status]:
         """The robot's diagnostics as of now; takes too long for the loop itself."""
         self._diagnostics.begin()
-        while not self._diagnostics.work():
-            pass
+        while self._diagnostics.is_pending:
+            self._diagnostics.work()
         return self._diagnostics.statuses
 
     def run(self, cycles: int | None = None) -> None:
@@ -117,13 +118,13 @@ class Loop:
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns
         deadline_ns = clock.now_ns() + period_ns
-        self._cycle.time_base.anchor(counters.cycles, self._wall_at(deadline_ns))
+        self._cycle.time_base.anchor(counters.cycles, self._wall_at(deadline_ns)[0])
         while self.stop_reason is None:
             clock.sleep_until_ns(deadline_ns)
             lateness_ns = clock.now_ns() - deadline_ns
             self._count_start(deadline_ns, lateness_ns)
-            if self._cycle.schedule.is_empty:
-                self._cycle.time_base.follow(counters.cycles, self._wall_at(deadline_ns))
+            if self._cycle.schedule.is_idle(counters.cycles):
+                self._follow_wall_clock(deadline_ns)
             self._cycle.run(counters.cycles, lateness_ns)
             counters.cycles += 1
             if counters.cycles == cycles:
@@ -134,8 +135,16 @@ class Loop:
             deadline_ns += self._lost_ns(deadline_ns)
             self._use_slack(deadline_ns)
 
-    def _wall_at(self, deadline_ns: int) -> int:
-        return self._clock.wall_ns() - (self._clock.now_ns() - deadline_ns)
+    def _wall_at(self, deadline_ns: int) -> tuple[int, int]:
+        """The wall clock at a deadline, and how uncertain it is, both ns."""
+        before_ns = self._clock.now_ns()
+        wall_ns = self._clock.wall_ns()
+        return wall_ns - (before_ns - deadline_ns), self._clock.now_ns() - before_ns
+
+    def _follow_wall_clock(self, deadline_ns: int) -> None:
+        wall_ns, uncertain_ns = self._wall_at(deadline_ns)
+        if uncertain_ns < self._late_ns:
+            self._cycle.time_base.follow(self.counters.cycles, wall_ns)
 
     def _count_start(self, deadline_ns: int, lateness_ns: int) -> None:
         self.counters.last_ns = deadline_ns + lateness_ns
@@ -151,26 +160,39 @@ class Loop:
         if over_ns <= 0:
             return 0
         self.counters.overrun += 1
-        lost = over_ns // self._period_ns
+        # A cycle that started whole periods late has had the period in which it started.
+        lateness_ns = self.counters.last_ns - (deadline_ns - self._period_ns)
+        lost = max(over_ns, lateness_ns) // self._period_ns
         self.counters.skipped += lost
         return lost * self._period_ns
 
     def _use_slack(self, deadline_ns: int) -> None:
-        """One small piece of slow work, where there is time for it; diagnostics come even where there is none."""
-        self._announcer.tell(self._cycle.modes, self._cycle.arming_obstacle)
-        phase = self.counters.cycles % self._diagnostics_every
-        if phase == 0:
+        """Slow work in small pieces while there is time; one even where there is none, so that a busy robot reports."""
+        self._announcer.tell(self._cycle.authority.modes, self._cycle.authority.arming_obstacle)
+        if self.counters.cycles % self._diagnostics_every == 0:
             self._diagnostics.begin()
-        if deadline_ns - self._clock.now_ns() < self._slack_ns and phase != 0:
-            return
+            self._collect_due = True
+        self._do_piece()
+        while self._has_slack(deadline_ns) and self._do_piece():
+            pass
+        if self._has_slack(deadline_ns):
+            self._stage.look_around()
+
+    def _has_slack(self, deadline_ns: int) -> bool:
+        return deadline_ns - self._clock.now_ns() > self._slack_ns
+
+    def _do_piece(self) -> bool:
+        """Do one piece of this second's work; False when it is done."""
+        if not self._diagnostics.is_pending:
+            collected, self._collect_due = self._collect_due, False
+            if collected:
+                gc.collect(1)
+            return collected
         if self._diagnostics.work():
             stamp_ns = self._cycle.time_base.stamp_ns(self.counters.cycles)
             self._stage.publish_diagnostics(stamp_ns, self._diagnostics.statuses)
             self._recorder.write_diagnostics(stamp_ns, self._diagnostics.statuses)
-        elif phase == self._diagnostics_every // 2:
-            gc.collect(1)
-        else:
-            self._stage.look_around()
+        return True
 
 
 @contextlib.contextmanager

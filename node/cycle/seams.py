@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from firmware_io.hardware import Sensors
 from node.cycle.setpoints import Setpoint
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.safety.modes import Action, Answer, Mode
 
 

@@ -50,13 +50,13 @@ class SetpointSchedule:
         self._horizon = horizon_cycles
         self._waiting: list[tuple[int, int, Setpoint]] = []
         self._order = 0
+        self._ahead_until = -timeout_cycles - 1
         self._current = REST
         self._applied_at: int | None = None
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing waits for its cycle."""
-        return not self._waiting
+    def is_idle(self, now: int) -> bool:
+        """Whether nothing waits for its cycle, nor has for as long as the time-out: no manoeuvre is being played."""
+        return not self._waiting and now > self._ahead_until + self._timeout
 
     def add(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
         """Take a set-point for `cycle`, being in cycle `now`; return why it was refused, if it was."""
@@ -66,6 +66,8 @@ class SetpointSchedule:
             return refusal
         if cycle < now:
             self.late += 1
+        elif cycle > now:
+            self._ahead_until = max(self._ahead_until, cycle)
         self._order += 1
         heapq.heappush(self._waiting, (max(cycle, now), self._order, setpoint))
         return None

@@ -1,8 +1,8 @@
 """Which wall-clock stamp each cycle bears.
 
 Set-points are stamped ahead and durations counted in model time, so while any is scheduled the stamps of consecutive
-cycles differ by exactly one period, even where deadlines were missed. Only while nothing is scheduled does the time
-base follow the wall clock again.
+cycles differ by exactly one period, even where deadlines were missed. Only while no manoeuvre is being played does
+the time base follow the wall clock again.
 """
 
 
@@ -34,7 +34,7 @@ class TimeBase:
     def follow(self, cycle: int, deadline_wall_ns: int) -> None:
         """Move the line where this cycle's deadline is more than half a period off it.
 
-        To be called only while nothing is scheduled.
+        To be called only while no manoeuvre is being played.
         """
         off_ns = deadline_wall_ns - self.stamp_ns(cycle)
         if 2 * abs(off_ns) > self.period_ns:

@@ -36,6 +36,7 @@ class SectionedModel:
         self._steps = 0
         self._u: list[float] = [v.value for v in self.inputs]
         self._y: list[float] = [v.value for v in self.outputs]
+        self._starts: dict[str, float] = {}
         self.time = 0.0
         self.s: list[float] = [v.value for v in self.states]
         self.p: dict[str, float] = {v.name: v.value for v in self.parameters}
@@ -72,7 +73,7 @@ class SectionedModel:
         """Start at time zero; see `Model.initialize`."""
         self._steps = 0
         self.time = 0.0
-        self.s = [v.value for v in self.states]
+        self.s = [self._starts.get(v.name, v.value) for v in self.states]
         self.initial()
         self.static()
         self._take(u)
@@ -107,14 +108,17 @@ class SectionedModel:
         for index, state in enumerate(self.states):
             if state.name == name:
                 self._check_writable(state)
-                self.s[index] = _finite(name, value)
+                if state.write is Write.RESET:
+                    self._starts[name] = _finite(name, value)
+                else:
+                    self.s[index] = _finite(name, value)
+                    self._run_static(state)
                 return
         for parameter in self.parameters:
             if parameter.name == name:
                 self._check_writable(parameter)
                 self.p[name] = _finite(name, value)
-                if parameter.write is Write.STATIC:
-                    self.static()
+                self._run_static(parameter)
                 return
         raise UnknownNameError(f"writable variable of model '{self.name}'", name, [*self.p, *_names(self.states)])
 
@@ -123,6 +127,10 @@ class SectionedModel:
             raise ModelError(f"model '{self.name}' has {len(self.inputs)} inputs and was given {len(u)}")
         self._u = list(u)
         self.input(u)
+
+    def _run_static(self, written: Variable) -> None:
+        if written.write is Write.STATIC:
+            self.static()
 
     def _check_writable(self, variable: Variable) -> None:
         if variable.write is Write.NEVER:

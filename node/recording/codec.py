@@ -11,7 +11,7 @@ from firmware_io.hardware import Sensors
 from node.cycle.cycle import PHASES
 from node.cycle.seams import CycleRecord
 from node.cycle.setpoints import Setpoint
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.recording.cycle_log import Layout
 from node.safety.modes import Mode
 

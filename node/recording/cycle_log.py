@@ -9,7 +9,7 @@ import msgspec
 
 from node.cycle.cycle import PHASES
 from node.cycle.seams import CycleRecord
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.recording.mcap_log import McapLog
 from node.robot import Robot
 

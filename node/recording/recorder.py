@@ -13,7 +13,7 @@ from typing import Final
 import msgspec
 
 from node.cycle.seams import CycleRecord
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.errors import RecordingError
 from node.recording.codec import CycleCodec, pack_diagnostics
 from node.recording.cycle_log import Layout

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from node.cycle.clock import NS_PER_S
+from node.cycle.report import MODE_SUFFIX
 from node.cycle.setpoints import REST
-from node.diagnostics.report import MODE_SUFFIX
 from node.errors import NobodyListensError, RobotLostError
 from node.ros.graph import Connection, connections
 from node.ros.messages import message_type, set_stamp, stamp_ns

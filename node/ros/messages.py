@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.ros.untyped import RosObject
 
 _NS_PER_S: Final = 1_000_000_000

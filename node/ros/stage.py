@@ -7,7 +7,7 @@ from typing import Final
 from node.config import RosSection
 from node.cycle.seams import Inbox, Report, Request, StampedSetpoint
 from node.cycle.setpoints import Setpoint
-from node.diagnostics.status import Status
+from node.cycle.status import Status
 from node.ros.graph import mismatch
 from node.ros.messages import diagnostic_array, message_type, set_stamp, stamp_ns
 from node.ros.publishers import make_publishers

@@ -7,9 +7,9 @@ from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
-from node.config import decode_yaml
 from node.cycle.clock import NS_PER_S
 from node.cycle.setpoints import REST, Setpoint
+from node.documents import decode_yaml
 from node.errors import ConfigurationError
 
 RENEW_NS: Final = 100_000_000
@@ -90,7 +90,7 @@ def schedule(manoeuvre: Manoeuvre) -> Iterator[Said]:
 
 
 def _ns(seconds: float) -> int:
-    return round(seconds * NS_PER_S)
+    return max(round(seconds * NS_PER_S), 1)
 
 
 def _check_finite(segments: Sequence[Segment], where: str) -> None:

@@ -11,13 +11,18 @@ _ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
 
 
 class ManoeuvreStage(NoStage):
-    """A world that plays one manoeuvre once the robot is armed, and then ends; see `Stage`."""
+    """A world that plays one manoeuvre once the robot is armed, and then ends; see `Stage`.
+
+    Attributes:
+        failure: Why the manoeuvre was not played to its end, once that is so.
+    """
 
     def __init__(self, player: Player, signals: Sequence[str]) -> None:
         """Play to a robot that publishes `signals`; those of the odometry that it lacks count as zero."""
         self.player = player
         self._indices = [_index(signals, f"odometry.{part}") for part in _ODOMETRY]
         self.over: str | None = None
+        self.failure: str | None = None
 
     def take(self) -> Inbox:
         """The set-points that are to be sent now."""
@@ -28,7 +33,10 @@ class ManoeuvreStage(NoStage):
 
     def publish(self, report: Report) -> None:
         """Let the player hear the robot."""
-        if report.mode in ACTIVE:
+        if report.mode not in ACTIVE:
+            if self.player.start_ns is not None:
+                self.over = self.failure = f"the robot went to {report.mode} before the sequence was over"
+        else:
             values = [0.0 if index is None else report.values[index] for index in self._indices]
             if self.player.hear(Odometry(report.stamp_ns, *values)) is Progress.DONE:
                 self.over = "the sequence is over"

@@ -15,7 +15,7 @@ from firmware_io.links.link import Link
 _TELEMETRY: Final = frozenset({FrameId.LEFT_WHEEL, FrameId.RIGHT_WHEEL, FrameId.BOARD_STATUS})
 _ZERO: Final = WheelCommand(0.0, 0.0, enable=False)
 _OFF_BY_ITSELF: Final = frozenset({BoardState.WATCHDOG, BoardState.FAULT})
-_WATCHDOG_RESOLUTION_S: Final = 0.0005
+_WATCHDOG_RESOLUTION_S: Final = 0.000501  # half a step of the frame, and room for what floats add
 
 
 class WheelBoard:
@@ -117,9 +117,12 @@ class WheelBoard:
         )
 
     def _faults(self) -> tuple[str, ...]:
-        if self._enabled and self._status.state in _OFF_BY_ITSELF:
+        if not self._enabled:
+            return ()
+        if self._status.state in _OFF_BY_ITSELF:
             return (f"the wheel board switched its motors off: {self._status.state.name}",)
-        return ()
+        age_s, valid = self._age(FrameId.BOARD_STATUS)
+        return () if valid else (f"the wheel board's status is too old: {age_s * 1e3:.0f} ms",)
 
     def _age(self, frame_id: FrameId) -> tuple[float, bool]:
         received_ns = self._received_ns.get(frame_id)

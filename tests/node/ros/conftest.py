@@ -15,7 +15,6 @@ import pytest
 
 SAFE_DOMAINS = 101
 DOMAINS_PER_PROCESS = 7
-STARTED_WITHIN_S = 20.0
 _used = itertools.count()
 
 Start = Callable[..., "subprocess.Popen[str]"]

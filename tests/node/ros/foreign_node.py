@@ -28,6 +28,7 @@ OUT = {
     "diagnostics": DiagnosticArray,
     "setpoint": TwistStamped,
 }
+ROS_OWN = ("/parameter_events", "/get_type_description")
 KINDS = {"Twist": Twist, "TwistStamped": TwistStamped, "String": String}
 PATIENCE_S = 15.0
 NS_PER_S = 1_000_000_000
@@ -107,18 +108,27 @@ class ForeignNode:
                 qos = [(profile.reliability.name, profile.durability.name) for profile in profiles]
                 found[direction][topic] = [*types, *(name for names in qos for name in names)]
         found["services"] = dict(node.get_service_names_and_types_by_node("model", namespace))
-        return found
+        # What rclpy gives every node is no part of the table.
+        return {
+            part: {name: kind for name, kind in rows.items() if not name.endswith(ROS_OWN)}
+            for part, rows in found.items()
+        }
 
     def wait_for(self, node: str, namespace: str) -> Any:
         """Wait until a node is seen."""
         return self._spin_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
 
-    def hear(self, topic: str) -> Any:
-        """All that came on a topic since it was last asked for, waiting for one where there is none."""
+    def listen(self, topic: str) -> Any:
+        """Hear a topic from now on."""
         if topic not in self.listening:
             self.listening.add(topic)
             kind = OUT[topic.rpartition("/")[2]]
             self.node.create_subscription(kind, topic, lambda message: self.heard[topic].append(plain(message)), 1000)
+        return True
+
+    def hear(self, topic: str) -> Any:
+        """All that came on a topic since it was last asked for, waiting for one where there is none."""
+        self.listen(topic)
         self._spin_until(lambda: bool(self.heard[topic]))
         return self.heard.pop(topic, [])
 

@@ -102,6 +102,7 @@ def test_topics_and_services_are_those_of_the_table(foreign: Ask, prefix: str) -
 @pytest.mark.usefixtures("armed")
 def test_cmd_vel_drives_the_cart_and_every_topic_tells_the_same(foreign: Ask) -> None:
     before = newest(foreign, "/odom")
+    foreign("hear", topic="/joint_states")
     odom = drive_until(foreign, 0.5, 1.0, lambda odom: odom["linear"] > 0.49 and odom["angular"] > 0.98)
 
     assert odom["frames"] == ["odom", "base_link"]
@@ -253,23 +254,23 @@ BEST_EFFORT = (
     "Set its reliability to reliable"
 )
 WRONG_TYPE = (
-    "segway-ecc: /foreign publishes std_msgs/msg/String on /robot1/cmd_vel, which takes geometry_msgs/msg/Twist: "
-    "they never meet. Publish geometry_msgs/msg/Twist, or remap it away"
+    "segway-ecc: /foreign publishes std_msgs/msg/String on /robot1/cmd_vel_stamped, which takes "
+    "geometry_msgs/msg/TwistStamped: they never meet. Publish geometry_msgs/msg/TwistStamped, or remap it away"
 )
 
 
 @pytest.mark.parametrize(
     ("offer", "expected"),
     [
-        ({"kind": "Twist", "best_effort": True}, BEST_EFFORT),
-        ({"kind": "String", "best_effort": False}, WRONG_TYPE),
+        ({"topic": "/robot1/cmd_vel", "kind": "Twist", "best_effort": True}, BEST_EFFORT),
+        ({"topic": "/robot1/cmd_vel_stamped", "kind": "String", "best_effort": False}, WRONG_TYPE),
     ],
     ids=["best-effort", "wrong type"],
 )
 def test_a_publisher_that_never_reaches_the_robot_is_told_once_with_the_fix(
     foreign: Ask, messages: Path, offer: dict[str, Any], expected: str
 ) -> None:
-    assert foreign("advertise", topic="/robot1/cmd_vel", **offer)
+    assert foreign("advertise", **offer)
     text = messages / "robot1.txt"
     for _ in range(TRIES):
         foreign("hear", topic="/robot1/odom")

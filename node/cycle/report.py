@@ -4,11 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
 
 from firmware_io.hardware import Hardware
+from node.cycle.authority import Authority
 from node.cycle.setpoints import SetpointSchedule
+from node.cycle.status import Level, Status
 from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram, Summary
-from node.diagnostics.status import Level, Status
-from node.safety.modes import Mode, Modes
+from node.safety.modes import Mode
 
 MODE_SUFFIX: Final = ": mode"
 """How the name of the status ends that tells the robot's mode; its values are `mode` and `reason`."""
@@ -17,7 +18,7 @@ MODE_SUFFIX: Final = ": mode"
 class Observed(Protocol):
     """What the report reads of a cycle."""
 
-    modes: Modes
+    authority: Authority
     schedule: SetpointSchedule
     time_base: TimeBase
     hardware: Hardware
@@ -63,10 +64,13 @@ class DiagnosticReport:
         if not self._pending:
             self._pending = list(self._histograms)
 
+    @property
+    def is_pending(self) -> bool:
+        """Whether the set that was begun is not complete."""
+        return bool(self._pending)
+
     def work(self) -> bool:
-        """Do one piece; True when that completed the set."""
-        if not self._pending:
-            return False
+        """Do one piece of the set that was begun; True when that completed it."""
         name = self._pending.pop(0)
         self._summaries[name] = self._histograms[name].summary()
         if self._pending:
@@ -76,7 +80,7 @@ class DiagnosticReport:
         return True
 
     def _mode(self) -> Status:
-        modes = self._cycle.modes
+        modes = self._cycle.authority.modes
         level = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}.get(modes.mode, Level.OK)
         values = {"mode": str(modes.mode), "reason": modes.reason}
         return Status(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)

@@ -19,9 +19,9 @@ from node.cycle.cycle import Cycle
 from node.cycle.loop import Loop
 from node.cycle.seams import CycleRecord, Inbox, Report, Request, StampedSetpoint
 from node.cycle.setpoints import Setpoint, SetpointSchedule
+from node.cycle.status import Status
 from node.cycle.time_base import TimeBase
 from node.cycle.wiring import wire
-from node.diagnostics.status import Status
 from node.model.model import Model
 from node.safety.modes import Action, Answer
 

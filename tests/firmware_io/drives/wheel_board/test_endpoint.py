@@ -1,0 +1,120 @@
+from collections.abc import Callable
+
+import pytest
+
+from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
+from firmware_io.drives.wheel_board.frames import BoardSetup, FrameId, Wheel, WheelCommand, encode
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame, Link
+
+LEFT, RIGHT = FrameId.LEFT_WHEEL, FrameId.RIGHT_WHEEL
+HEARD = frozenset({LEFT, RIGHT})
+WHEEL = Wheel(1.0, -2.0)
+
+
+@pytest.fixture
+def endpoint(link: Link) -> Endpoint:
+    return Endpoint(link, HEARD)
+
+
+def _frame(counter: int, frame_id: FrameId = LEFT, received_ns: int = 0) -> Frame:
+    return Frame(frame_id, encode(frame_id, WHEEL, counter), received_ns)
+
+
+def _corrupt(frame: Frame) -> Frame:
+    return frame._replace(data=bytes((frame.data[0] ^ 1, *frame.data[1:])))
+
+
+def test_every_identifier_has_its_own_running_counter(endpoint: Endpoint, sent: list[Frame]) -> None:
+    command, setup = WheelCommand(1.0, 2.0, enable=True), BoardSetup(0.05)
+    for _ in range(17):
+        assert endpoint.send(FrameId.WHEEL_COMMAND, command)
+    endpoint.send(FrameId.BOARD_SETUP, setup)
+
+    commands = [Frame(FrameId.WHEEL_COMMAND, encode(FrameId.WHEEL_COMMAND, command, n % 16)) for n in range(17)]
+    assert sent == [*commands, Frame(FrameId.BOARD_SETUP, encode(FrameId.BOARD_SETUP, setup, 0))]
+
+
+def test_what_the_link_dropped_leaves_a_gap_that_the_other_end_counts(
+    endpoint: Endpoint, link: Link, sent: list[Frame], arrived: list[Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoint.send(LEFT, WHEEL)
+    with monkeypatch.context() as full:
+        full.setattr(link, "send", lambda _: False)
+        assert not endpoint.send(LEFT, WHEEL)
+    endpoint.send(LEFT, WHEEL)
+
+    arrived += sent
+    assert len(list(endpoint.receive())) == 2
+    assert endpoint.lost == 1
+
+
+def test_intact_frames_are_yielded_oldest_first_with_their_stamps(endpoint: Endpoint, arrived: list[Frame]) -> None:
+    arrived += [_frame(9, RIGHT, 10), _frame(3, LEFT, 20), _frame(10, RIGHT, 30)]
+
+    assert list(endpoint.receive()) == [
+        Received(RIGHT, WHEEL, 10),
+        Received(LEFT, WHEEL, 20),
+        Received(RIGHT, WHEEL, 30),
+    ]
+    assert list(endpoint.receive()) == []
+    assert (endpoint.refused, endpoint.lost) == ({}, 0)
+
+
+def test_lost_frames_are_counted_over_all_identifiers(endpoint: Endpoint, arrived: list[Frame]) -> None:
+    arrived += [_frame(0), _frame(2), _frame(14, RIGHT), _frame(1, RIGHT)]
+
+    assert len(list(endpoint.receive())) == 4
+    assert endpoint.lost == 1 + 2
+
+
+@pytest.mark.parametrize("second", [5, 12, 4], ids=["repeated", "seven ahead", "one back"])
+def test_a_count_out_of_sequence_is_refused_and_then_followed(
+    endpoint: Endpoint, arrived: list[Frame], second: int
+) -> None:
+    arrived += [_frame(5, received_ns=1), _frame(second, received_ns=2), _frame(second + 1, received_ns=3)]
+
+    assert [received.received_ns for received in endpoint.receive()] == [1, 3]
+    assert endpoint.refused == {Refusal.COUNTER: 1}
+
+
+def test_a_bad_frame_is_counted_by_its_cause_and_leaves_the_counter_alone(
+    endpoint: Endpoint, arrived: list[Frame]
+) -> None:
+    good, bad = _frame(0), _frame(1)
+    arrived += [good, _corrupt(bad), _corrupt(bad), Frame(LEFT, bad.data[:7]), Frame(LEFT, b""), bad]
+
+    assert len(list(endpoint.receive())) == 2
+    assert endpoint.refused == {Refusal.CRC: 2, Refusal.LENGTH: 2}
+    assert endpoint.lost == 0
+
+
+def test_a_value_out_of_range_is_counted(
+    link: Link, arrived: list[Frame], reference_crc: Callable[[bytes], int]
+) -> None:
+    board = Endpoint(link, frozenset({FrameId.WHEEL_COMMAND}))
+    body = b"\x00\x80\x00\x00\x01\x00\x00"  # -32.768 V on the left
+    arrived.append(Frame(FrameId.WHEEL_COMMAND, body + bytes((reference_crc(body + b"\x10\x01"),))))
+
+    assert list(board.receive()) == []
+    assert board.refused == {Refusal.RANGE: 1}
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        Frame(0x7FF, bytes(8)),
+        Frame(0, b""),
+        Frame(FrameId.WHEEL_COMMAND, encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), 0)),
+        Frame(LEFT, encode(LEFT, WHEEL, 0), is_extended=True),
+        Frame(LEFT, b"damaged", is_extended=True),
+    ],
+    ids=["unknown", "zero", "for the other end", "extended", "extended and damaged"],
+)
+def test_what_is_somebody_elses_is_passed_over_uncounted(
+    endpoint: Endpoint, arrived: list[Frame], foreign: Frame
+) -> None:
+    arrived += [foreign, _frame(7)]
+
+    assert [received.frame_id for received in endpoint.receive()] == [LEFT]
+    assert (endpoint.refused, endpoint.lost) == ({}, 0)

@@ -1,0 +1,235 @@
+import errno
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import can
+import pytest
+
+from firmware_io.errors import LinkLostError
+from firmware_io.links.can_link import CanLink
+from firmware_io.links.link import Frame
+
+S = 1_000_000_000
+START_NS = 5 * S
+WALL_NS = 1_700_000_000 * S
+MICROSECOND = 1_000
+PATIENCE_S = 20.0
+"""How long a frame may take that is sure to come."""
+
+
+class FakeBus:
+    """What python-can hands out, with everything that arrives or fails prepared."""
+
+    def __init__(self) -> None:
+        self.arriving: deque[can.Message | Exception] = deque()
+        self.refusing: Exception | None = None
+        self.sent: list[can.Message] = []
+        self.timeouts: set[float | None] = set()
+        self.closed = 0
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.timeouts.add(timeout)
+        if not self.arriving:
+            return None
+        arriving = self.arriving.popleft()
+        if isinstance(arriving, Exception):
+            raise arriving
+        return arriving
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.timeouts.add(timeout)
+        if self.refusing is not None:
+            raise self.refusing
+        self.sent.append(msg)
+
+    def shutdown(self) -> None:
+        self.closed += 1
+
+
+class Clocks:
+    """Both clocks of the loop, moved by hand."""
+
+    def __init__(self) -> None:
+        self.now_ns, self.wall_ns = START_NS, WALL_NS
+
+    def pass_s(self, seconds: float) -> None:
+        self.now_ns += round(seconds * S)
+        self.wall_ns += round(seconds * S)
+
+
+@pytest.fixture
+def clocks() -> Clocks:
+    return Clocks()
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> FakeBus:
+    fake = FakeBus()
+    monkeypatch.setattr(can, "Bus", lambda **_: fake)
+    return fake
+
+
+@pytest.fixture
+def link(bus: FakeBus, clocks: Clocks) -> CanLink:
+    link = CanLink("fake", "here", 500_000, lambda: clocks.now_ns, lambda: clocks.wall_ns)
+    link.open()
+    assert bus.closed == 0
+    return link
+
+
+def _message(stamp_ns: int, identifier: int = 1, **kind: Any) -> can.Message:
+    return can.Message(timestamp=stamp_ns / S, arbitration_id=identifier, is_extended_id=False, **kind)
+
+
+def _stamps(link: CanLink) -> list[int]:
+    return [frame.received_ns for frame in link.receive()]
+
+
+def _receive(link: CanLink, count: int) -> list[Frame]:
+    """Receive as many frames; the operating system carries those of the local bus in its own time."""
+    frames: list[Frame] = []
+    deadline = time.monotonic() + PATIENCE_S
+    while len(frames) < count and time.monotonic() < deadline:
+        frames += link.receive()
+    return frames
+
+
+@pytest.fixture(params=["virtual", "local"])
+def pair(request: pytest.FixtureRequest, channel: str) -> Iterator[tuple[CanLink, can.BusABC]]:
+    link = CanLink(request.param, channel, 500_000)
+    link.open()
+    with can.Bus(interface=request.param, channel=channel) as peer:
+        yield link, peer
+    link.close()
+
+
+def test_frames_cross_a_real_backend_both_ways(pair: tuple[CanLink, can.BusABC]) -> None:
+    link, peer = pair
+    assert link.send(Frame(0x110, b"12345678"))
+    assert link.send(Frame(0x1ABCDEF0, b"", is_extended=True))
+    arrived = [peer.recv(PATIENCE_S) for _ in range(2)]
+    assert [m and (m.arbitration_id, bytes(m.data), m.is_extended_id) for m in arrived] == [
+        (0x110, b"12345678", False),
+        (0x1ABCDEF0, b"", True),
+    ]
+
+    peer.send(can.Message(arbitration_id=0x120, data=b"abc", is_extended_id=False))
+    peer.send(can.Message(arbitration_id=0x20, is_extended_id=False, is_error_frame=True))
+    peer.send(can.Message(arbitration_id=0x121, is_extended_id=False, is_remote_frame=True))
+    peer.send(can.Message(arbitration_id=0x120, data=b"", is_extended_id=True))
+    frames = _receive(link, 2)
+    assert [frame[:2] + frame[3:] for frame in frames] == [(0x120, b"abc", False), (0x120, b"", True)]
+    assert link.receive() == []
+    counters = link.counters
+    assert (counters.sent, counters.received, counters.error_frames, counters.remote_frames) == (2, 2, 1, 1)
+
+
+def test_an_error_frame_is_never_data_whatever_else_it_says(link: CanLink, bus: FakeBus) -> None:
+    bus.arriving.append(_message(WALL_NS, 0x120, is_error_frame=True, is_remote_frame=True))
+    assert link.receive() == []
+    assert (link.counters.error_frames, link.counters.remote_frames, link.counters.received) == (1, 0, 0)
+
+
+def test_the_kernels_stamp_is_moved_to_the_loops_clock(link: CanLink, bus: FakeBus, clocks: Clocks) -> None:
+    clocks.pass_s(0.01)
+    bus.arriving += [_message(WALL_NS + 2_000_000), _message(WALL_NS + 9_000_000)]
+    assert _stamps(link) == pytest.approx([START_NS + 2_000_000, START_NS + 9_000_000], abs=MICROSECOND)
+
+
+@pytest.mark.parametrize(("step_s", "bound_s"), [(3600.0, 0.01), (-3600.0, 0.02)], ids=["forwards", "backwards"])
+def test_a_stepped_wall_clock_makes_no_frame_older_than_the_last_drain_or_newer_than_now(
+    link: CanLink, bus: FakeBus, clocks: Clocks, step_s: float, bound_s: float
+) -> None:
+    clocks.pass_s(0.01)
+    link.receive()
+    clocks.pass_s(0.01)
+    bus.arriving.append(_message(clocks.wall_ns - 5_000_000))
+    clocks.wall_ns += round(step_s * S)
+    assert _stamps(link) == [START_NS + round(bound_s * S)]
+
+
+@pytest.mark.parametrize(("stamp_ns", "bound_s"), [(0, 0.01), (77 * S, 0.01), (2 * WALL_NS, 0.02)])
+def test_a_backend_with_a_clock_of_its_own_is_kept_within_the_same_bounds(
+    link: CanLink, bus: FakeBus, clocks: Clocks, stamp_ns: int, bound_s: float
+) -> None:
+    clocks.pass_s(0.01)
+    link.receive()
+    clocks.pass_s(0.01)
+    bus.arriving.append(_message(stamp_ns))
+    assert _stamps(link) == [START_NS + round(bound_s * S)]
+
+
+def test_nothing_is_older_than_the_opening(link: CanLink, bus: FakeBus, clocks: Clocks) -> None:
+    clocks.pass_s(0.01)
+    bus.arriving.append(_message(WALL_NS - 60 * S))
+    assert _stamps(link) == [START_NS]
+
+
+def test_a_flooded_bus_is_taken_in_bounded_portions_in_order(link: CanLink, bus: FakeBus) -> None:
+    bus.arriving += [_message(WALL_NS, number) for number in range(1200)]
+    portions = [[frame.arbitration_id for frame in link.receive()] for _ in range(4)]
+    assert [len(portion) for portion in portions] == [512, 512, 176, 0]
+    assert [identifier for portion in portions for identifier in portion] == list(range(1200))
+
+
+def test_neither_way_waits(link: CanLink, bus: FakeBus) -> None:
+    link.send(Frame(1, b""))
+    link.receive()
+    assert bus.timeouts == {0}, "python-can takes no time-out for as long as it takes"
+
+
+def test_a_full_queue_drops_the_frame_at_once(channel: str) -> None:
+    link = CanLink("virtual", channel, 500_000)
+    link.open()
+    with can.Bus(interface="virtual", channel=channel, rx_queue_size=1):
+        assert link.send(Frame(1, b""))
+        assert not link.send(Frame(2, b""))
+        link.close()
+    assert (link.counters.sent, link.counters.send_dropped) == (1, 1)
+
+
+@pytest.mark.parametrize("failure", [can.CanOperationError("full"), can.CanTimeoutError(), OSError(errno.ENETDOWN, "")])
+def test_a_failure_to_send_is_counted_and_not_raised(link: CanLink, bus: FakeBus, failure: Exception) -> None:
+    bus.refusing = failure
+    assert not link.send(Frame(1, b""))
+    bus.refusing = None
+    assert link.send(Frame(1, b""))
+    assert (link.counters.sent, link.counters.send_dropped) == (1, 1)
+
+
+@pytest.mark.parametrize("code", [errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF])
+@pytest.mark.parametrize("kind", [can.CanOperationError, OSError])
+def test_a_gone_interface_is_a_lost_link(link: CanLink, bus: FakeBus, kind: type[Exception], code: int) -> None:
+    bus.arriving.append(OSError(code, "gone") if kind is OSError else can.CanOperationError("gone", code))
+    with pytest.raises(LinkLostError, match=r"^CAN bus fake here is gone: .*gone"):
+        link.receive()
+
+
+def test_a_bus_that_is_closed_under_a_link_is_a_lost_link(channel: str) -> None:
+    link = CanLink("local", channel, 500_000)
+    link.open()
+    assert link._bus is not None
+    link._bus.shutdown()
+    with pytest.raises(LinkLostError, match="is gone"):
+        link.receive()
+
+
+@pytest.mark.parametrize("hiccup", [can.CanOperationError("odd"), OSError(errno.EIO, "odd")])
+def test_any_other_failure_to_receive_is_counted_and_what_arrived_is_kept(
+    link: CanLink, bus: FakeBus, hiccup: Exception
+) -> None:
+    bus.arriving += [_message(WALL_NS, 1), hiccup, _message(WALL_NS, 2)]
+    assert [frame.arbitration_id for frame in (*link.receive(), *link.receive())] == [1, 2]
+    assert (link.counters.received, link.counters.undecodable) == (2, 1)
+
+
+def test_a_closed_link_counts_what_is_sent_and_cannot_be_received_from(link: CanLink, bus: FakeBus) -> None:
+    link.close()
+    link.close()
+    assert bus.closed == 1
+    assert not link.send(Frame(1, b""))
+    assert link.counters.send_dropped == 1
+    with pytest.raises(LinkLostError, match="CAN bus fake here is not open"):
+        link.receive()

@@ -1,0 +1,113 @@
+from pathlib import Path
+
+import can
+import pytest
+
+from firmware_io.errors import BusNotFoundError
+from firmware_io.links import can_link
+from firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
+
+UP, DOWN = "0x40081", "0x40080"
+"""Flags of linux/if.h and if_arp.h as sysfs prints them; the last bit is IFF_UP."""
+
+
+@pytest.fixture
+def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A stand-in for /sys/class/net, with no CAN interface in it yet."""
+    for name, kind in (("lo", "772"), ("eth0", "1")):
+        _add_device(tmp_path, name, kind)
+    (tmp_path / "vanished").mkdir()
+    monkeypatch.setattr(can_link, "_NETWORK_DEVICES", tmp_path)
+    monkeypatch.setattr(socketcan_interfaces, "__defaults__", (tmp_path,))
+    return tmp_path
+
+
+def _add_device(devices: Path, name: str, kind: str = "280", flags: str = UP) -> None:
+    (devices / name).mkdir()
+    (devices / name / "type").write_text(f"{kind}\n")
+    (devices / name / "flags").write_text(f"{flags}\n")
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "present", "expected"),
+    [
+        ("auto", "auto", [], ("local", "robot")),
+        ("auto", "auto", ["vcan1", "can0"], ("socketcan", "can0")),
+        ("auto", "can1", ["can0", "can1"], ("socketcan", "can1")),
+        ("auto", "bench", ["can0"], ("local", "bench")),
+        ("auto", "eth0", ["can0"], ("local", "eth0")),
+        ("socketcan", "auto", ["vcan0"], ("socketcan", "vcan0")),
+        ("socketcan", "can9", ["can0"], ("socketcan", "can9")),
+        ("virtual", "auto", ["can0"], ("virtual", "robot")),
+        ("virtual", "can0", ["can0"], ("virtual", "can0")),
+    ],
+)
+def test_auto_is_a_real_bus_where_there_is_one(
+    devices: Path, interface: str, channel: str, present: list[str], expected: tuple[str, str]
+) -> None:
+    for name in present:
+        _add_device(devices, name, flags=DOWN)
+    assert socketcan_interfaces() == sorted(present)
+    assert resolve(interface, channel) == expected
+
+
+def test_the_description_says_what_was_chosen_and_why(devices: Path) -> None:
+    assert CanLink("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
+    _add_device(devices, "can0")
+    assert CanLink("auto", "can0", 500_000).description == "socketcan can0 (chosen by 'auto can0')"
+    assert CanLink("virtual", "x", 500_000).description == "virtual x"
+
+
+@pytest.mark.parametrize(
+    ("present", "found"), [([], "this machine has no CAN interface"), (["can0", "vcan1"], "there is can0, vcan1")]
+)
+def test_a_missing_interface_is_one_line_with_the_cure(devices: Path, present: list[str], found: str) -> None:
+    for name in present:
+        _add_device(devices, name)
+    with pytest.raises(BusNotFoundError) as error:
+        CanLink("socketcan", "can7", 500_000).open()
+    expected = (
+        f"no CAN interface is called 'can7'; {found}. Use interface: auto for a virtual bus, or set the interface"
+    )
+    assert str(error.value) == f"{expected} up first"
+
+
+def test_an_interface_that_is_down_is_one_line_with_the_command(devices: Path) -> None:
+    _add_device(devices, "can0", flags=DOWN)
+    with pytest.raises(BusNotFoundError) as error:
+        CanLink("socketcan", "can0", 250_000).open()
+    command = "sudo ip link set can0 up type can bitrate 250000"
+    assert str(error.value) == f"CAN interface can0 is down; set it up: {command}"
+
+
+@pytest.mark.parametrize("interface", ["no-such-interface", "slcan"])
+def test_a_bus_that_cannot_be_opened_is_one_line_that_names_it(interface: str) -> None:
+    with pytest.raises(BusNotFoundError, match=f"^cannot open CAN bus {interface} /no/such/port: .+") as error:
+        CanLink(interface, "/no/such/port", 500_000).open()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("kind", [can.CanInitializationError, OSError, ValueError, ImportError])
+def test_whatever_a_backend_raises_on_opening_is_ours(monkeypatch: pytest.MonkeyPatch, kind: type[Exception]) -> None:
+    def fail(**_: object) -> None:
+        raise kind("out of order")
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(BusNotFoundError, match="cannot open CAN bus fake here: out of order"):
+        CanLink("fake", "here", 500_000).open()
+
+
+def test_the_bitrate_reaches_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, object] = {}
+    monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
+    CanLink("fake", "here", 125_000).open()
+    assert asked == {"channel": "here", "interface": "fake", "bitrate": 125_000}
+
+
+@pytest.mark.parametrize("flags", [UP, "0x1"])
+def test_an_interface_that_is_up_is_opened(devices: Path, monkeypatch: pytest.MonkeyPatch, flags: str) -> None:
+    _add_device(devices, "can0", flags=flags)
+    asked: dict[str, object] = {}
+    monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
+    CanLink("auto", "auto", 500_000).open()
+    assert asked == {"channel": "can0", "interface": "socketcan", "bitrate": 500_000}

@@ -1,0 +1,36 @@
+import pytest
+from msgspec import structs
+
+from hil.errors import NoSimulationError
+from hil.plants.cart import CartPlant
+from hil.simulation import simulated_bus, simulated_plant
+from node.config import CanSection, SimulationSection, WheelBoardSection, load_robot
+from node.errors import ModelError
+
+CAN = CanSection(interface="virtual", channel="bench", bitrate=250_000)
+
+
+def test_the_bus_is_the_robots_own() -> None:
+    file = structs.replace(load_robot("cart-can"), hardware=WheelBoardSection(can=CAN))
+    assert simulated_bus(file) == CAN
+
+
+def test_a_robot_that_is_all_model_has_no_bus() -> None:
+    with pytest.raises(NoSimulationError, match=r"^robot 'cart' has no hardware that could be simulated"):
+        simulated_bus(load_robot("cart"))
+
+
+def test_the_plant_is_the_one_that_the_file_names() -> None:
+    assert type(simulated_plant(load_robot("cart-can"))) is CartPlant
+
+
+def test_a_robot_without_a_plant_is_told_where_to_name_one() -> None:
+    file = structs.replace(load_robot("cart-can"), simulation=None)
+    with pytest.raises(NoSimulationError, match=r"^robot 'cart-can' has no plant: add simulation\.plant to its file$"):
+        simulated_plant(file)
+
+
+def test_a_plant_that_is_not_there_is_named() -> None:
+    file = structs.replace(load_robot("cart-can"), simulation=SimulationSection(plant="hil.plants.cart:Boat"))
+    with pytest.raises(ModelError, match=r"hil\.plants\.cart:Boat"):
+        simulated_plant(file)

@@ -1,0 +1,196 @@
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import pytest
+
+from firmware_io.hardware import Hardware
+from node.cycle.authority import Authority
+from node.cycle.report import DiagnosticReport
+from node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
+from node.cycle.status import Level, Status
+from node.cycle.time_base import TimeBase
+from node.cycle.timing import Histogram
+from node.safety.modes import Action
+from node.testing import RecordingHardware
+
+PERIOD = 10_000_000
+
+
+@dataclass
+class Observed:
+    hardware: Hardware
+    authority: Authority = field(init=False)
+    schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
+    time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
+    histograms: dict[str, Histogram] = field(default_factory=lambda: {"ros": Histogram(), "limit": Histogram()})
+
+    def __post_init__(self) -> None:
+        self.authority = Authority(self.hardware, self.schedule, arm_at_start=False)
+
+
+@dataclass
+class Deadlines:
+    cycles: int = 100
+    late: int = 0
+    overrun: int = 0
+    skipped: int = 0
+    mean_rate_hz: float = 99.98765
+
+
+@pytest.fixture
+def hardware() -> RecordingHardware:
+    return RecordingHardware({}, {}, ())
+
+
+@pytest.fixture
+def observed(hardware: RecordingHardware) -> Observed:
+    return Observed(hardware)
+
+
+@pytest.fixture
+def deadlines() -> Deadlines:
+    return Deadlines()
+
+
+@pytest.fixture
+def lateness() -> Histogram:
+    return Histogram()
+
+
+@pytest.fixture
+def report(observed: Observed, deadlines: Deadlines, lateness: Histogram) -> DiagnosticReport:
+    return DiagnosticReport(observed, deadlines, lateness, PERIOD, "cart")
+
+
+def gather(report: DiagnosticReport) -> Mapping[str, Status]:
+    report.begin()
+    while report.is_pending:
+        report.work()
+    return {status.name: status for status in report.statuses}
+
+
+def test_there_is_nothing_to_do_before_a_set_is_begun(report: DiagnosticReport) -> None:
+    assert not report.is_pending
+    assert report.statuses == ()
+
+
+def test_a_set_takes_one_piece_per_histogram_and_is_there_with_the_last(report: DiagnosticReport) -> None:
+    report.begin()
+    assert [report.work() for _ in range(3)] == [False, False, True]
+    assert [status.name for status in report.statuses] == [
+        "cart: mode",
+        "cart: timing",
+        "cart: set-points",
+        "cart: hardware",
+    ]
+    assert not report.is_pending
+
+
+def test_a_set_that_is_not_complete_is_completed_first(report: DiagnosticReport) -> None:
+    report.begin()
+    report.work()
+    report.begin()
+    assert [report.work() for _ in range(2)] == [False, True]
+    assert not report.is_pending
+
+
+def test_the_last_set_stays_until_the_next_is_complete(observed: Observed, report: DiagnosticReport) -> None:
+    gather(report)
+    observed.authority.modes.fail("smoke")
+    report.begin()
+    report.work()
+    assert report.statuses[0].message == "DISARMED: just started"
+
+
+def test_the_mode_is_told_with_its_reason_and_weight(observed: Observed, report: DiagnosticReport) -> None:
+    def told() -> tuple[Level, str]:
+        status = gather(report)["cart: mode"]
+        assert dict(status.values) == {
+            "mode": str(observed.authority.modes.mode),
+            "reason": observed.authority.modes.reason,
+        }
+        return status.level, status.message
+
+    assert told() == (Level.OK, "DISARMED: just started")
+    observed.authority.modes.ask(Action.ARM)
+    assert told() == (Level.OK, "ARMED: asked to arm")
+    observed.authority.modes.observe([], setpoints_silent=True)
+    assert told() == (Level.WARN, "HOLD: no set-point arrives any more")
+    observed.authority.modes.fail("smoke")
+    assert told() == (Level.ERROR, "FAULT: smoke")
+
+
+def test_timing_holds_the_counters_and_every_histogram(
+    observed: Observed, deadlines: Deadlines, lateness: Histogram, report: DiagnosticReport
+) -> None:
+    deadlines.late, deadlines.overrun, deadlines.skipped = 3, 2, 1
+    observed.time_base.follow(0, PERIOD)
+    lateness.add(60)
+    observed.histograms["ros"].add(20_000)
+    status = gather(report)["cart: timing"]
+    nothing = "p50 0.0 us, p99 0.0 us, p99.9 0.0 us, max 0.0 us"
+    assert dict(status.values) == {
+        "rate_hz": "99.9877",
+        "wanted_rate_hz": "100",
+        "cycles": "100",
+        "late": "3",
+        "overrun": "2",
+        "skipped": "1",
+        "time_base_realigned": "1",
+        "lateness": nothing.replace("0.0", "0.1"),
+        "ros": nothing.replace("0.0", "20.0"),
+        "limit": nothing,
+    }
+
+
+def test_only_what_was_missed_since_the_last_report_is_a_warning(
+    deadlines: Deadlines, report: DiagnosticReport
+) -> None:
+    told = []
+    for late, skipped in ((0, 0), (3, 0), (3, 0), (4, 5)):
+        deadlines.late, deadlines.skipped = late, skipped
+        status = gather(report)["cart: timing"]
+        told.append((status.level, status.message))
+    assert told == [
+        (Level.OK, "99.99 Hz"),
+        (Level.WARN, "3 late or skipped since the last report"),
+        (Level.OK, "99.99 Hz"),
+        (Level.WARN, "6 late or skipped since the last report"),
+    ]
+
+
+def test_refused_set_points_are_told_by_cause_and_warn_once(observed: Observed, report: DiagnosticReport) -> None:
+    schedule = observed.schedule
+    schedule.add(Setpoint(1.0, 0.0), 9, now=10)
+    schedule.due(10)
+    schedule.refuse(SetpointRefusal.NOT_ARMED)
+    schedule.add(Setpoint(float("nan"), 0.0), 10, now=10)
+    schedule.add(Setpoint(float("nan"), 0.0), 10, now=10)
+    status = gather(report)["cart: set-points"]
+    assert (status.level, status.message) == (Level.WARN, "3 refused since the last report")
+    expected = {"applied": "1", "late": "1", "refused.not_armed": "1", "refused.not_finite": "2"}
+    assert dict(status.values) == expected
+    status = gather(report)["cart: set-points"]
+    assert (status.level, status.message) == (Level.OK, "taken as they come")
+    assert dict(status.values) == expected
+
+
+def test_hardware_tells_its_health_and_warns_of_refused_frames_once(
+    hardware: RecordingHardware, report: DiagnosticReport
+) -> None:
+    hardware.health = {
+        "link": "can0",
+        "refused.crc": "2",
+        "refused.length": "1",
+        "link.lost": "7",
+        "board.refused_frames": "9",
+    }
+    status = gather(report)["cart: hardware"]
+    assert (status.level, status.message) == (Level.WARN, "3 frames refused since the last report")
+    assert dict(status.values) == hardware.health
+    status = gather(report)["cart: hardware"]
+    assert (status.level, status.message) == (Level.OK, "can0")
+
+
+def test_a_robot_without_hardware_says_so(report: DiagnosticReport) -> None:
+    assert gather(report)["cart: hardware"] == Status(Level.OK, "cart: hardware", "none: the robot is all model", {})

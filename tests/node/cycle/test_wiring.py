@@ -1,0 +1,180 @@
+from collections.abc import Mapping
+
+import pytest
+
+from firmware_io.hardware import NoHardware, Sensors
+from node.cycle.setpoints import Setpoint
+from node.cycle.wiring import PUBLISHED_SIGNALS, Source, wire
+from node.errors import ConfigurationError, UnknownNameError
+from node.model.sectioned import SectionedModel
+from node.model.variables import Variable, Write
+from node.testing import RecordingHardware
+
+
+class Driver(SectionedModel):
+    name = "driver"
+    step_size = 0.01
+    inputs = (Variable("Speed", "rad/s"), Variable("Wanted", "m/s"))
+    outputs = (Variable("Spare"), Variable("Right", "V"), Variable("X", "m"), Variable("Left", "V"))
+    parameters = (Variable("Gain"),)
+    states = (Variable("Turn", "rad/s", 0.0, Write.NOW), Variable("Fixed"))
+
+
+WIRING = {
+    "Speed": "right.velocity",
+    "Wanted": "setpoint.linear_velocity",
+    "Turn": "setpoint.angular_velocity",
+    "Left": "left.voltage",
+    "Right": "right.voltage",
+    "X": "odometry.x",
+}
+INPUTS = "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity"
+OUTPUTS = (
+    "left.voltage, right.voltage, odometry.x, odometry.y, odometry.heading, odometry.linear_velocity, "
+    "odometry.angular_velocity, left.angle, right.angle"
+)
+
+
+@pytest.fixture
+def hardware() -> RecordingHardware:
+    signals = {"left.velocity": "rad/s", "right.velocity": "rad/s"}
+    return RecordingHardware(signals, {"left.voltage": "V", "right.voltage": "V"}, (30.0, 30.0))
+
+
+def without(*ports: str) -> dict[str, str]:
+    return {port: signal for port, signal in WIRING.items() if port not in ports}
+
+
+def test_every_port_is_joined_to_its_signal(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING)
+    assert wiring.inputs == (Source(of_sensor=True, index=1), Source(of_sensor=False, index=0))
+    assert wiring.states == (("Turn", 1),)
+    assert wiring.outputs == (3, 1)
+    assert wiring.sensors == (1,)
+
+
+def test_values_take_the_way_of_the_wiring(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING)
+    sensors, y = Sensors((7.0, 8.0), (0.0, 0.0), (True, True)), [0.0, 1.0, 2.0, 3.0]
+    assert wiring.model_inputs(sensors, Setpoint(0.5, 0.25)) == [8.0, 0.5]
+    assert wiring.commands(y) == [3.0, 1.0]
+    assert dict(zip(wiring.published, wiring.publish(sensors, y), strict=True)) == {
+        "odometry.x": 2.0,
+        "left.velocity": 7.0,
+        "right.velocity": 8.0,
+    }
+
+
+def test_what_is_published_keeps_its_order_whatever_that_of_the_file(hardware: RecordingHardware) -> None:
+    backwards = dict(reversed((WIRING | {"Spare": "odometry.heading"}).items()))
+    published = list(wire(Driver(), hardware, backwards).published)
+    assert published == ["odometry.x", "odometry.heading", "left.velocity", "right.velocity"]
+    assert published == [signal for signal in PUBLISHED_SIGNALS if signal in published]
+
+
+def test_an_output_and_a_state_may_be_left_open(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, without("X", "Turn"))
+    assert wiring.states == ()
+    assert "odometry.x" not in wiring.published
+
+
+def test_without_hardware_a_model_may_stand_in_for_what_would_be_measured() -> None:
+    wiring = {"Speed": "setpoint.linear_velocity", "Wanted": "setpoint.linear_velocity", "X": "left.velocity"}
+    wired = wire(Driver(), NoHardware(), wiring)
+    assert wired.published == {"left.velocity": Source(of_sensor=False, index=2)}
+    assert (wired.outputs, wired.sensors) == ((), ())
+
+
+def test_a_sensor_that_two_inputs_take_is_watched_once(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING | {"Wanted": "right.velocity"})
+    assert wiring.sensors == (1,)
+
+
+@pytest.mark.parametrize(
+    ("wiring", "text"),
+    [
+        pytest.param(
+            WIRING | {"Z": "odometry.y"},
+            "no port or state of model 'driver' is called 'Z'; there is Speed, Wanted, Spare, Right, X, Left, Turn, "
+            "Fixed",
+            id="unknown port",
+        ),
+        pytest.param(
+            WIRING | {"Gain": "setpoint.linear_velocity"},
+            "no port or state of model 'driver' is called 'Gain'; there is Speed, Wanted, Spare, Right, X, Left, "
+            "Turn, Fixed",
+            id="parameter",
+        ),
+        pytest.param(
+            WIRING | {"Speed": "middle.velocity"},
+            f"no signal for model input 'Speed' is called 'middle.velocity'; there is {INPUTS}",
+            id="unknown sensor",
+        ),
+        pytest.param(
+            WIRING | {"Speed": "left.voltage"},
+            f"no signal for model input 'Speed' is called 'left.voltage'; there is {INPUTS}",
+            id="input from a command",
+        ),
+        pytest.param(
+            WIRING | {"Turn": "left.velocity"},
+            "no set-point for model state 'Turn' is called 'left.velocity'; there is setpoint.linear_velocity, "
+            "setpoint.angular_velocity",
+            id="state from a sensor",
+        ),
+        pytest.param(
+            WIRING | {"X": "odometry.z"},
+            f"no signal for model output 'X' is called 'odometry.z'; there is {OUTPUTS}",
+            id="unknown published signal",
+        ),
+        pytest.param(
+            WIRING | {"X": "left.velocity"},
+            f"no signal for model output 'X' is called 'left.velocity'; there is {OUTPUTS}",
+            id="output to what is measured",
+        ),
+        pytest.param(
+            WIRING | {"X": "setpoint.linear_velocity"},
+            f"no signal for model output 'X' is called 'setpoint.linear_velocity'; there is {OUTPUTS}",
+            id="output to a set-point",
+        ),
+    ],
+)
+def test_a_name_that_does_not_exist_is_refused_with_those_that_do(
+    hardware: RecordingHardware, wiring: Mapping[str, str], text: str
+) -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        wire(Driver(), hardware, wiring)
+    assert str(caught.value) == text
+
+
+@pytest.mark.parametrize(
+    ("wiring", "text"),
+    [
+        pytest.param(
+            without("Speed"), f"wiring: model input 'Speed' is wired to nothing; it can take {INPUTS}", id="open input"
+        ),
+        pytest.param(
+            without("Left"),
+            "wiring: nothing drives 'left.voltage'; the model's outputs are Spare, Right, X, Left",
+            id="open command",
+        ),
+        pytest.param(
+            WIRING | {"Spare": "left.voltage"},
+            "wiring: 'Left' and 'Spare' both drive 'left.voltage'; keep one",
+            id="command driven twice",
+        ),
+        pytest.param(
+            WIRING | {"Spare": "odometry.x"},
+            "wiring: 'X' and 'Spare' both drive 'odometry.x'; keep one",
+            id="published twice",
+        ),
+        pytest.param(
+            WIRING | {"Fixed": "setpoint.linear_velocity"},
+            "wiring: state 'Fixed' cannot be written while the model runs",
+            id="state that is not artificial",
+        ),
+    ],
+)
+def test_wiring_that_cannot_work_is_refused(hardware: RecordingHardware, wiring: Mapping[str, str], text: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        wire(Driver(), hardware, wiring)
+    assert str(caught.value) == text

@@ -1,0 +1,206 @@
+"""Sequence control against a running model node, each a process of its own."""
+
+import csv
+import json
+import re
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from node.case_study.offline import OfflineSeat
+from node.case_study.study import Trajectory
+from node.sequence.manoeuvre import Manoeuvre, Segment
+
+pytestmark = pytest.mark.ros
+
+Ask = Callable[..., Any]
+Start = Callable[..., "subprocess.Popen[str]"]
+PERIOD_NS = 10_000_000
+NS_PER_S = 1_000_000_000
+ENDS_WITHIN_S = 30.0
+TRIES = 2000
+
+
+@pytest.fixture
+def offline(tmp_path: Path) -> Callable[[Manoeuvre], Trajectory]:
+    seat = OfflineSeat(tmp_path)
+    return lambda manoeuvre: seat.run("offline", manoeuvre).trajectory
+
+
+@pytest.fixture(scope="module", autouse=True)
+def robot(start: Start, foreign: Ask) -> None:
+    """A robot in /shared for all tests that do not mind what was done to it before."""
+    start("shared", "run", "cart", "--ros", "--no-log", "--namespace", "/shared")
+    assert foreign("wait_for", node="model", namespace="/shared")
+
+
+@pytest.fixture
+def armed(foreign: Ask) -> None:
+    """The shared robot at rest and armed, whatever the test before left."""
+    foreign("call", service="/shared/model/disarm")
+    assert foreign("call", service="/shared/model/arm")[0] is True
+    foreign("listen", topic="/shared/setpoint")
+    hear_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
+
+
+def hear_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
+    """The first message on a topic that is as wanted."""
+    for _ in range(TRIES):
+        heard = foreign("hear", topic=topic)
+        assert heard, f"nothing comes on {topic}"
+        for message in heard:
+            if wanted(message):
+                return message
+    pytest.fail(f"no message on {topic} is as wanted; the last was {heard[-1]}")
+
+
+def output(process: "subprocess.Popen[str]") -> str:
+    text, _ = process.communicate(timeout=ENDS_WITHIN_S)
+    return text
+
+
+def heard(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def assert_same_bits(rows: list[dict[str, float]], expected: Trajectory) -> None:
+    assert [row["x"] for row in rows] == expected.x
+    assert [row["y"] for row in rows] == expected.y
+    assert [row["linear_velocity"] for row in rows] == expected.linear_velocity
+    assert [row["angular_velocity"] for row in rows] == expected.angular_velocity
+
+
+def test_three_numbers_give_the_bits_of_the_offline_seat(
+    start: Start, tmp_path: Path, offline: Callable[[Manoeuvre], Trajectory]
+) -> None:
+    expected = offline(Manoeuvre(segments=(Segment(linear=2.0, angular=2.0, duration=1.0),)))
+    start("three.node", "run", "cart", "--ros", "--no-log", "--namespace", "/three")
+    words = ["sequence", "2", "2", "1", "--namespace", "/three", "--json", "--csv", str(tmp_path / "heard.csv")]
+    sequence = start("three", *words)
+    result = json.loads(output(sequence))
+
+    assert sequence.returncode == 0
+    assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
+    assert result["end_ns"] - result["start_ns"] == NS_PER_S
+    assert result["end"]["stamp_ns"] == result["end_ns"]
+    assert result["unconfirmed"] == 0
+    assert {
+        "publisher": "/three/sequence_control",
+        "topic": "/three/cmd_vel_stamped",
+        "type_name": "geometry_msgs/msg/TwistStamped",
+        "subscriber": "/three/model",
+    } in result["graph"]
+    assert_same_bits(heard(tmp_path / "heard.csv"), expected)
+
+
+def test_a_file_of_two_segments_gives_the_bits_of_the_offline_seat(
+    start: Start, tmp_path: Path, messages: Path, offline: Callable[[Manoeuvre], Trajectory]
+) -> None:
+    file = tmp_path / "turn.yaml"
+    file.write_text(
+        "segments:\n  - {linear: 1.0, angular: 0.5, duration: 0.7}\n  - {angular: -2.0, duration: 0.5}\n", "utf-8"
+    )
+    segments = (Segment(linear=1.0, angular=0.5, duration=0.7), Segment(linear=0.0, angular=-2.0, duration=0.5))
+    expected = offline(Manoeuvre(segments=segments))
+    start("two.node", "run", "cart", "--ros", "--no-log", "--namespace", "/two")
+    sequence = start("two", "sequence", str(file), "--namespace", "/two", "--csv", str(tmp_path / "heard.csv"))
+    said = output(sequence)
+
+    assert sequence.returncode == 0
+    assert said.startswith(f"after 1.2 s at x {expected.x[-1]:.4f} m, y {expected.y[-1]:.4f} m, heading ")
+    assert not (messages / "two.txt").read_text()
+    assert_same_bits(heard(tmp_path / "heard.csv"), expected)
+
+
+def test_nobody_listening_is_told_with_who_is_seen(start: Start, messages: Path) -> None:
+    sequence = start("nobody", "sequence", "1", "0", "1", "--namespace", "/empty", "--wait", "4")
+
+    assert output(sequence) == ""
+    assert sequence.returncode == 6
+    (line,) = (messages / "nobody.txt").read_text().splitlines()
+    assert line.startswith("segway-ecc: nobody listens: no model node took /empty/cmd_vel_stamped")
+    assert "within 4 s in namespace /empty" in line
+    assert re.search(r"; nodes seen: .*/\w+/model", line)
+    assert "segway-ecc run ROBOT" in line
+
+
+def test_a_robot_that_is_not_armed_is_told_and_arm_arms_it(
+    start: Start, messages: Path, foreign: Ask, on_request: str
+) -> None:
+    start("waiting.node", "run", on_request, "--ros", "--no-log", "--namespace", "/waiting")
+    refused = start("refused", "sequence", "1", "0", "0.2", "--namespace", "/waiting")
+
+    assert output(refused) == ""
+    assert refused.returncode == 6
+    (line,) = (messages / "refused.txt").read_text().splitlines()
+    assert line == (
+        "segway-ecc: the robot is DISARMED (just started) and takes no set-points: arm it first, or add --arm"
+    )
+    arming = start("arming", "sequence", "1", "0", "0.2", "--namespace", "/waiting", "--arm")
+    assert output(arming).startswith("after 0.2 s at x ")
+    assert arming.returncode == 0
+    assert foreign("call", service="/waiting/model/arm") == [True, "armed already"]
+
+
+def test_a_robot_that_refuses_to_arm_says_why(start: Start, messages: Path, foreign: Ask) -> None:
+    assert foreign("call", service="/shared/model/stop")[0] is True
+    refused = start("stopped", "sequence", "1", "0", "0.2", "--namespace", "/shared", "--arm")
+    output(refused)
+    foreign("call", service="/shared/model/clear_fault")
+
+    assert refused.returncode == 6
+    (line,) = (messages / "stopped.txt").read_text().splitlines()
+    assert line == "segway-ecc: the robot refuses to arm: clear the fault first: stop was pressed"
+
+
+@pytest.mark.usefixtures("armed")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sequence_leaves_the_robot_at_rest(
+    start: Start, messages: Path, foreign: Ask, number: signal.Signals
+) -> None:
+    sequence = start(f"interrupted.{number}", "sequence", "1", "0.5", "60", "--namespace", "/shared")
+    hear_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
+    foreign("hear", topic="/shared/setpoint")
+    sequence.send_signal(number)
+    output(sequence)
+
+    assert sequence.returncode == 1
+    (line,) = (messages / f"interrupted.{number}.txt").read_text().splitlines()
+    assert line == f"segway-ecc: abandoned by {number.name}; the robot was told to rest"
+    rest = hear_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
+    # Long after the last set-point that was sent ahead.
+    hear_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)
+    told = foreign("hear", topic="/shared/setpoint")
+    assert [(setpoint["linear"], setpoint["angular"]) for setpoint in told][-1] == (0.0, 0.0)
+    # Told to rest, the robot is not silent; left alone, it would have gone to HOLD.
+    foreign("hear", topic="/shared/diagnostics")
+    assert foreign("hear", topic="/shared/diagnostics")[-1]["cart: mode"]["mode"] == "ARMED"
+
+
+@pytest.mark.usefixtures("armed")
+def test_a_robot_that_is_disarmed_meanwhile_ends_the_sequence(start: Start, messages: Path, foreign: Ask) -> None:
+    sequence = start("disarmed", "sequence", "1", "0", "60", "--namespace", "/shared")
+    hear_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
+    assert foreign("call", service="/shared/model/disarm")[0] is True
+    output(sequence)
+
+    assert sequence.returncode == 7
+    (line,) = (messages / "disarmed.txt").read_text().splitlines()
+    assert line == "segway-ecc: the robot went to DISARMED: asked to disarm"
+
+
+def test_a_model_node_that_is_killed_ends_the_sequence(start: Start, messages: Path, foreign: Ask) -> None:
+    node = start("killed.node", "run", "cart", "--ros", "--no-log", "--namespace", "/killed")
+    sequence = start("killed", "sequence", "1", "0", "60", "--namespace", "/killed")
+    hear_until(foreign, "/killed/odom", lambda odom: odom["linear"] > 0.5)
+    node.kill()
+    output(sequence)
+
+    assert sequence.returncode == 7
+    (line,) = (messages / "killed.txt").read_text().splitlines()
+    assert line == "segway-ecc: the model node has published no odometry for 2 s; is it still running?"

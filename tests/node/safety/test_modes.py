@@ -1,0 +1,178 @@
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+
+OBSTACLES = ("no supply: switch it on", "no watchdog")
+
+
+def reach(mode: Mode) -> Modes:
+    modes = Modes()
+    if mode in ACTIVE:
+        modes.ask(Action.ARM)
+    if mode is Mode.HOLD:
+        modes.observe([], setpoints_silent=True)
+    if mode is Mode.FAULT:
+        modes.fail("smoke")
+    assert modes.mode is mode
+    return modes
+
+
+def test_it_starts_disarmed() -> None:
+    assert (Modes().mode, Modes().reason) == (Mode.DISARMED, "just started")
+
+
+def test_torque_is_allowed_in_two_modes_only() -> None:
+    assert {Mode.ARMED, Mode.HOLD} == ACTIVE
+
+
+# Mode, request -> mode, accepted, message.
+REQUESTS = [
+    (Mode.DISARMED, Action.ARM, Mode.ARMED, True, "ARMED: asked to arm"),
+    (Mode.ARMED, Action.ARM, Mode.ARMED, True, "armed already"),
+    (Mode.HOLD, Action.ARM, Mode.HOLD, True, "armed already"),
+    (Mode.FAULT, Action.ARM, Mode.FAULT, False, "clear the fault first: smoke"),
+    (Mode.DISARMED, Action.DISARM, Mode.DISARMED, True, "DISARMED: asked to disarm"),
+    (Mode.ARMED, Action.DISARM, Mode.DISARMED, True, "DISARMED: asked to disarm"),
+    (Mode.HOLD, Action.DISARM, Mode.DISARMED, True, "DISARMED: asked to disarm"),
+    (Mode.FAULT, Action.DISARM, Mode.FAULT, True, "the motors are off already, by a fault"),
+    (Mode.DISARMED, Action.STOP, Mode.FAULT, True, "FAULT: stop was pressed"),
+    (Mode.ARMED, Action.STOP, Mode.FAULT, True, "FAULT: stop was pressed"),
+    (Mode.HOLD, Action.STOP, Mode.FAULT, True, "FAULT: stop was pressed"),
+    (Mode.FAULT, Action.STOP, Mode.FAULT, True, "FAULT: stop was pressed"),
+    (Mode.DISARMED, Action.CLEAR_FAULT, Mode.DISARMED, False, "there is no fault to clear: the robot is DISARMED"),
+    (Mode.ARMED, Action.CLEAR_FAULT, Mode.ARMED, False, "there is no fault to clear: the robot is ARMED"),
+    (Mode.HOLD, Action.CLEAR_FAULT, Mode.HOLD, False, "there is no fault to clear: the robot is HOLD"),
+    (Mode.FAULT, Action.CLEAR_FAULT, Mode.DISARMED, True, "DISARMED: fault cleared"),
+]
+
+
+def test_the_table_of_requests_is_whole() -> None:
+    assert [(mode, action) for action in Action for mode in Mode] == [(row[0], row[1]) for row in REQUESTS]
+
+
+@pytest.mark.parametrize(("mode", "action", "then", "accepted", "message"), REQUESTS)
+def test_what_a_request_does(mode: Mode, action: Action, then: Mode, accepted: bool, message: str) -> None:  # noqa: FBT001 - a column of the table
+    modes = reach(mode)
+    assert modes.ask(action) == Answer(accepted, message)
+    assert modes.mode is then
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("action", set(Action) - {Action.ARM})
+def test_obstacles_speak_only_against_arming(mode: Mode, action: Action) -> None:
+    free, hindered = reach(mode), reach(mode)
+    assert hindered.ask(action, OBSTACLES) == free.ask(action)
+    assert hindered.mode is free.mode
+
+
+def test_arming_is_refused_with_every_obstacle() -> None:
+    modes = Modes()
+    assert modes.ask(Action.ARM, OBSTACLES) == Answer(accepted=False, message="no supply: switch it on; no watchdog")
+    assert (modes.mode, modes.reason) == (Mode.DISARMED, "just started")
+
+
+def test_who_is_armed_already_is_not_hindered() -> None:
+    assert reach(Mode.HOLD).ask(Action.ARM, OBSTACLES).accepted
+
+
+# Mode, a fault is there, set-points are silent -> mode, reason (None: as before).
+OBSERVATIONS = [
+    (Mode.DISARMED, False, False, Mode.DISARMED, None),
+    (Mode.DISARMED, False, True, Mode.DISARMED, None),
+    (Mode.DISARMED, True, False, Mode.DISARMED, None),
+    (Mode.DISARMED, True, True, Mode.DISARMED, None),
+    (Mode.ARMED, False, False, Mode.ARMED, None),
+    (Mode.ARMED, False, True, Mode.HOLD, "no set-point arrives any more"),
+    (Mode.ARMED, True, False, Mode.FAULT, "too hot; too fast"),
+    (Mode.ARMED, True, True, Mode.FAULT, "too hot; too fast"),
+    (Mode.HOLD, False, False, Mode.ARMED, "set-points arrive again"),
+    (Mode.HOLD, False, True, Mode.HOLD, None),
+    (Mode.HOLD, True, False, Mode.FAULT, "too hot; too fast"),
+    (Mode.HOLD, True, True, Mode.FAULT, "too hot; too fast"),
+    (Mode.FAULT, False, False, Mode.FAULT, None),
+    (Mode.FAULT, False, True, Mode.FAULT, None),
+    (Mode.FAULT, True, False, Mode.FAULT, None),
+    (Mode.FAULT, True, True, Mode.FAULT, None),
+]
+
+
+@pytest.mark.parametrize(("mode", "fault", "silent", "then", "reason"), OBSERVATIONS)
+def test_what_is_observed_leads_to_the_most_severe_mode(
+    mode: Mode,
+    fault: bool,  # noqa: FBT001 - a column of the table
+    silent: bool,  # noqa: FBT001 - a column of the table
+    then: Mode,
+    reason: str | None,
+) -> None:
+    modes = reach(mode)
+    before = modes.reason
+    modes.observe(["too hot", "too fast"] if fault else [], setpoints_silent=silent)
+    assert (modes.mode, modes.reason) == (then, before if reason is None else reason)
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_failing_is_possible_from_everywhere_and_the_first_reason_stays(mode: Mode) -> None:
+    modes = reach(mode)
+    modes.fail("the bus is gone")
+    modes.fail("and more")
+    assert (modes.mode, modes.reason) == (Mode.FAULT, "smoke" if mode is Mode.FAULT else "the bus is gone")
+
+
+class Operation(RuleBasedStateMachine):
+    """Whatever happens in whatever order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.modes = Modes()
+        self.faulty = False  # since a fault, until it was cleared
+        self.armed = False  # since it was asked to arm, until something took that back
+
+    @rule(hindered=st.booleans())
+    def arm(self, *, hindered: bool) -> None:
+        answer = self.modes.ask(Action.ARM, OBSTACLES if hindered else ())
+        assert answer.accepted == (self.armed or not (self.faulty or hindered))
+        self.armed |= answer.accepted
+
+    @rule()
+    def disarm(self) -> None:
+        assert self.modes.ask(Action.DISARM).accepted
+        self.armed = False
+
+    @rule()
+    def stop(self) -> None:
+        assert self.modes.ask(Action.STOP).accepted
+        self.faulty, self.armed = True, False
+
+    @rule()
+    def fail(self) -> None:
+        self.modes.fail("smoke")
+        self.faulty, self.armed = True, False
+
+    @rule(silent=st.booleans())
+    def observe(self, *, silent: bool) -> None:
+        self.modes.observe([], setpoints_silent=silent)
+        assert (self.modes.mode is Mode.HOLD) == (self.armed and silent)
+
+    @rule(silent=st.booleans())
+    def observe_fault(self, *, silent: bool) -> None:
+        self.modes.observe(["smoke"], setpoints_silent=silent)
+        self.faulty |= self.armed
+        self.armed = False
+
+    @precondition(lambda self: self.faulty)
+    @rule()
+    def clear_fault(self) -> None:
+        assert self.modes.ask(Action.CLEAR_FAULT).accepted
+        self.faulty = False
+
+    @invariant()
+    def active_only_while_armed_and_fault_until_cleared(self) -> None:
+        assert (self.modes.mode in ACTIVE) == self.armed
+        assert (self.modes.mode is Mode.FAULT) == self.faulty
+
+
+Operation.TestCase.settings = settings(derandomize=True, deadline=None, max_examples=60)
+TestOperation = Operation.TestCase

@@ -1,0 +1,61 @@
+from collections.abc import Sequence
+
+import pytest
+
+from node.cycle.seams import Inbox, Report, StampedSetpoint
+from node.cycle.setpoints import REST, Setpoint
+from node.safety.modes import Mode
+from node.sequence.manoeuvre import single_segment
+from node.sequence.player import Odometry, Player
+from node.sequence.stage import ManoeuvreStage
+
+MS = 1_000_000
+EPOCH = 1_700_000_000_000_000_000
+AHEAD = Setpoint(1.0, 0.5)
+SIGNALS = ("odometry.y", "left.angle", "odometry.x", "odometry.heading", "odometry.linear_velocity")
+
+
+@pytest.fixture
+def stage() -> ManoeuvreStage:
+    return ManoeuvreStage(Player(single_segment(1.0, 0.5, 0.15), lead_ns=50 * MS), SIGNALS)
+
+
+def report(ms: int, mode: Mode = Mode.ARMED, values: Sequence[float] = (0.0,) * 5) -> Report:
+    return Report(EPOCH + ms * MS, mode, values, None)
+
+
+@pytest.mark.parametrize("mode", [Mode.DISARMED, Mode.FAULT])
+def test_it_waits_until_the_robot_is_armed(stage: ManoeuvreStage, mode: Mode) -> None:
+    for ms in range(0, 1000, 10):
+        stage.publish(report(ms, mode))
+        assert stage.take() == Inbox()
+    assert stage.over is None
+    assert stage.player.start_ns is None
+
+
+@pytest.mark.parametrize("mode", [Mode.ARMED, Mode.HOLD])
+def test_it_plays_with_stamps_in_the_robot_s_time_and_then_is_over(stage: ManoeuvreStage, mode: Mode) -> None:
+    taken: list[StampedSetpoint] = []
+    over: list[int] = []
+    for ms in range(0, 240, 10):
+        inbox = stage.take()
+        assert inbox.requests == []
+        taken += inbox.setpoints
+        stage.publish(report(ms, mode))
+        if stage.over is not None:
+            over.append(ms)
+    assert taken == [
+        StampedSetpoint(AHEAD, EPOCH + 50 * MS),
+        StampedSetpoint(AHEAD, EPOCH + 150 * MS),
+        StampedSetpoint(REST, EPOCH + 200 * MS),
+    ]
+    assert over == [200, 210, 220, 230]
+    assert stage.over == "the sequence is over"
+
+
+def test_what_is_published_reaches_the_player_in_its_order_and_what_is_not_counts_as_zero(
+    stage: ManoeuvreStage,
+) -> None:
+    stage.publish(report(0))
+    stage.publish(report(50, values=(2.0, 9.0, 1.0, 3.0, 4.0)))
+    assert stage.player.heard == [Odometry(EPOCH + 50 * MS, 1.0, 2.0, 3.0, 4.0, 0.0)]

@@ -1,0 +1,185 @@
+from pathlib import Path
+
+import pytest
+
+from node.config import (
+    ModelSection,
+    NoHardwareSection,
+    RobotFile,
+    SetpointSection,
+    WheelBoardSection,
+    load_robot,
+    packaged_robots,
+    read_text,
+)
+from node.documents import decode_yaml
+from node.errors import ConfigurationError
+from node.robot import build_robot
+from node.testing import ScriptedClock
+
+BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        decode_yaml(text, RobotFile, "robot.yaml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("robot.yaml")
+    return message.removeprefix("robot.yaml: ")
+
+
+def test_the_packaged_robots_are_the_two_carts() -> None:
+    assert packaged_robots() == ["cart", "cart-can"]
+
+
+@pytest.mark.parametrize("name", packaged_robots())
+def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -> None:
+    file = load_robot(name)
+    assert file.name == name
+    robot = build_robot(file, ScriptedClock())
+    assert robot.period_ns == 10_000_000
+    assert robot.model.name in ("cart", "cart-controller")
+
+
+def test_what_a_file_leaves_out_has_its_default() -> None:
+    file = decode_yaml(BASE, RobotFile, "robot.yaml")
+    assert file.model == ModelSection(source="node.models.cart:Cart", parameters={})
+    assert (file.hardware, file.arming, file.actuate) == (NoHardwareSection(), "on_request", "next_cycle")
+    assert file.setpoint == SetpointSection(timeout_s=0.5, stamp_tolerance_s=0.1, horizon_s=30.0)
+    assert file.simulation is None
+    board = decode_yaml(BASE + "hardware: {type: wheel_board}", RobotFile, "robot.yaml").hardware
+    assert isinstance(board, WheelBoardSection)
+    assert (board.can.interface, board.can.channel, board.can.bitrate, board.watchdog_s) == (
+        "auto",
+        "auto",
+        500_000,
+        0.05,
+    )
+
+
+def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(BASE.replace("cart\n", "Karre ü\n"), encoding="utf-8")
+    assert load_robot(str(path)).name == "Karre ü"
+    assert read_text(str(path)) == path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param(
+            BASE + "arm: true",
+            "Object contains unknown field `arm`; the keys there are actuate, arming, hardware, model, name, ros, "
+            "setpoint, simulation, wiring",
+            id="unknown key at the top",
+        ),
+        pytest.param(
+            BASE + "setpoint: {timeout: 1}",
+            "Object contains unknown field `timeout` at setpoint; the keys there are horizon_s, "
+            "stamp_tolerance_s, timeout_s",
+            id="unknown key in a section",
+        ),
+        pytest.param(
+            BASE + "hardware: {type: wheel_board, can: {bitrat: 5}}",
+            "Object contains unknown field `bitrat` at hardware.can; the keys there are bitrate, channel, interface",
+            id="unknown key two levels down",
+        ),
+        pytest.param(
+            BASE + "arming: maybe",
+            "Invalid enum value 'maybe' at arming; found 'maybe'; allowed is at_start, on_request",
+            id="wrong choice",
+        ),
+        pytest.param(
+            BASE + "hardware: {type: sail}",
+            "Invalid value 'sail' at hardware.type; found 'sail'; allowed is none, wheel_board",
+            id="wrong tag",
+        ),
+        pytest.param(BASE + "hardware: {can: {}}", "Object missing required field `type` at hardware", id="no tag"),
+        pytest.param(
+            BASE + "ros: {node_name: 5}", "Expected `str`, got `int` at ros.node_name; found 5", id="wrong type"
+        ),
+        pytest.param(
+            BASE + "setpoint: {timeout_s: 5e-1}",
+            "Expected `float`, got `str` at setpoint.timeout_s; found '5e-1'",
+            id="YAML 1.1",
+        ),
+        pytest.param(
+            BASE + "setpoint: 3", "Expected `object`, got `int` at setpoint; found 3", id="value for a section"
+        ),
+        pytest.param("name: cart\nwiring: {}", "Object missing required field `model`", id="missing key at the top"),
+        pytest.param(BASE + "simulation: {}", "Object missing required field `plant` at simulation", id="missing key"),
+        pytest.param("", "Expected `object`, got `null`; found None", id="nothing at all"),
+        pytest.param("- cart", "Expected `object`, got `array`; found ['cart']", id="a list"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place_and_what_is_allowed(text: str, message: str) -> None:
+    assert refusal(text) == message
+
+
+OUT_OF_RANGE = [
+    ("hardware: {type: wheel_board, can: {bitrate: 9999}}", ">= 10000 at hardware.can.bitrate"),
+    ("hardware: {type: wheel_board, can: {bitrate: 1000001}}", "<= 1000000 at hardware.can.bitrate"),
+    ("hardware: {type: wheel_board, watchdog_s: 0.019}", ">= 0.02 at hardware.watchdog_s"),
+    ("hardware: {type: wheel_board, watchdog_s: 0.051}", "<= 0.05 at hardware.watchdog_s"),
+    ("setpoint: {timeout_s: 0.0}", "> 0.0 at setpoint.timeout_s"),
+    ("setpoint: {stamp_tolerance_s: -0.1}", ">= 0.0 at setpoint.stamp_tolerance_s"),
+    ("setpoint: {horizon_s: 0}", "> 0.0 at setpoint.horizon_s"),
+]
+
+
+@pytest.mark.parametrize(("line", "allowed"), OUT_OF_RANGE)
+def test_what_is_out_of_range_is_told_with_its_place_and_the_bound(line: str, allowed: str) -> None:
+    assert allowed in refusal(BASE + line)
+
+
+def test_what_is_out_of_range_is_told_with_what_was_found() -> None:
+    assert refusal(BASE + "hardware: {type: wheel_board, can: {bitrate: 7777}}") == (
+        "Expected `int` >= 10000 at hardware.can.bitrate; found 7777"
+    )
+
+
+@pytest.mark.parametrize("key", ["timeout_s", "stamp_tolerance_s", "horizon_s"])
+@pytest.mark.parametrize("value", [".inf", ".nan"])
+def test_a_time_that_is_not_finite_is_refused(key: str, value: str) -> None:
+    assert f" at setpoint.{key}; found " in refusal(BASE + f"setpoint: {{{key}: {value}}}")
+
+
+def test_a_key_of_other_hardware_is_not_offered() -> None:
+    assert "watchdog_s" not in refusal(BASE + "hardware: {type: none, can: {}}").partition("; the keys there are")[2]
+
+
+def test_the_wrong_port_of_the_wiring_is_named() -> None:
+    message = refusal(BASE.replace("{}", "{X: odometry.x, LeftVoltage: 5}"))
+    assert message == "Expected `str`, got `int` at wiring.LeftVoltage; found 5"
+
+
+def test_the_wrong_parameter_is_named() -> None:
+    assert "Track" in refusal(BASE.replace("Cart'", "Cart', parameters: {Inertia: 1, Track: wide}"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["name: [", "a: b: c", "\x00", "name: !!python/object:os.system x", "name: 2024-13-45", "name: a\nname: b"],
+)
+def test_what_is_not_yaml_is_said_to_be_so(text: str) -> None:
+    assert refusal(text).startswith("robot.yaml is not YAML: ")
+
+
+def test_a_file_that_is_not_there_is_told_with_the_packaged_robots() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load_robot("carl")
+    text = "cannot read robot file 'carl': No such file or directory; the packaged robots are cart, cart-can"
+    assert str(caught.value) == text
+
+
+def test_a_folder_is_no_robot_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"Is a directory; the packaged robots are cart, cart-can$"):
+        load_robot(str(tmp_path))
+
+
+def test_what_is_not_text_is_no_robot_file(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"name: \xff\xfe")
+    with pytest.raises(ConfigurationError, match=r"not UTF-8 text; the packaged robots are cart, cart-can$"):
+        load_robot(str(path))

@@ -1,0 +1,102 @@
+import io
+import logging
+import sys
+import threading
+
+import pytest
+
+from node.logs import messages
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    return captured.err.splitlines()
+
+
+def test_notices_and_warnings_go_to_standard_error_in_order_under_our_name(capsys: pytest.CaptureFixture[str]) -> None:
+    with messages():
+        logging.getLogger("node.anything").info("robot '%s' runs", "cart")
+        logging.getLogger("elsewhere").warning("it is warm")
+
+    assert lines(capsys) == ["segway-ecc: robot 'cart' runs", "segway-ecc: it is warm"]
+
+
+def test_details_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    with messages():
+        logging.getLogger("node.anything").debug("a detail")
+
+    assert lines(capsys) == []
+
+
+def test_python_can_only_tells_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    with messages():
+        logging.getLogger("can.interfaces").warning("something python-can finds remarkable")
+        logging.getLogger("can.interfaces").error("something broke")
+
+    assert lines(capsys) == ["segway-ecc: something broke"]
+
+
+def test_everything_said_is_written_by_the_time_the_context_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    with messages():
+        for number in range(1000):
+            logging.getLogger("node").info("%d", number)
+
+    assert lines(capsys) == [f"segway-ecc: {number}" for number in range(1000)]
+
+
+def test_an_error_on_the_way_out_loses_no_message(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        with messages():
+            logging.getLogger("node").info("just before")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+
+    assert lines(capsys) == ["segway-ecc: just before"]
+
+
+def test_the_root_logger_is_left_as_it_was() -> None:
+    root = logging.getLogger()
+    before = (root.level, list(root.handlers), threading.active_count())
+    with messages():
+        assert root.level == logging.INFO
+        assert len(root.handlers) == len(before[1]) + 1
+
+    assert (root.level, list(root.handlers), threading.active_count()) == before
+
+
+def test_contexts_can_follow_one_another(capsys: pytest.CaptureFixture[str]) -> None:
+    for number in range(2):
+        with messages():
+            logging.getLogger("node").info("%d", number)
+
+    assert lines(capsys) == ["segway-ecc: 0", "segway-ecc: 1"]
+
+
+class Stuck(io.StringIO):
+    """A terminal that takes nothing until it is let go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reached, self.let_go = threading.Event(), threading.Event()
+
+    def write(self, text: str, /) -> int:
+        self.reached.set()
+        assert self.let_go.wait(60.0)
+        return super().write(text)
+
+
+def test_a_terminal_that_takes_nothing_does_not_hold_up_who_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Stuck()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with messages():
+        logging.getLogger("node").warning("first")
+        assert terminal.reached.wait(60.0)
+        # Were the messages written here, this would not come back.
+        for number in range(100):
+            logging.getLogger("node").warning("%d", number)
+        terminal.let_go.set()
+
+    assert terminal.getvalue().splitlines() == ["segway-ecc: first", *(f"segway-ecc: {n}" for n in range(100))]
