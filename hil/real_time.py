@@ -2,11 +2,11 @@
 
 from typing import Final
 
+from firmware_io.links.link import Link
 from hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
-from hil.simulation import Observer, simulated_bus, simulated_plant
-from node.config import RobotFile
+from hil.simulation import Observer
 from node.cycle.clock import Clock
-from node.robot import can_link
+from node.model.model import Model
 
 _LATE_NS: Final = TICK_NS
 
@@ -21,17 +21,17 @@ class RealTimePlant:
         late: Ticks that came more than a whole tick late.
     """
 
-    def __init__(self, file: RobotFile, clock: Clock) -> None:
-        """Prepare the plant that a robot file names.
+    def __init__(self, link: Link, plant: Model, clock: Clock) -> None:
+        """Put a plant behind a wheel board on a link.
 
         Raises:
-            NoSimulationError: The file names none, or its hardware has no simulated counterpart.
+            PlantMismatchError: The plant does not fit the board.
         """
         self.ticks = 0
         self.late = 0
         self._clock = clock
-        self._link = can_link(simulated_bus(file), clock)
-        self._plant = simulated_plant(file)
+        self._link = link
+        self._plant = plant
         self._board = SimulatedWheelBoard(self._link, self._plant)
         self._stopped = False
 

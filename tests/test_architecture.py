@@ -18,7 +18,6 @@ HIL_MAY_IMPORT = {
     "node.model.load": "a plant is loaded as any model is",
     "node.model.variables": "a plant's ports are variables of a model",
     "node.models.cart": "the cart's plant shares its equations with the cart's model",
-    "node.robot": "the rig opens the robot's bus in the robot's way",
 }
 
 

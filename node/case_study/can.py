@@ -10,8 +10,8 @@ import msgspec
 
 from firmware_io.links.can_link import socketcan_interfaces
 from hil.lockstep import LockstepRig
+from hil.processes import command
 from hil.simulation import simulated_bus, simulated_plant
-from node.case_study.processes import command
 from node.case_study.seats import Run, trajectory
 from node.case_study.study import Seat
 from node.config import load_robot

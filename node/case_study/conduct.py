@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from typing import Final
 
+from hil.errors import RigError
 from node.case_study.seats import Run, SeatRunner
 from node.case_study.study import Cell, Seat, Study, Trajectory, thesis_cells
 from node.errors import NodeError
@@ -27,7 +28,7 @@ def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress
     """Run the twelve cells and the turn in each seat.
 
     Raises:
-        NodeError: A run failed; the first failure ends the study.
+        NodeError, RigError: A run failed; the first failure ends the study.
     """
     cells = thesis_cells()
     runs = {runner.seat: _run_seat(runner, cells, on_progress) for runner in runners}
@@ -63,7 +64,7 @@ def _gather(seat: Seat, futures: Mapping[Future[Run], str], on_progress: OnProgr
         for future in as_completed(futures):
             runs[futures[future]] = future.result()
             on_progress(seat, len(runs), len(futures))
-    except NodeError:
+    except (NodeError, RigError):
         for future in futures:
             future.cancel()
         raise

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from node.case_study.processes import command
+from hil.processes import command
 from node.case_study.seats import Run, trajectory
 from node.case_study.study import Edge, Seat
 from node.ros.runtime import require_ros

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+from hil.processes import command
 from node.case_study.can import ROBOT, LockstepCanSeat
-from node.case_study.processes import command
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
 from node.ros.runtime import missing_packages

@@ -27,7 +27,9 @@ from node.ros.runtime import missing_packages
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `case-study`."""
-    parser.add_argument("--seat", choices=[*Seat, "all"], default="all", help="where the model runs (default: all)")
+    parser.add_argument(
+        "--seat", choices=[*map(str, Seat), "all"], default="all", help="where the model runs (default: all)"
+    )
     add_json(parser)
     parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")

@@ -7,13 +7,15 @@ missing; 6 nobody listens; 7 robot lost; 8 simulation; 9 log; 130 Ctrl-C.
 import argparse
 import importlib
 import importlib.metadata
+import os
+import re
 import sys
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, NoReturn
 
 from firmware_io.errors import HardwareError
 from hil.errors import RigError
-from node.errors import NodeError
+from node.errors import ConfigurationError, NodeError
 
 VERBS: Final = {
     "run": "run a robot: the model node",
@@ -29,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code says how it went."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     words, ros_arguments = _split_ros(words)
-    parser = argparse.ArgumentParser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
+    parser = _Parser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
     parser.add_argument("--version", action="version", version=importlib.metadata.version("segway-ecc"))
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     chosen = next((word for word in words if word in VERBS), None)
@@ -40,20 +42,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
             module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
             module.add_arguments(verb_parser)
             verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)
-    options = parser.parse_args(words)
     try:
-        code = int(options.function(options))
-        sys.stdout.flush()  # here, where a reader that has gone is expected, and not when the interpreter ends
+        options = parser.parse_args(words)
+        return int(options.function(options))
     except (NodeError, HardwareError, RigError) as error:
         sys.stderr.write(f"segway-ecc: {error}\n")
         return error.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has enough; there is nobody left to tell.
-        sys.stdout = None  # keeps the interpreter from flushing it once more
         return 0
-    return code
+    finally:
+        _flush()
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells what is wrong in one line, and takes a number such as -1e-3 for a number."""
+
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - argparse's own settings, handed on
+        super().__init__(**settings)
+        # Before Python 3.14 argparse takes what has an exponent, or is infinite, for an option.
+        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
+
+    def error(self, message: str) -> NoReturn:
+        """End with one line and the exit code for arguments."""
+        self.exit(ConfigurationError.exit_code, f"segway-ecc: {message}; see {self.prog} --help\n")
+
+
+def _flush() -> None:
+    """Flush here, where a reader that has gone is expected, and not when the interpreter ends."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read our output has enough; there is nobody left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _split_ros(words: list[str]) -> tuple[list[str], list[str]]:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import IO
 
 from hil.real_time import RealTimePlant
-from hil.simulation import Observer
+from hil.simulation import Observer, simulated_bus, simulated_plant
 from node.cli.options import add_json, add_robot, print_json, print_table, robot_file, stopped_by_signals
 from node.cycle.clock import RealClock
 from node.errors import ConfigurationError
 from node.logs import messages
+from node.robot import can_link
 
 _logger = logging.getLogger(__name__)
 
@@ -27,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
-    plant = RealTimePlant(robot_file(options), RealClock())
+    file, clock = robot_file(options), RealClock()
+    plant = RealTimePlant(can_link(simulated_bus(file), clock), simulated_plant(file), clock)
     with messages(), stopped_by_signals(plant.stop), contextlib.ExitStack() as stack:
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
         plant.open()

@@ -18,7 +18,7 @@ from node.cli.options import (
     robot_file,
     stopped_by_signals,
 )
-from node.config import RobotFile, read_text
+from node.config import read_text
 from node.cycle.clock import RealClock
 from node.cycle.loop import Loop
 from node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
@@ -54,25 +54,18 @@ def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
-    file = robot_file(options)
-    robot = build_robot(file, RealClock())
+    robot = build_robot(robot_file(options), RealClock())
     with messages(), contextlib.ExitStack() as stack:
         stage = stack.enter_context(_stage(options, robot))
         recorder = _recorder(options, robot)
         loop = robot.loop(stage, recorder)
         with stopped_by_signals(loop.stop):
-            _logger.info("%s runs at %g Hz", _what(file, robot), 1e9 / robot.period_ns)
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
-    if isinstance(stage, ManoeuvreStage) and stage.failure is not None:
-        raise RobotLostError(stage.failure)
+    if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
+        raise RobotLostError(f"the robot went to {loop.modes.mode}: {loop.modes.reason}")
     return 0
-
-
-def _what(file: RobotFile, robot: Robot) -> str:
-    link = robot.hardware.health.get("link")
-    return f"robot '{file.name}'" + (f" on {link}" if link else "")
 
 
 def _cycles(duration_s: float | None, robot: Robot) -> int | None:

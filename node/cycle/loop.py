@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -13,10 +14,12 @@ from node.cycle.report import DiagnosticReport
 from node.cycle.seams import Recorder, Stage
 from node.cycle.status import Status
 from node.cycle.timing import Histogram, Summary
+from node.safety.modes import Modes
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
 _DIAGNOSTICS_PERIOD_S: Final = 1.0
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -74,6 +77,7 @@ class Loop:
         self._stage = stage
         self._recorder = recorder
         self._period_ns = period_ns
+        self._robot_name = robot_name
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
         self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
@@ -84,6 +88,11 @@ class Loop:
     def stop(self, reason: str) -> None:
         """Ask the loop to end after the present cycle; may be called from a signal handler."""
         self.stop_reason = self.stop_reason or reason
+
+    @property
+    def modes(self) -> Modes:
+        """What the robot is allowed to do, and why."""
+        return self._cycle.authority.modes
 
     def timing(self) -> dict[str, Summary]:
         """Lateness, and the duration of the cycle and its phases, by name."""
@@ -110,10 +119,15 @@ class Loop:
             exits.callback(self._stage.close)
             exits.callback(self._cycle.hardware.close)
             self._cycle.start()
+            _logger.info("%s runs at %g Hz", self._what(), NS_PER_S / self._period_ns)
             exits.callback(self._cycle.terminate)
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
                 self._run(cycles)
+
+    def _what(self) -> str:
+        link = self._cycle.hardware.health.get("link")
+        return f"robot '{self._robot_name}'" + (f" on {link}" if link else "")
 
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns

@@ -43,7 +43,7 @@ class ProcessRecorder:
     """See `node.cycle.seams.Recorder`.
 
     Attributes:
-        dropped: Cycles that were not kept, because the writer did not keep up or is gone.
+        dropped: Cycles and diagnostics that were not kept, because the writer did not keep up or is gone.
     """
 
     def __init__(self, path: Path, layout: Layout, attachments: Mapping[str, str]) -> None:
@@ -90,7 +90,7 @@ class ProcessRecorder:
         if status != 0:
             _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)
         if self.dropped:
-            _logger.warning("%d cycles are missing in the log %s", self.dropped, self._path)
+            _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
 
     def _send(self, frame: bytes) -> None:
         if len(frame) > _ATOMIC_BYTES:
@@ -108,4 +108,5 @@ def _check_writable(path: Path) -> None:
         with path.open("wb"):
             pass
     except OSError as error:
-        raise RecordingError(f"cannot write the log {path}: {error.strerror}; choose another with --log") from error
+        reason = "a folder on the way is a file" if isinstance(error, FileExistsError) else error.strerror
+        raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error

@@ -52,7 +52,13 @@ def ros_node(name: str, namespace: str, ros_arguments: Sequence[str] = ()) -> It
     try:
         rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
         node = rclpy.create_node(
-            name, namespace=namespace or None, context=context, start_parameter_services=False, enable_rosout=False
+            name,
+            namespace=namespace or None,
+            context=context,
+            start_parameter_services=False,
+            enable_rosout=False,
+            # No executor would ever answer it.
+            parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
         )
     except Exception as error:  # rclpy raises whatever its C++ core does
         raise RosUnavailableError(f"ROS 2 does not start: {error}") from error

@@ -15,6 +15,9 @@ from node.errors import ConfigurationError
 RENEW_NS: Final = 100_000_000
 """A set-point that stays the same is said again this often, well within a robot's time-out."""
 
+LONGEST_S: Final = 86_400.0
+"""Length of the longest segment, s."""
+
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Set-points held for a while.
@@ -25,7 +28,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         duration: How long, s of model time.
     """
 
-    duration: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
+    duration: Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_S)]
     linear: float = 0.0
     angular: float = 0.0
 
@@ -70,8 +73,8 @@ def single_segment(linear: float, angular: float, duration: float) -> Manoeuvre:
     Raises:
         ConfigurationError: A value is not finite or the duration not positive.
     """
-    if not duration > 0.0:
-        raise ConfigurationError(f"the duration must be more than 0 s, not {duration}")
+    if not 0.0 < duration <= LONGEST_S:
+        raise ConfigurationError(f"the duration must be more than 0 s and at most {LONGEST_S:g} s, not {duration}")
     segments = (Segment(linear=linear, angular=angular, duration=duration),)
     _check_finite(segments, "sequence")
     return Manoeuvre(segments=segments)

@@ -14,7 +14,7 @@ class ManoeuvreStage(NoStage):
     """A world that plays one manoeuvre once the robot is armed, and then ends; see `Stage`.
 
     Attributes:
-        failure: Why the manoeuvre was not played to its end, once that is so.
+        is_broken_off: Whether the robot disarmed before the end.
     """
 
     def __init__(self, player: Player, signals: Sequence[str]) -> None:
@@ -22,7 +22,7 @@ class ManoeuvreStage(NoStage):
         self.player = player
         self._indices = [_index(signals, f"odometry.{part}") for part in _ODOMETRY]
         self.over: str | None = None
-        self.failure: str | None = None
+        self.is_broken_off = False
 
     def take(self) -> Inbox:
         """The set-points that are to be sent now."""
@@ -35,7 +35,8 @@ class ManoeuvreStage(NoStage):
         """Let the player hear the robot."""
         if report.mode not in ACTIVE:
             if self.player.start_ns is not None:
-                self.over = self.failure = f"the robot went to {report.mode} before the sequence was over"
+                self.over = "the robot left the sequence"
+                self.is_broken_off = True
         else:
             values = [0.0 if index is None else report.values[index] for index in self._indices]
             if self.player.hear(Odometry(report.stamp_ns, *values)) is Progress.DONE:

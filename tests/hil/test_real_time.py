@@ -8,9 +8,11 @@ from msgspec import structs
 
 from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
 from firmware_io.errors import BusNotFoundError
-from hil.errors import NoSimulationError
 from hil.real_time import RealTimePlant
+from hil.simulation import simulated_bus, simulated_plant
 from node.config import CanSection, RobotFile, WheelBoardSection, load_robot
+from node.cycle.clock import Clock
+from node.robot import can_link
 
 MS = 1_000_000
 START_NS = 777 * MS
@@ -51,6 +53,11 @@ class Watch:
             self._plant.stop("enough")
 
 
+def made(file: RobotFile, clock: Clock) -> RealTimePlant:
+    """The plant of a robot file on the robot's own bus."""
+    return RealTimePlant(can_link(simulated_bus(file), clock), simulated_plant(file), clock)
+
+
 @pytest.fixture
 def channel(request: pytest.FixtureRequest) -> str:
     return f"{request.node.nodeid} {os.getpid()}"
@@ -64,7 +71,7 @@ def file(channel: str) -> RobotFile:
 
 def test_ticks_every_five_milliseconds_from_the_start(file: RobotFile) -> None:
     clock = ManualClock()
-    plant = RealTimePlant(file, clock)
+    plant = made(file, clock)
     watch = Watch(plant, 10)
     plant.open()
     plant.run(watch)
@@ -75,7 +82,7 @@ def test_ticks_every_five_milliseconds_from_the_start(file: RobotFile) -> None:
 
 def test_late_ticks_are_made_up_for_and_counted(file: RobotFile) -> None:
     # The third tick is 17 ms late; those due 5 and 10 ms after it are late by 12 and 7, the next by 2 only.
-    plant = RealTimePlant(file, ManualClock({2: 17 * MS}))
+    plant = made(file, ManualClock({2: 17 * MS}))
     watch = Watch(plant, 10)
     plant.open()
     plant.run(watch)
@@ -86,14 +93,14 @@ def test_late_ticks_are_made_up_for_and_counted(file: RobotFile) -> None:
 
 @pytest.mark.parametrize(("oversleep_ns", "late"), [(5 * MS, 0), (5 * MS + 1, 1)])
 def test_late_is_more_than_a_whole_tick(file: RobotFile, oversleep_ns: int, late: int) -> None:
-    plant = RealTimePlant(file, ManualClock({3: oversleep_ns}))
+    plant = made(file, ManualClock({3: oversleep_ns}))
     plant.open()
     plant.run(Watch(plant, 10))
     assert plant.late == late
 
 
 def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: RobotFile, channel: str) -> None:
-    plant = RealTimePlant(file, ManualClock())
+    plant = made(file, ManualClock())
     plant.open()
     with can.Bus(interface="virtual", channel=channel) as host:
         plant.run(Watch(plant, 8))
@@ -106,7 +113,7 @@ def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: Robo
 
 
 def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, channel: str) -> None:
-    plant = RealTimePlant(file, ManualClock())
+    plant = made(file, ManualClock())
     watch = Watch(plant, 8)
     plant.open()
     data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 0)
@@ -122,7 +129,7 @@ def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, c
 
 
 def test_stopped_before_it_runs_it_does_not_tick(file: RobotFile, channel: str) -> None:
-    plant = RealTimePlant(file, ManualClock())
+    plant = made(file, ManualClock())
     plant.open()
     plant.stop()
     plant.run(None)
@@ -137,7 +144,7 @@ def test_runs_unobserved_until_it_is_stopped(file: RobotFile) -> None:
             if self.sleeps == 3:
                 plant.stop()
 
-    plant = RealTimePlant(file, StoppingClock())
+    plant = made(file, StoppingClock())
     plant.open()
     plant.run(None)
     assert plant.ticks == 3, "the present tick is finished"
@@ -147,7 +154,7 @@ def test_a_failing_observer_leaves_no_bus_open(file: RobotFile, channel: str) ->
     def observe(_wall_ns: int, _outputs: Sequence[float]) -> None:
         raise OSError("disk full")
 
-    plant = RealTimePlant(file, ManualClock())
+    plant = made(file, ManualClock())
     plant.open()
     with pytest.raises(OSError, match="disk full"):
         plant.run(observe)
@@ -155,23 +162,13 @@ def test_a_failing_observer_leaves_no_bus_open(file: RobotFile, channel: str) ->
 
 
 def test_says_where_it_is_and_what_it_tells(file: RobotFile, channel: str) -> None:
-    plant = RealTimePlant(file, ManualClock())
+    plant = made(file, ManualClock())
     assert plant.description == f"virtual {channel}"
     assert plant.output_names[:4] == ["left.angle", "left.velocity", "right.angle", "right.velocity"]
 
 
-def test_a_robot_that_is_all_model_has_nothing_to_simulate() -> None:
-    with pytest.raises(NoSimulationError, match="robot 'cart' has no hardware"):
-        RealTimePlant(load_robot("cart"), ManualClock())
-
-
-def test_a_robot_without_a_plant_is_refused(file: RobotFile) -> None:
-    with pytest.raises(NoSimulationError, match=r"add simulation\.plant"):
-        RealTimePlant(structs.replace(file, simulation=None), ManualClock())
-
-
 def test_a_bus_that_is_not_there_is_refused_on_opening(file: RobotFile) -> None:
     hardware = WheelBoardSection(can=CanSection(interface="slcan", channel="/no/such/port"))
-    plant = RealTimePlant(structs.replace(file, hardware=hardware), ManualClock())
+    plant = made(structs.replace(file, hardware=hardware), ManualClock())
     with pytest.raises(BusNotFoundError, match="/no/such/port"):
         plant.open()

@@ -57,7 +57,8 @@ def test_an_error_on_the_way_out_loses_no_message(capsys: pytest.CaptureFixture[
     assert lines(capsys) == ["segway-ecc: just before"]
 
 
-def test_the_root_logger_is_left_as_it_was() -> None:
+def test_the_root_logger_is_left_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.ERROR)
     root = logging.getLogger()
     before = (root.level, list(root.handlers), threading.active_count())
     with messages():

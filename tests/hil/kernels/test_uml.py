@@ -75,7 +75,6 @@ def test_the_results_folder_is_the_hosts(visit: Visit) -> None:
     assert (visit.results / "result.txt").read_text() == "kept\n"
 
 
-@pytest.mark.usefixtures("uml")
 def test_the_command_line_makes_the_interfaces(capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--interface", "vcan0", "--interface", "vcan7", "--timeout", "60"]
 
@@ -83,7 +82,6 @@ def test_the_command_line_makes_the_interfaces(capsys: pytest.CaptureFixture[str
     assert {"lo", "vcan0", "vcan7"} <= set(capsys.readouterr().out.split())
 
 
-@pytest.mark.usefixtures("uml")
 def test_out_of_time_ends_every_process() -> None:
     seen: set[int] = set()
 
@@ -99,7 +97,6 @@ def test_out_of_time_ends_every_process() -> None:
     assert [pid for pid in seen if Path(f"/proc/{pid}").exists()] == []
 
 
-@pytest.mark.usefixtures("uml")
 def test_a_guest_that_ends_without_a_status_is_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
     cut_the_power = "echo last words; echo o > /proc/sysrq-trigger; sleep 60"
 
@@ -117,7 +114,6 @@ def test_a_missing_program_is_named_with_its_package(monkeypatch: pytest.MonkeyP
         run_in_guest(["true"], cwd=tmp_path)
 
 
-@pytest.mark.usefixtures("uml")
 def test_memory_that_fits_nowhere_is_refused(tmp_path: Path) -> None:
     with pytest.raises(GuestError, match=r"memory of \d+ MiB fits neither .* set TMPDIR"):
         run_in_guest(["true"], cwd=tmp_path, memory_mib=1 << 30)

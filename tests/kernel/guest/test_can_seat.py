@@ -155,6 +155,7 @@ def test_the_command_line_tells_a_bus_that_is_down_in_one_line() -> None:
     assert line.startswith("segway-ecc: CAN interface vcan1 is down; ")
 
 
+@pytest.mark.proof  # in real time in a slow kernel: how it goes depends on what else the machine does
 def test_plant_and_controller_over_vcan_end_where_the_model_does(tmp_path: Path) -> None:
     manoeuvre = single_segment(1.0, 0.5, 2.0)
     file, truth = tmp_path / "drive.yaml", tmp_path / "truth.csv"

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from hil.processes import ProcessFailedError
 from node.case_study import can as can_seat
 from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from node.case_study.offline import OfflineSeat
-from node.case_study.processes import ProcessFailedError
 from node.case_study.study import Seat, Trajectory
 from node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 from node.sequence.player import Odometry

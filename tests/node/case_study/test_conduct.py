@@ -1,6 +1,8 @@
 """Conducting a study with seats that only pretend to run."""
 
 import threading
+from concurrent.futures import Future
+from typing import Self
 
 import pytest
 
@@ -107,7 +109,33 @@ def test_progress_is_told_from_none_to_all() -> None:
     assert told == [(Seat.CAN, done, 13) for done in range(14)]
 
 
-def test_the_first_failure_ends_the_study_and_what_waits_is_not_begun() -> None:
+class OnlyFirstRuns:
+    """A pool whose first run fails at once, while all others still wait for their turn."""
+
+    def __init__(self, _jobs: int) -> None:
+        self.futures: list[Future[Run]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        assert [future.cancelled() for future in self.futures] == [False] + [True] * 12
+
+    def submit(self, *_call: object) -> Future[Run]:
+        future: Future[Run] = Future()
+        if not self.futures:
+            future.set_exception(NodeError("it broke"))
+        self.futures.append(future)
+        return future
+
+
+def test_after_a_failure_what_waits_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("node.case_study.conduct.ThreadPoolExecutor", OnlyFirstRuns)
+    with pytest.raises(NodeError, match=r"^it broke$"):
+        conduct([PretendSeat(Seat.OFFLINE)], {}, no_progress)
+
+
+def test_the_first_failure_ends_the_study_and_no_other_seat_is_begun() -> None:
     cells = thesis_cells()
     first, second = PretendSeat(Seat.OFFLINE), PretendSeat(Seat.CAN)
     first.fails_at = cell_name(cells[0])

@@ -158,7 +158,7 @@ def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run)
         ("odometry.x", "odometry.z", 3, "'odometry.z'; there is odometry.x, odometry.y, odometry.heading, "),
         ("arming: at_start", "arming: never", 2, "allowed is at_start, on_request"),
         ("arming: at_start", "armed: at_start", 2, "unknown field `armed`; the keys there are actuate, arming, "),
-        ("name: cart", "name: [cart]", 2, "Expected `str`, got `array` - at `$.name`"),
+        ("name: cart", "name: [cart]", 2, "Expected `str`, got `array` at name"),
         ("name: cart", "name: cart: cart", 2, "is not YAML"),
         ("models.cart:Cart", "models.cart:Kart", 3, "module node.models.cart has no class Kart"),
         ("node.models.cart:Cart", "no_such_package:Cart", 3, "No module named 'no_such_package'"),
@@ -220,7 +220,7 @@ def test_a_sequence_file_that_is_missing_or_wrong_is_told(segway_ecc: Run, tmp_p
     wrong.write_text("segments: [{linear: 1.0, duration: 0}]", "utf-8")
 
     assert "nosuch.yaml" in only_line(segway_ecc("run", "cart", *QUIET, "--sequence", "nosuch.yaml"), 2)
-    assert "$.segments[0].duration" in only_line(segway_ecc("run", "cart", *QUIET, "--sequence", str(wrong)), 2)
+    assert "at segments.0.duration" in only_line(segway_ecc("run", "cart", *QUIET, "--sequence", str(wrong)), 2)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -98,7 +98,7 @@ def test_a_killed_writer_costs_only_its_cycles(
     assert recorder.dropped == 11
     assert [entry.getMessage() for entry in caplog.records] == [
         f"the recorder ended with status -9; the log {path} may be incomplete",
-        f"11 cycles are missing in the log {path}",
+        f"11 records are missing in the log {path}",
     ]
     assert {entry.levelno for entry in caplog.records} == {logging.WARNING}
 

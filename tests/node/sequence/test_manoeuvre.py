@@ -101,15 +101,15 @@ def test_a_file_that_is_not_text_is_refused(path: Path) -> None:
         load_manoeuvre(str(path))
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_single_segment_needs_a_duration(duration: float) -> None:
-    with pytest.raises(ConfigurationError, match=f"^the duration must be more than 0 s, not {duration}$"):
+    with pytest.raises(ConfigurationError, match=f"more than 0 s and at most 86400 s, not {duration}$"):
         single_segment(1.0, 0.0, duration)
 
 
 @pytest.mark.parametrize(
     ("linear", "angular", "duration", "name"),
-    [(float("nan"), 0.0, 1.0, "linear"), (0.0, float("inf"), 1.0, "angular"), (0.0, 0.0, float("inf"), "duration")],
+    [(float("nan"), 0.0, 1.0, "linear"), (0.0, float("inf"), 1.0, "angular")],
 )
 def test_a_single_segment_must_be_finite(linear: float, angular: float, duration: float, name: str) -> None:
     with pytest.raises(ConfigurationError, match=f"^sequence: {name} of segment 0 is (nan|inf); it must be finite$"):

@@ -10,14 +10,14 @@ from typing import Any, Final
 
 import msgspec
 
-from node.errors import NodeError
+from hil.errors import RigError
 
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
 
 
-class ProcessFailedError(NodeError):
-    """A process of the case study ended with an error."""
+class ProcessFailedError(RigError):
+    """A process ended with an error, or not in time."""
 
 
 class Command:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from node.case_study import processes
-from node.case_study.processes import ProcessFailedError, command
+from hil import processes
+from hil.processes import ProcessFailedError, command
 
 RUNS_FOR_EVER = ("run", "cart", "--no-ros", "--no-log", "--json")
 ENDS_WITHIN_S = 30.0
