@@ -13,14 +13,14 @@ power_off() {
 trap power_off EXIT
 
 mount -t proc proc /proc
-# Read before the tmpfs below hides the scratch folder, which is under /tmp on most hosts.
 . "${0%/*}/job.sh"
 
 # Everything that is written goes to memory: an overlay over the read-only root.
-mount -t tmpfs tmpfs /tmp
-root=/tmp/root
-scratch=/tmp/scratch
-mkdir /tmp/upper /tmp/work "$root" "$scratch"
+# On /run, since the scratch folder, the checkout and its interpreter may all be under /tmp.
+mount -t tmpfs tmpfs /run
+root=/run/root
+scratch=/run/scratch
+mkdir /run/upper /run/work "$root" "$scratch"
 mount -t hostfs -o "$GUEST_SCRATCH" none "$scratch"
 
 # Through Python, since a host without modules of its own (a container) often has no insmod.
@@ -43,7 +43,7 @@ drivers="$modules/drivers/net/can"
 load_modules "$modules/fs/overlayfs/overlay.ko" "$can/can.ko" "$can/can-raw.ko" "$can/can-bcm.ko" "$can/can-gw.ko" \
     "$drivers/dev/can-dev.ko" "$drivers/vcan.ko" "$drivers/vxcan.ko" "$drivers/slcan/slcan.ko"
 
-mount -t overlay overlay -o lowerdir=/,upperdir=/tmp/upper,workdir=/tmp/work "$root"
+mount -t overlay overlay -o lowerdir=/,upperdir=/run/upper,workdir=/run/work "$root"
 mount -t proc proc "$root/proc"
 mount -t sysfs sysfs "$root/sys"
 mount -t devtmpfs devtmpfs "$root/dev"
