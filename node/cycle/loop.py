@@ -33,7 +33,6 @@ class LoopCounters:
         late: Cycles that started more than a tenth of a period after their deadline.
         overrun: Cycles that ended after the next deadline.
         skipped: Deadlines that passed without a cycle, because one before them took too long.
-        max_lateness_ns: The latest start.
         started_ns: When the first cycle started, monotonic.
         last_ns: When the newest cycle started, monotonic.
     """
@@ -42,7 +41,6 @@ class LoopCounters:
     late: int = 0
     overrun: int = 0
     skipped: int = 0
-    max_lateness_ns: int = 0
     started_ns: int = 0
     last_ns: int = 0
 
@@ -166,7 +164,6 @@ class Loop:
         self.lateness.add(lateness_ns)
         if lateness_ns > self._late_ns:
             self.counters.late += 1
-        self.counters.max_lateness_ns = max(self.counters.max_lateness_ns, lateness_ns)
 
     def _lost_ns(self, deadline_ns: int) -> int:
         """Whole periods that have passed since the next deadline, which are skipped."""
