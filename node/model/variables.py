@@ -27,9 +27,11 @@ class Variable:
         unit: SI unit symbol, "1" for none.
         value: Start value, in `unit`.
         write: When a write takes effect.
+        why: What decides that, in a few words; empty where the model's author simply says so.
     """
 
     name: str
     unit: str = "1"
     value: float = 0.0
     write: Write = Write.NEVER
+    why: str = ""

@@ -1,0 +1,1 @@
+"""Models that arrive as generated C, generated C++ or FMUs: found out, compiled, loaded."""

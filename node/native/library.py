@@ -1,0 +1,175 @@
+"""A compiled model in its seat: one shared object with our own C interface, loaded once per instance.
+
+The interface is the same for every flavour; a shim of ours, compiled with the model or before an FMU, provides it:
+
+    int32_t ecc_initialize(const double *u, double *y);   initial and static equations at time zero
+    int32_t ecc_step(const double *u, double *y);         one step under u; 0 done, 1 the model asked to stop
+    int32_t ecc_terminate(void);                          final equations
+    int32_t ecc_static(void);                             static equations again
+    double ecc_read(int32_t kind, int32_t index);
+    int32_t ecc_write(int32_t kind, int32_t index, double value);
+    const char *ecc_error(void);                          why the last call failed
+
+A negative return is a failure. `kind` is a `Kind`, `index` the place in the description's order.
+"""
+
+import contextlib
+import ctypes
+import enum
+import math
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from node.errors import ModelError, UnknownNameError
+from node.model.variables import Variable, Write
+from node.native.description import Description
+
+
+@enum.unique
+class Kind(enum.IntEnum):
+    """What an index counts."""
+
+    INPUT = 0
+    OUTPUT = 1
+    PARAMETER = 2
+    STATE = 3
+
+
+class NativeModel:
+    """A `Model` whose equations are machine code; see `node.model.model.Model`.
+
+    Attributes:
+        description: Everything that was found out about it.
+    """
+
+    def __init__(self, description: Description, library: Path) -> None:
+        """Load a private copy of a shared object that has the interface above.
+
+        A copy, since the loader gives two users of one file the same globals.
+
+        Raises:
+            ModelError: The library cannot be loaded.
+        """
+        self.description = description
+        self._library = _load_copy(library)
+        self._u = (ctypes.c_double * max(len(description.inputs), 1))()
+        self._y = (ctypes.c_double * max(len(description.outputs), 1))()
+        self._inputs, self._outputs = len(description.inputs), len(description.outputs)
+        self._places = {
+            variable.name: (kind, index, variable)
+            for kind, variables in (
+                (Kind.OUTPUT, description.outputs),
+                (Kind.INPUT, description.inputs),
+                (Kind.STATE, description.states),
+                (Kind.PARAMETER, description.parameters),
+            )
+            for index, variable in enumerate(variables)
+        }
+        self._step = self._library.ecc_step
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.description.name
+
+    @property
+    def step_size(self) -> float:
+        """The length of one step, s."""
+        return self.description.step_size
+
+    @property
+    def inputs(self) -> Sequence[Variable]:
+        """The input ports."""
+        return self.description.inputs
+
+    @property
+    def outputs(self) -> Sequence[Variable]:
+        """The output ports."""
+        return self.description.outputs
+
+    @property
+    def parameters(self) -> Sequence[Variable]:
+        """The parameters."""
+        return self.description.parameters
+
+    @property
+    def states(self) -> Sequence[Variable]:
+        """The states."""
+        return self.description.states
+
+    def initialize(self, u: Sequence[float]) -> list[float]:
+        """Start at time zero; see `Model.initialize`."""
+        self._take(u)
+        self._check(self._library.ecc_initialize(self._u, self._y), "initialize")
+        return self._y[: self._outputs]
+
+    def step(self, u: Sequence[float]) -> list[float]:
+        """Advance one step; see `Model.step`."""
+        if len(u) != self._inputs:
+            self._take(u)
+        self._u[: self._inputs] = list(u)
+        if self._step(self._u, self._y) < 0:
+            self._check(-1, "step")
+        return self._y[: self._outputs]
+
+    def terminate(self) -> None:
+        """Run the final section."""
+        self._check(self._library.ecc_terminate(), "terminate")
+
+    def read(self, name: str) -> float:
+        """Return a present value; see `Model.read`."""
+        kind, index, _ = self._find(name)
+        return float(self._library.ecc_read(kind, index))
+
+    def write(self, name: str, value: float) -> None:
+        """Write a parameter or state; see `Model.write`."""
+        kind, index, variable = self._find(name)
+        if kind in (Kind.INPUT, Kind.OUTPUT) or variable.write is Write.NEVER:
+            raise ModelError(f"'{name}' of model '{self.name}' cannot be written: {variable.why or 'it is a port'}")
+        if not math.isfinite(value):
+            raise ModelError(f"'{name}' cannot be {value}: only finite values are taken")
+        self._check(self._library.ecc_write(kind, index, value), f"write '{name}'")
+        if variable.write is Write.STATIC:
+            self._check(self._library.ecc_static(), "run its static equations again")
+
+    def _take(self, u: Sequence[float]) -> None:
+        if len(u) != self._inputs:
+            raise ModelError(f"model '{self.name}' has {self._inputs} inputs and was given {len(u)}")
+        self._u[: self._inputs] = list(u)
+
+    def _find(self, name: str) -> tuple[Kind, int, Variable]:
+        if name not in self._places:
+            raise UnknownNameError(f"variable of model '{self.name}'", name, self._places)
+        return self._places[name]
+
+    def _check(self, status: int, what: str) -> None:
+        if status < 0:
+            reason = (self._library.ecc_error() or b"it does not say why").decode(errors="replace")
+            raise ModelError(f"model '{self.name}' failed to {what}: {reason}")
+
+
+def _load_copy(library: Path) -> ctypes.CDLL:
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-model-") as folder:
+        copy = Path(folder) / library.name
+        try:
+            shutil.copy2(library, copy)
+            # Local symbols only: two models in one process must not see each other.
+            loaded = ctypes.CDLL(str(copy), mode=ctypes.RTLD_LOCAL)
+        except OSError as error:
+            raise ModelError(f"cannot load the compiled model {library}: {error}") from error
+    with contextlib.suppress(AttributeError):
+        _declare(loaded)
+        return loaded
+    raise ModelError(f"the compiled model {library} lacks our interface; clear the cache and load it again")
+
+
+def _declare(library: ctypes.CDLL) -> None:
+    numbers = ctypes.POINTER(ctypes.c_double)
+    library.ecc_initialize.argtypes = library.ecc_step.argtypes = (numbers, numbers)
+    library.ecc_terminate.argtypes = library.ecc_static.argtypes = library.ecc_error.argtypes = ()
+    library.ecc_read.argtypes = (ctypes.c_int32, ctypes.c_int32)
+    library.ecc_write.argtypes = (ctypes.c_int32, ctypes.c_int32, ctypes.c_double)
+    library.ecc_read.restype = ctypes.c_double
+    library.ecc_error.restype = ctypes.c_char_p
