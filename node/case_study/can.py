@@ -38,7 +38,7 @@ class RealTimeCanSeat:
         self._folder = folder
         self._logs = logs
         self._interfaces = socketcan_interfaces()
-        self.jobs = 1 if self._interfaces else 7
+        self.jobs = 1 if self._interfaces else 4
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
         """Play a manoeuvre over the bus; see `SeatRunner.run`."""

@@ -18,6 +18,8 @@ from hil.errors import RigError
 from node.errors import ConfigurationError, NodeError
 
 VERBS: Final = {
+    "inspect": "what a model is: ports, parameters and states with units, and what a write to each does",
+    "simulate": "run a model alone, under given inputs",
     "run": "run a robot: the model node",
     "sequence": "drive a robot through a sequence of set-points, over ROS 2",
     "plant": "the simulated plant and drive at the other end of a robot's bus, in real time",

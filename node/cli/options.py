@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import datetime as dt
 import json
+import logging
 import os
 import signal
 import sys
@@ -14,8 +15,10 @@ from typing import Final
 import msgspec
 
 from node.config import RobotFile, WheelBoardSection, load_robot, packaged_robots
+from node.cycle.real_time import request_real_time
 from node.errors import ConfigurationError
 
+_logger = logging.getLogger(__name__)
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -66,6 +69,13 @@ def default_log(name: str) -> Path:
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     stamp = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
     return state / "segway-ecc" / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
+
+
+def ask_for_real_time() -> None:
+    """Ask for real-time scheduling of this thread, and say it once where it is not to be had."""
+    refusal = request_real_time()
+    if refusal is not None:
+        _logger.info(refusal)
 
 
 @contextlib.contextmanager

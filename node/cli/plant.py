@@ -10,7 +10,15 @@ from typing import IO
 
 from hil.real_time import RealTimePlant
 from hil.simulation import Observer, simulated_bus, simulated_plant
-from node.cli.options import add_json, add_robot, print_json, print_table, robot_file, stopped_by_signals
+from node.cli.options import (
+    add_json,
+    add_robot,
+    ask_for_real_time,
+    print_json,
+    print_table,
+    robot_file,
+    stopped_by_signals,
+)
 from node.cycle.clock import RealClock
 from node.errors import ConfigurationError
 from node.logs import messages
@@ -34,6 +42,7 @@ def run(options: argparse.Namespace) -> int:
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
         plant.open()
         _logger.info("plant of '%s' on %s", options.robot, plant.description)
+        ask_for_real_time()
         plant.run(observe)
     result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.refused_frames}
     if options.json:

@@ -12,6 +12,7 @@ from node.cli.options import (
     add_json,
     add_namespace,
     add_robot,
+    ask_for_real_time,
     default_log,
     print_json,
     print_table,
@@ -60,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
         recorder = _recorder(options, robot)
         loop = robot.loop(stage, recorder)
         with stopped_by_signals(loop.stop):
+            ask_for_real_time()
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
@@ -78,8 +80,9 @@ def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
     if options.sequence is not None:
         yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals)
     elif _with_ros(wanted=options.ros):
-        with ros_node(robot.file.ros.node_name, options.namespace, options.ros_arguments) as node:
-            yield RosStage(node, robot.file.ros, signals)
+        ros = robot.file.ros
+        with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
+            yield RosStage(node, ros, robot.wiring, robot.model)
     else:
         yield NoStage()
 

@@ -65,6 +65,7 @@ class Cycle:
         self._commands: Sequence[float] = self._zero
         self._signal_names = list(hardware.signals)
         self._y: list[float] = []
+        self._set_values = list(wiring.set_values)
         self._applied: StampedSetpoint | None = None
 
     def start(self) -> None:
@@ -85,10 +86,13 @@ class Cycle:
         inbox = self._stage.take()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
-        self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied))
+        topics = [self._model.read(variable) for variable in self._wiring.topics.values()]
+        self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied, topics))
         marks.append(now_ns())
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
+        for place, value in inbox.values:
+            self._receive_value(place, value)
         setpoint = self._decide(cycle, inbox.requests, sensors)
         self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
         marks.append(now_ns())
@@ -148,6 +152,12 @@ class Cycle:
         else:
             self.schedule.refuse(SetpointRefusal.NOT_ARMED)
 
+    def _receive_value(self, place: int, value: float) -> None:
+        if math.isfinite(value):
+            self._set_values[place] = value
+        else:
+            self.schedule.refuse(SetpointRefusal.NOT_FINITE)
+
     def _decide(self, cycle: int, requests: Sequence[Request], sensors: Sensors) -> Setpoint:
         for request in requests:
             request.answer(self.authority.act(request.action))
@@ -170,15 +180,15 @@ class Cycle:
 
     def _initialize(self, sensors: Sensors) -> None:
         try:
-            self._y = self._model.initialize(self._wiring.model_inputs(sensors, REST))
+            self._y = self._model.initialize(self._wiring.model_inputs(sensors, REST, self._set_values))
         except Exception as error:  # the model is the user's and may raise anything
             raise _model_failed(error, "in its initial equations") from error
 
     def _equations(self, sensors: Sensors, setpoint: Setpoint) -> list[float]:
-        u = self._wiring.model_inputs(sensors, setpoint)
+        u = self._wiring.model_inputs(sensors, setpoint, self._set_values)
         try:
-            for state, index in self._wiring.states:
-                self._model.write(state, setpoint[index])
+            for state, value in self._wiring.state_writes(setpoint, self._set_values):
+                self._model.write(state, value)
             self._y = self._model.step(u)
         except Exception as error:  # the model is the user's and may raise anything
             raise _model_failed(error, "while running") from error

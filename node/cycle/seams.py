@@ -17,6 +17,13 @@ class StampedSetpoint(NamedTuple):
     stamp_ns: int | None
 
 
+class SetValue(NamedTuple):
+    """A value that somebody set: its place in the wiring's `set_names`, and what it is to be."""
+
+    place: int
+    value: float
+
+
 class Request(NamedTuple):
     """Something an operator asks, and where the answer goes."""
 
@@ -29,6 +36,7 @@ class Inbox:
     """What arrived from outside since the last cycle."""
 
     setpoints: list[StampedSetpoint] = field(default_factory=list)
+    values: list[SetValue] = field(default_factory=list)
     requests: list[Request] = field(default_factory=list)
 
 
@@ -40,12 +48,14 @@ class Report(NamedTuple):
         mode: What the robot is allowed to do.
         values: The published signals, in the order of the wiring.
         applied: The set-point that came into force in the cycle before, with that cycle's stamp; None if none did.
+        topics: Values of the variables that are published one by one, in the order of the wiring.
     """
 
     stamp_ns: int
     mode: Mode
     values: Sequence[float]
     applied: StampedSetpoint | None
+    topics: Sequence[float] = ()
 
 
 class Stage(Protocol):

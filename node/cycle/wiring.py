@@ -1,5 +1,6 @@
 """Model ports and states joined to the robot's signals, by name, once, before the first cycle."""
 
+import enum
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -26,6 +27,30 @@ PUBLISHED_SIGNALS: Final = (
 )
 """What the robot can tell the world: m, m, rad, m/s, rad/s, rad, rad, rad/s, rad/s."""
 
+SET: Final = "set."
+"""Begins the name of a value that anybody may set: `set.force` is the topic `set/force`."""
+
+TOPIC: Final = "topic."
+"""Begins the name of a topic that a variable is published on: `topic.energy` is the topic `energy`."""
+
+
+@enum.unique
+class Origin(enum.IntEnum):
+    """Where a value comes from."""
+
+    SENSOR = 0
+    SETPOINT = 1
+    SET = 2
+    OUTPUT = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A place in the values of an origin."""
+
+    origin: Origin
+    index: int
+
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
@@ -33,21 +58,33 @@ class Wiring:
 
     Attributes:
         inputs: For each model input, where its value comes from.
-        states: Artificial states, each with the set-point that is written to it.
+        states: Artificial states, each with where the value comes from that is written to it.
         outputs: For each hardware command, the model output that drives it.
         published: For each published signal that is wired, where its value comes from.
         sensors: The sensor values that the model depends on.
+        set_names: Names of the values that anybody may set.
+        set_values: What they are before anybody did.
+        topics: Topics that variables are published on, each with the variable.
     """
 
-    inputs: tuple["Source", ...]
-    states: tuple[tuple[str, int], ...]
+    inputs: tuple[Source, ...]
+    states: tuple[tuple[str, Source], ...]
     outputs: tuple[int, ...]
-    published: Mapping[str, "Source"]
+    published: Mapping[str, Source]
     sensors: tuple[int, ...]
+    set_names: tuple[str, ...]
+    set_values: tuple[float, ...]
+    topics: Mapping[str, str]
 
-    def model_inputs(self, sensors: Sensors, setpoint: Setpoint) -> list[float]:
+    def model_inputs(self, sensors: Sensors, setpoint: Setpoint, set_values: Sequence[float]) -> list[float]:
         """The model's inputs in port order."""
-        return [(sensors.values if s.of_sensor else setpoint)[s.index] for s in self.inputs]
+        pools = (sensors.values, setpoint, set_values)
+        return [pools[s.origin][s.index] for s in self.inputs]
+
+    def state_writes(self, setpoint: Setpoint, set_values: Sequence[float]) -> list[tuple[str, float]]:
+        """What is written to which state."""
+        pools = ((), setpoint, set_values)
+        return [(state, pools[s.origin][s.index]) for state, s in self.states]
 
     def commands(self, y: Sequence[float]) -> list[float]:
         """The hardware's commands in its order."""
@@ -55,15 +92,7 @@ class Wiring:
 
     def publish(self, sensors: Sensors, y: Sequence[float]) -> list[float]:
         """The published signals that are wired, in the order of `published`."""
-        return [(sensors.values if s.of_sensor else y)[s.index] for s in self.published.values()]
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """A place in the sensors' values or, where not `of_sensor`, in set-point (for inputs) or model outputs."""
-
-    of_sensor: bool
-    index: int
+        return [(sensors.values if s.origin is Origin.SENSOR else y)[s.index] for s in self.published.values()]
 
 
 def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
@@ -72,26 +101,33 @@ def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
     Args:
         model: The model.
         hardware: The hardware.
-        wiring: The robot's signal for each model port or state.
+        wiring: The robot's signal for each model port, state or other variable.
 
     Raises:
         UnknownNameError: A name that does not exist; the text lists those that do.
         ConfigurationError: A port or command left open, or wired twice, or to a signal of the wrong direction.
     """
-    ports = {v.name: v for v in (*model.inputs, *model.outputs, *model.states)}
+    variables = {v.name: v for v in (*model.inputs, *model.outputs, *model.states, *model.parameters)}
     for port in wiring:
-        if port not in ports:
-            raise UnknownNameError(f"port or state of model '{model.name}'", port, ports)
+        if port not in variables:
+            raise UnknownNameError(f"port, state or parameter of model '{model.name}'", port, variables)
+    topics = {signal.removeprefix(TOPIC): port for port, signal in wiring.items() if signal.startswith(TOPIC)}
+    joined = {port: signal for port, signal in wiring.items() if not signal.startswith(TOPIC)}
+    set_from = {signal: variables[port].value for port, signal in joined.items() if signal.startswith(SET)}
     outputs = _names(model.outputs)
-    driven = {port: signal for port, signal in wiring.items() if port in outputs}
-    inputs = tuple(_input(v.name, wiring, hardware) for v in model.inputs)
+    driven = {port: signal for port, signal in joined.items() if port in outputs}
+    inputs = tuple(_input(v.name, joined, hardware, list(set_from)) for v in model.inputs)
     _check_outputs(driven, hardware)
+    _check_parameters(model, joined)
     return Wiring(
         inputs=inputs,
-        states=tuple(_state(v, wiring[v.name]) for v in model.states if v.name in wiring),
+        states=tuple(_state(v, joined[v.name], list(set_from)) for v in model.states if v.name in joined),
         outputs=tuple(_driver(command, driven, outputs) for command in hardware.commands),
         published=_published(driven, outputs, hardware),
-        sensors=tuple(sorted({source.index for source in inputs if source.of_sensor})),
+        sensors=tuple(sorted({source.index for source in inputs if source.origin is Origin.SENSOR})),
+        set_names=tuple(signal.removeprefix(SET) for signal in set_from),
+        set_values=tuple(set_from.values()),
+        topics=topics,
     )
 
 
@@ -99,29 +135,48 @@ def _names(variables: Iterable[Variable]) -> list[str]:
     return [v.name for v in variables]
 
 
-def _input(port: str, wiring: Mapping[str, str], hardware: Hardware) -> Source:
-    known = [*hardware.signals, *SETPOINT_SIGNALS]
+def _from_outside(signal: str, set_signals: Sequence[str]) -> Source | None:
+    """The source of a set-point or a value that anybody may set; None for any other signal."""
+    if signal in SETPOINT_SIGNALS:
+        return Source(Origin.SETPOINT, SETPOINT_SIGNALS.index(signal))
+    return Source(Origin.SET, set_signals.index(signal)) if signal in set_signals else None
+
+
+def _input(port: str, wiring: Mapping[str, str], hardware: Hardware, set_signals: Sequence[str]) -> Source:
+    known = [*hardware.signals, *SETPOINT_SIGNALS, f"{SET}<name>"]
     if port not in wiring:
         raise ConfigurationError(f"wiring: model input '{port}' is wired to nothing; it can take {', '.join(known)}")
     signal = wiring[port]
-    if signal in SETPOINT_SIGNALS:
-        return Source(of_sensor=False, index=SETPOINT_SIGNALS.index(signal))
+    source = _from_outside(signal, set_signals)
+    if source is not None:
+        return source
     if signal not in hardware.signals:
         raise UnknownNameError(f"signal for model input '{port}'", signal, known)
-    return Source(of_sensor=True, index=list(hardware.signals).index(signal))
+    return Source(Origin.SENSOR, list(hardware.signals).index(signal))
 
 
-def _state(state: Variable, signal: str) -> tuple[str, int]:
+def _state(state: Variable, signal: str, set_signals: Sequence[str]) -> tuple[str, Source]:
     if state.write is not Write.NOW:
         raise ConfigurationError(f"wiring: state '{state.name}' cannot be written while the model runs")
-    if signal not in SETPOINT_SIGNALS:
-        raise UnknownNameError(f"set-point for model state '{state.name}'", signal, SETPOINT_SIGNALS)
-    return state.name, SETPOINT_SIGNALS.index(signal)
+    source = _from_outside(signal, set_signals)
+    if source is None:
+        known = [*SETPOINT_SIGNALS, f"{SET}<name>", f"{TOPIC}<name>"]
+        raise UnknownNameError(f"set-point for model state '{state.name}'", signal, known)
+    return state.name, source
+
+
+def _check_parameters(model: Model, wiring: Mapping[str, str]) -> None:
+    for name in _names(model.parameters):
+        if name in wiring:
+            raise ConfigurationError(
+                f"wiring: parameter '{name}' can only be published, as {TOPIC}<name>; set it under model.parameters, "
+                "or while the robot runs as a ROS parameter"
+            )
 
 
 def _check_outputs(driven: Mapping[str, str], hardware: Hardware) -> None:
     # Measured signals are published as measured; a model may stand in for those that no hardware measures.
-    known = [*hardware.commands, *(s for s in PUBLISHED_SIGNALS if s not in hardware.signals)]
+    known = [*hardware.commands, *(s for s in PUBLISHED_SIGNALS if s not in hardware.signals), f"{TOPIC}<name>"]
     owners: dict[str, str] = {}
     for port, signal in driven.items():
         if signal not in known:
@@ -144,7 +199,7 @@ def _published(driven: Mapping[str, str], outputs: Sequence[str], hardware: Hard
     published: dict[str, Source] = {}
     for signal in PUBLISHED_SIGNALS:
         if signal in port_of:
-            published[signal] = Source(of_sensor=False, index=outputs.index(port_of[signal]))
+            published[signal] = Source(Origin.OUTPUT, outputs.index(port_of[signal]))
         elif signal in sensors:
-            published[signal] = Source(of_sensor=True, index=sensors.index(signal))
+            published[signal] = Source(Origin.SENSOR, sensors.index(signal))
     return published

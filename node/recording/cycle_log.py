@@ -1,6 +1,5 @@
 """Cycles as messages: what each topic of a run's log holds."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -11,6 +10,7 @@ from node.cycle.cycle import PHASES
 from node.cycle.seams import CycleRecord
 from node.cycle.status import Status
 from node.recording.mcap_log import McapLog
+from node.recording.topics import topic
 from node.robot import Robot
 
 _ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
@@ -67,12 +67,12 @@ class CycleLog:
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, [f"odometry.{part}" for part in _ODOMETRY])
         self._joints = _indices(published, _JOINTS)
-        self._ports = [_topic("model", port) for port in (*layout.inputs, *layout.outputs)]
-        self._commands = [_topic("command", command) for command in layout.commands]
-        self._sensors = [_topic("sensor", sensor) for sensor in layout.sensors]
-        self._ages = [_topic("sensor_age", sensor) for sensor in layout.sensors]
+        self._ports = [topic("model", port) for port in (*layout.inputs, *layout.outputs)]
+        self._commands = [topic("command", command) for command in layout.commands]
+        self._sensors = [topic("sensor", sensor) for sensor in layout.sensors]
+        self._ages = [topic("sensor_age", sensor) for sensor in layout.sensors]
         # The last phase is the recording itself, which is not over when it is written.
-        self._phases = [_topic("timing", phase) for phase in PHASES[:-1]]
+        self._phases = [topic("timing", phase) for phase in PHASES[:-1]]
 
     def write(self, record: CycleRecord) -> None:
         """Log one cycle."""
@@ -108,14 +108,8 @@ class CycleLog:
         self._log.close()
 
     def _scalars(self, topics: Sequence[str], stamp_ns: int, values: Sequence[float]) -> None:
-        for topic, value in zip(topics, values, strict=True):
-            self._log.float64(topic, stamp_ns, value)
-
-
-def _topic(group: str, name: str) -> str:
-    """A valid ROS topic name: the name's hierarchy with `/`, and anything that ROS does not take as `_`."""
-    hierarchy = re.sub(r"[.\\]", "/", name)
-    return f"/{group}/{re.sub(r'[^A-Za-z0-9_/]', '_', hierarchy)}"
+        for name, value in zip(topics, values, strict=True):
+            self._log.float64(name, stamp_ns, value)
 
 
 def _indices(published: dict[str, int], wanted: Sequence[str]) -> list[int] | None:

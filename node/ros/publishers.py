@@ -31,13 +31,27 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     return publishers
 
 
-def _scalar(node: RosObject, topic: str, index: int) -> Publish:
+def make_scalar_publishers(node: RosObject, topics: Sequence[str]) -> list[Callable[[float], None]]:
+    """One callable per topic of type std_msgs/Float64."""
+    return [_number(node, topic.replace(".", "/")) for topic in topics]
+
+
+def _number(node: RosObject, topic: str) -> Callable[[float], None]:
     kind = message_type("std_msgs/msg/Float64")
     message, publisher = kind(), node.create_publisher(kind, topic, _DEPTH)
 
-    def publish(_stamp_ns: int, values: Sequence[float]) -> None:
-        message.data = values[index]
+    def publish(value: float) -> None:
+        message.data = value
         publisher.publish(message)
+
+    return publish
+
+
+def _scalar(node: RosObject, topic: str, index: int) -> Publish:
+    publish_number = _number(node, topic)
+
+    def publish(_stamp_ns: int, values: Sequence[float]) -> None:
+        publish_number(values[index])
 
     return publish
 

@@ -34,13 +34,16 @@ def require_ros() -> None:
 
 
 @contextlib.contextmanager
-def ros_node(name: str, namespace: str, ros_arguments: Sequence[str] = ()) -> Iterator[RosObject]:
-    """A ROS node of its own context, without parameter services or signal handlers of ROS' own.
+def ros_node(
+    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False
+) -> Iterator[RosObject]:
+    """A ROS node of its own context, without signal handlers of ROS' own.
 
     Args:
         name: Name of the node.
         namespace: Its namespace; relative topic names live in it.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
+        parameters: Whether it offers the parameter services; the caller has to serve them.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -55,7 +58,7 @@ def ros_node(name: str, namespace: str, ros_arguments: Sequence[str] = ()) -> It
             name,
             namespace=namespace or None,
             context=context,
-            start_parameter_services=False,
+            start_parameter_services=parameters,
             enable_rosout=False,
             # No executor would ever answer it.
             parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],

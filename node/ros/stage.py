@@ -1,16 +1,19 @@
 """The ROS stage of the model node: takes from its own handles and publishes; no executor runs in the loop."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from node.config import RosSection
-from node.cycle.seams import Inbox, Report, Request, StampedSetpoint
+from node.cycle.seams import Inbox, Report, Request, SetValue, StampedSetpoint
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
+from node.cycle.wiring import Wiring
+from node.model.model import Model
 from node.ros.graph import mismatch
 from node.ros.messages import diagnostic_array, message_type, set_stamp, stamp_ns
-from node.ros.publishers import make_publishers
+from node.ros.parameters import ModelParameters
+from node.ros.publishers import make_publishers, make_scalar_publishers
 from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
 
@@ -27,10 +30,11 @@ _logger = logging.getLogger(__name__)
 class RosStage:
     """See `node.cycle.seams.Stage`."""
 
-    def __init__(self, node: RosObject, ros: RosSection, signals: Sequence[str]) -> None:
-        """Offer the robot's topics and services on `node`; `signals` names the values of each report."""
+    def __init__(self, node: RosObject, ros: RosSection, wiring: Wiring, model: Model) -> None:
+        """Offer the robot's topics, services and parameters on `node`."""
         self._node = node
-        self._publishers = make_publishers(node, ros, signals)
+        self._publishers = make_publishers(node, ros, list(wiring.published))
+        self._topics = make_scalar_publishers(node, list(wiring.topics))
         self._subscriptions = [
             self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _from_twist),
             self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _AHEAD_DEPTH, _from_twist_stamped),
@@ -38,6 +42,11 @@ class RosStage:
         trigger = message_type("std_srvs/srv/Trigger")
         self._request_type, self._response_type = trigger.Request, trigger.Response
         self._services = [(action, node.create_service(trigger, f"~/{action}", _never_called)) for action in Action]
+        self._values = [
+            node.create_subscription(message_type("std_msgs/msg/Float64"), f"set/{name}", _never_called, _COMMAND_DEPTH)
+            for name in wiring.set_names
+        ]
+        self._parameters = ModelParameters(node, model, [service for _, service in self._services])
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._setpoint = node.create_publisher(message_type("geometry_msgs/msg/TwistStamped"), "setpoint", _AHEAD_DEPTH)
@@ -60,6 +69,8 @@ class RosStage:
         """Publish every topic of the cycle."""
         for publish in self._publishers:
             self._guarded(publish, report.stamp_ns, report.values)
+        for tell, value in zip(self._topics, report.topics, strict=True):
+            self._guarded(tell, value)
         if report.applied is not None:
             self._guarded(self._publish_setpoint, report.applied)
 
@@ -68,7 +79,8 @@ class RosStage:
         self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
 
     def look_around(self) -> None:
-        """Now and then look at one topic for publishers that never reach us, and say each once."""
+        """Serve a parameter request; now and then look for publishers that never reach us, and say each once."""
+        self._guarded(self._parameters.serve_one)
         self._looks += 1
         turn, rest = divmod(self._looks, _LOOK_EVERY)
         if rest == 0:
@@ -79,12 +91,9 @@ class RosStage:
 
     def _take(self, inbox: Inbox) -> None:
         for subscription, convert in self._subscriptions:
-            handle, kind = subscription.handle, subscription.msg_type
-            for _ in range(_TAKEN_PER_CYCLE):
-                taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
-                if taken is None:
-                    break
-                inbox.setpoints.append(convert(taken[0]))
+            inbox.setpoints += [convert(message) for message in _taken(subscription)]
+        for index, subscription in enumerate(self._values):
+            inbox.values += [SetValue(index, message.data) for message in _taken(subscription)]
         for action, service in self._services:
             request, header = service.handle.service_take_request(self._request_type)
             if request is not None:
@@ -127,6 +136,16 @@ class RosStage:
             self._guarded(service.handle.service_send_response, response, header.request_id)
 
         return send
+
+
+def _taken(subscription: RosObject) -> Iterator[RosObject]:
+    """The messages that wait, oldest first."""
+    handle, kind = subscription.handle, subscription.msg_type
+    for _ in range(_TAKEN_PER_CYCLE):
+        taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
+        if taken is None:
+            return
+        yield taken[0]
 
 
 def _never_called(*_: RosObject) -> None:

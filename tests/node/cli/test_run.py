@@ -153,7 +153,12 @@ def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run)
 @pytest.mark.parametrize(
     ("old", "new", "code", "expected"),
     [
-        ("  X: odo", "  Xx: odo", 3, "no port or state of model 'cart' is called 'Xx'; there is X, Y, Heading, "),
+        (
+            "  X: odo",
+            "  Xx: odo",
+            3,
+            "parameter of model 'cart' is called 'Xx'; there is X, Y, Heading, ",
+        ),
         ("setpoint.linear_velocity", "setpoint.speed", 3, "there is setpoint.linear_velocity, setpoint.angular_ve"),
         ("odometry.x", "odometry.z", 3, "'odometry.z'; there is odometry.x, odometry.y, odometry.heading, "),
         ("arming: at_start", "arming: never", 2, "allowed is at_start, on_request"),

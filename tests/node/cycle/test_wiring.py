@@ -4,7 +4,7 @@ import pytest
 
 from firmware_io.hardware import NoHardware, Sensors
 from node.cycle.setpoints import Setpoint
-from node.cycle.wiring import PUBLISHED_SIGNALS, Source, wire
+from node.cycle.wiring import PUBLISHED_SIGNALS, Origin, Source, wire
 from node.errors import ConfigurationError, UnknownNameError
 from node.model.sectioned import SectionedModel
 from node.model.variables import Variable, Write
@@ -28,10 +28,10 @@ WIRING = {
     "Right": "right.voltage",
     "X": "odometry.x",
 }
-INPUTS = "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity"
+INPUTS = "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity, set.<name>"
 OUTPUTS = (
     "left.voltage, right.voltage, odometry.x, odometry.y, odometry.heading, odometry.linear_velocity, "
-    "odometry.angular_velocity, left.angle, right.angle"
+    "odometry.angular_velocity, left.angle, right.angle, topic.<name>"
 )
 
 
@@ -47,8 +47,8 @@ def without(*ports: str) -> dict[str, str]:
 
 def test_every_port_is_joined_to_its_signal(hardware: RecordingHardware) -> None:
     wiring = wire(Driver(), hardware, WIRING)
-    assert wiring.inputs == (Source(of_sensor=True, index=1), Source(of_sensor=False, index=0))
-    assert wiring.states == (("Turn", 1),)
+    assert wiring.inputs == (Source(Origin.SENSOR, 1), Source(Origin.SETPOINT, 0))
+    assert wiring.states == (("Turn", Source(Origin.SETPOINT, 1)),)
     assert wiring.outputs == (3, 1)
     assert wiring.sensors == (1,)
 
@@ -56,7 +56,8 @@ def test_every_port_is_joined_to_its_signal(hardware: RecordingHardware) -> None
 def test_values_take_the_way_of_the_wiring(hardware: RecordingHardware) -> None:
     wiring = wire(Driver(), hardware, WIRING)
     sensors, y = Sensors((7.0, 8.0), (0.0, 0.0), (True, True)), [0.0, 1.0, 2.0, 3.0]
-    assert wiring.model_inputs(sensors, Setpoint(0.5, 0.25)) == [8.0, 0.5]
+    assert wiring.model_inputs(sensors, Setpoint(0.5, 0.25), ()) == [8.0, 0.5]
+    assert wiring.state_writes(Setpoint(0.5, 0.25), ()) == [("Turn", 0.25)]
     assert wiring.commands(y) == [3.0, 1.0]
     assert dict(zip(wiring.published, wiring.publish(sensors, y), strict=True)) == {
         "odometry.x": 2.0,
@@ -78,10 +79,25 @@ def test_an_output_and_a_state_may_be_left_open(hardware: RecordingHardware) -> 
     assert "odometry.x" not in wiring.published
 
 
+def test_inputs_and_states_can_take_values_that_anybody_may_set(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING | {"Wanted": "set.speed", "Turn": "set.turn.rate"})
+    assert (wiring.set_names, wiring.set_values) == (("speed", "turn.rate"), (0.0, 0.0))
+    sensors = Sensors((7.0, 8.0), (0.0, 0.0), (True, True))
+    assert wiring.model_inputs(sensors, Setpoint(0.5, 0.25), (1.5, -2.0)) == [8.0, 1.5]
+    assert wiring.state_writes(Setpoint(0.5, 0.25), (1.5, -2.0)) == [("Turn", -2.0)]
+
+
+def test_any_variable_can_be_published_on_a_topic_of_its_own(hardware: RecordingHardware) -> None:
+    named = WIRING | {"Spare": "topic.spare", "Gain": "topic.gain", "Fixed": "topic.inner.fixed"}
+    wiring = wire(Driver(), hardware, named)
+    assert wiring.topics == {"spare": "Spare", "gain": "Gain", "inner.fixed": "Fixed"}
+    assert wiring.outputs == (3, 1)
+
+
 def test_without_hardware_a_model_may_stand_in_for_what_would_be_measured() -> None:
     wiring = {"Speed": "setpoint.linear_velocity", "Wanted": "setpoint.linear_velocity", "X": "left.velocity"}
     wired = wire(Driver(), NoHardware(), wiring)
-    assert wired.published == {"left.velocity": Source(of_sensor=False, index=2)}
+    assert wired.published == {"left.velocity": Source(Origin.OUTPUT, 2)}
     assert (wired.outputs, wired.sensors) == ((), ())
 
 
@@ -95,15 +111,9 @@ def test_a_sensor_that_two_inputs_take_is_watched_once(hardware: RecordingHardwa
     [
         pytest.param(
             WIRING | {"Z": "odometry.y"},
-            "no port or state of model 'driver' is called 'Z'; there is Speed, Wanted, Spare, Right, X, Left, Turn, "
-            "Fixed",
+            "no port, state or parameter of model 'driver' is called 'Z'; there is Speed, Wanted, Spare, "
+            "Right, X, Left, Turn, Fixed, Gain",
             id="unknown port",
-        ),
-        pytest.param(
-            WIRING | {"Gain": "setpoint.linear_velocity"},
-            "no port or state of model 'driver' is called 'Gain'; there is Speed, Wanted, Spare, Right, X, Left, "
-            "Turn, Fixed",
-            id="parameter",
         ),
         pytest.param(
             WIRING | {"Speed": "middle.velocity"},
@@ -118,7 +128,7 @@ def test_a_sensor_that_two_inputs_take_is_watched_once(hardware: RecordingHardwa
         pytest.param(
             WIRING | {"Turn": "left.velocity"},
             "no set-point for model state 'Turn' is called 'left.velocity'; there is setpoint.linear_velocity, "
-            "setpoint.angular_velocity",
+            "setpoint.angular_velocity, set.<name>, topic.<name>",
             id="state from a sensor",
         ),
         pytest.param(
@@ -166,6 +176,12 @@ def test_a_name_that_does_not_exist_is_refused_with_those_that_do(
             WIRING | {"Spare": "odometry.x"},
             "wiring: 'X' and 'Spare' both drive 'odometry.x'; keep one",
             id="published twice",
+        ),
+        pytest.param(
+            WIRING | {"Gain": "setpoint.linear_velocity"},
+            "wiring: parameter 'Gain' can only be published, as topic.<name>; set it under model.parameters, or while "
+            "the robot runs as a ROS parameter",
+            id="parameter",
         ),
         pytest.param(
             WIRING | {"Fixed": "setpoint.linear_velocity"},

@@ -13,7 +13,9 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
@@ -28,8 +30,17 @@ OUT = {
     "diagnostics": DiagnosticArray,
     "setpoint": TwistStamped,
 }
-ROS_OWN = ("/parameter_events", "/get_type_description")
-KINDS = {"Twist": Twist, "TwistStamped": TwistStamped, "String": String}
+ROS_OWN = (
+    "/parameter_events",
+    "/get_type_description",
+    "/describe_parameters",
+    "/get_parameters",
+    "/get_parameter_types",
+    "/list_parameters",
+    "/set_parameters",
+    "/set_parameters_atomically",
+)
+KINDS = {"Float64": Float64, "Twist": Twist, "TwistStamped": TwistStamped, "String": String}
 PATIENCE_S = 15.0
 NS_PER_S = 1_000_000_000
 
@@ -122,7 +133,7 @@ class ForeignNode:
         """Hear a topic from now on."""
         if topic not in self.listening:
             self.listening.add(topic)
-            kind = OUT[topic.rpartition("/")[2]]
+            kind = OUT.get(topic.rpartition("/")[2], Float64)
             self.node.create_subscription(kind, topic, lambda message: self.heard[topic].append(plain(message)), 1000)
         return True
 
@@ -153,14 +164,44 @@ class ForeignNode:
         self.publishers[topic, f"{kind} {best_effort}"] = self.node.create_publisher(KINDS[kind], topic, profile)
         return True
 
+    def publish_number(self, topic: str, value: float) -> Any:
+        """Publish one number, when whoever takes it is there."""
+        publisher = self._publisher(topic, "Float64")
+        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+            return False
+        publisher.publish(Float64(data=value))
+        return True
+
+    def describe_parameter(self, node: str, name: str) -> Any:
+        """What a parameter's descriptor says of it."""
+        answer = self._ask(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=[name]))
+        return [answer.descriptors[0].description, answer.descriptors[0].read_only]
+
+    def get_parameter(self, node: str, name: str) -> Any:
+        """A parameter's value."""
+        return (
+            self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name]))
+            .values[0]
+            .double_value
+        )
+
+    def set_parameter(self, node: str, name: str, value: float) -> Any:
+        """Set a parameter; whether that was done, and why not."""
+        parameters = [Parameter(name, value=value).to_parameter_msg()]
+        answer = self._ask(SetParameters, f"{node}/set_parameters", SetParameters.Request(parameters=parameters))
+        return [answer.results[0].successful, answer.results[0].reason]
+
+    def _ask(self, kind: Any, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, service)
+        client.wait_for_service(PATIENCE_S)
+        future = client.call_async(request)
+        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        self.node.destroy_client(client)
+        return future.result()
+
     def call(self, service: str) -> Any:
         """Call a Trigger service."""
-        client = self.node.create_client(Trigger, service)
-        client.wait_for_service(PATIENCE_S)
-        future = client.call_async(Trigger.Request())
-        self.executor.spin_until_future_complete(future, PATIENCE_S)
-        answer = future.result() if future.done() else None
-        self.node.destroy_client(client)
+        answer = self._ask(Trigger, service, Trigger.Request())
         return answer and [answer.success, answer.message]
 
     def _publisher(self, topic: str, kind: str) -> Any:

@@ -1,0 +1,78 @@
+"""The model's parameters as ROS parameters: served from the slack of a cycle, so written between two steps."""
+
+import importlib
+import re
+from collections.abc import Sequence
+
+from node.errors import ModelError
+from node.model.model import Model
+from node.model.variables import Variable, Write
+from node.ros.messages import message_type
+from node.ros.untyped import RosObject
+
+_EFFECT = {
+    Write.NOW: "a write takes effect at the next step",
+    Write.STATIC: "a write takes effect at the next step, through the static equations",
+    Write.RESET: "a write takes effect when the model is initialized again",
+    Write.NEVER: "cannot be written while the robot runs",
+}
+
+
+class ModelParameters:
+    """Declares a model's parameters on a node and serves the node's parameter services without an executor."""
+
+    def __init__(self, node: RosObject, model: Model, own_services: Sequence[RosObject]) -> None:
+        """Declare them; `own_services` are served by somebody else."""
+        self._model = model
+        self._names: dict[str, Variable] = {}
+        self._result_type = message_type("rcl_interfaces/msg/SetParametersResult")
+        for variable in model.parameters:
+            self._declare(node, variable)
+        node.add_on_set_parameters_callback(self._set)
+        self._services = [service for service in node.services if service not in own_services]
+        self._turn = 0
+
+    def serve_one(self) -> None:
+        """Answer one request of one service, if there is one; another service each time."""
+        if not self._services:
+            return
+        service = self._services[self._turn % len(self._services)]
+        self._turn += 1
+        request, header = service.handle.service_take_request(service.srv_type.Request)
+        if request is not None:
+            response = service.callback(request, service.srv_type.Response())
+            service.handle.service_send_response(response, header.request_id)
+
+    def _declare(self, node: RosObject, variable: Variable) -> None:
+        name = parameter_name(variable.name, self._names)
+        self._names[name] = variable
+        why = f": {variable.why}" if variable.why else ""
+        descriptor = message_type("rcl_interfaces/msg/ParameterDescriptor")(
+            description=f"{variable.name}, {variable.unit}; {_EFFECT[variable.write]}{why}",
+            read_only=variable.write is Write.NEVER,
+        )
+        node.declare_parameter(name, self._model.read(variable.name), descriptor)
+
+    def _set(self, parameters: Sequence[RosObject]) -> RosObject:
+        """Write what is asked for; what ROS itself declares is let pass."""
+        double = importlib.import_module("rclpy").Parameter.Type.DOUBLE
+        ours = [(self._names[p.name], p) for p in parameters if p.name in self._names]
+        for variable, parameter in ours:
+            if parameter.type_ is not double:
+                return self._result_type(successful=False, reason=f"{variable.name} takes a floating-point number")
+        try:
+            for variable, parameter in ours:
+                self._model.write(variable.name, parameter.value)
+        except ModelError as error:
+            return self._result_type(successful=False, reason=str(error))
+        return self._result_type(successful=True)
+
+
+def parameter_name(name: str, taken: dict[str, Variable]) -> str:
+    """A unique name of a ROS parameter: the variable's hierarchy with dots, and what ROS does not take as `_`."""
+    plain = re.sub(r"[^A-Za-z0-9_.]", "_", name.replace("\\", "."))
+    unique, count = plain, 1
+    while unique in taken:
+        count += 1
+        unique = f"{plain}_{count}"
+    return unique
