@@ -42,6 +42,10 @@ class RosUnavailableError(NodeError):
     exit_code = 5
 
 
+class AbandonedError(NodeError):
+    """A signal ended what was going on."""
+
+
 class NobodyListensError(NodeError):
     """No model node found our set-points in time, or it does not follow them."""
 

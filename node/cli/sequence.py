@@ -19,10 +19,6 @@ _THREE: Final = 3
 _BAR: Final = 30
 
 
-class _Interrupted(BaseException):
-    """Ends the manoeuvre from a signal handler; no `except Exception` on the way may swallow it."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `sequence`."""
     parser.add_argument(
@@ -42,10 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Play the sequence to its end."""
     player = Player(_manoeuvre(options.what))
-    with ros_node("sequence_control", options.namespace, options.ros_arguments) as node:
-        commander = Commander(node, options.node)
+    stop: list[str] = []
+    with (
+        stopped_by_signals(stop.append),
+        ros_node("sequence_control", options.namespace, options.ros_arguments) as node,
+    ):
+        commander = Commander(node, options.node, lambda: stop[0] if stop else None)
         commander.wait_for_robot(options.wait, arm=options.arm)
-        _play(commander, player)
+        commander.play(player, _progress())
         graph = commander.graph()
         unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
@@ -66,18 +66,6 @@ def _manoeuvre(what: list[str]) -> Manoeuvre:
     except ValueError as error:
         raise ConfigurationError(f"LINEAR ANGULAR DURATION must be numbers: {error}") from error
     return single_segment(linear, angular, duration)
-
-
-def _play(commander: Commander, player: Player) -> None:
-    def interrupt(name: str) -> None:
-        raise _Interrupted(name)
-
-    with stopped_by_signals(interrupt):
-        try:
-            commander.play(player, _progress())
-        except _Interrupted as interrupted:
-            commander.abandon(player)
-            raise NodeError(f"abandoned by {interrupted}; the robot was told to rest") from None
 
 
 def _progress() -> Callable[[float], None]:

@@ -9,7 +9,7 @@ from typing import Final
 from node.cycle.clock import NS_PER_S
 from node.cycle.report import MODE_SUFFIX
 from node.cycle.setpoints import REST
-from node.errors import NobodyListensError, RobotLostError
+from node.errors import AbandonedError, NobodyListensError, RobotLostError
 from node.ros.graph import Connection, connections
 from node.ros.messages import message_type, set_stamp, stamp_ns
 from node.ros.runtime import discovery_text
@@ -37,12 +37,20 @@ class Commander:
         confirmed: Stamps of the cycles in which the robot brought a set-point into force.
     """
 
-    def __init__(self, node: RosObject, robot_node: str) -> None:
-        """Speak through `node`, an rclpy node of the robot's namespace, to the model node named `robot_node`."""
+    def __init__(self, node: RosObject, robot_node: str, stopped: Callable[[], str | None]) -> None:
+        """Speak through `node`, an rclpy node of the robot's namespace, to the model node named `robot_node`.
+
+        Args:
+            node: Who speaks.
+            robot_node: Who is spoken to.
+            stopped: Asked often; tells the signal that is to end what goes on, or None. (An exception raised in a
+                signal handler would be lost where it hits rclpy's C++ code.)
+        """
         executors = importlib.import_module("rclpy.executors")
         self.mode: Mode | None = None
         self.reason = ""
         self.confirmed: set[int] = set()
+        self._stopped = stopped
         self._node = node
         self._executor = executors.SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
@@ -69,6 +77,7 @@ class Commander:
 
         Raises:
             NobodyListensError: Nobody did within `wait_s`, or the robot is not armed.
+            AbandonedError: A signal came.
         """
         deadline_s = time.monotonic() + wait_s
         self._spin_until(lambda: self.mode is not None and bool(self._heard), deadline_s, wait_s)
@@ -90,6 +99,7 @@ class Commander:
 
         Raises:
             RobotLostError: The model node fell silent, or is no longer armed.
+            AbandonedError: A signal came; the robot was told to rest.
         """
         player.lead_ns = self._on_grid(LEAD_NS)
         del self._heard[:-1]
@@ -103,13 +113,10 @@ class Commander:
             self._send(player.start_ns, player.say())
             on_progress(player.fraction)
             self._check_robot(time.monotonic() - heard_s)
+            if self._stopped() is not None:
+                self._abandon(player)
             self._executor.spin_once(timeout_sec=_SPIN_S)
         self._wait_for_confirmations(player)
-
-    def abandon(self, player: Player) -> None:
-        """Tell the robot to rest at once."""
-        self._send(player.start_ns, player.abandon())
-        self._publisher.wait_for_all_acked(_duration(_ANSWER_S))
 
     def graph(self) -> list[Connection]:
         """The topics of this namespace with their ends."""
@@ -120,6 +127,8 @@ class Commander:
             if time.monotonic() > deadline_s:
                 raise NobodyListensError(self._why_nobody(wait_s))
             self._executor.spin_once(timeout_sec=_SPIN_S)
+            if self._stopped() is not None:
+                raise AbandonedError(f"abandoned by {self._stopped()} while waiting for the robot")
 
     def _wait_for_confirmations(self, player: Player) -> None:
         """The last set-points are confirmed a cycle after they came into force."""
@@ -140,6 +149,11 @@ class Commander:
         stamps = [odometry.stamp_ns for odometry in self._heard[-2:]]
         period_ns = stamps[-1] - stamps[0]
         return -(-duration_ns // period_ns) * period_ns if period_ns else duration_ns
+
+    def _abandon(self, player: Player) -> None:
+        self._send(player.start_ns, player.abandon())
+        self._publisher.wait_for_all_acked(_duration(_ANSWER_S))
+        raise AbandonedError(f"abandoned by {self._stopped()}; the robot was told to rest")
 
     def _check_robot(self, silent_s: float) -> None:
         if silent_s > _SILENCE_S:

@@ -158,6 +158,17 @@ def test_a_robot_that_refuses_to_arm_says_why(start: Start, messages: Path, fore
     assert line == "segway-ecc: the robot refuses to arm: clear the fault first: stop was pressed"
 
 
+def test_a_signal_ends_the_waiting_for_a_robot(start: Start, messages: Path, foreign: Ask) -> None:
+    sequence = start("waiting", "sequence", "1", "0.5", "60", "--namespace", "/nobody", "--wait", "600")
+    assert foreign("wait_for", node="sequence_control", namespace="/nobody")
+    sequence.send_signal(signal.SIGTERM)
+    output(sequence)
+
+    assert sequence.returncode == 1
+    (line,) = (messages / "waiting.txt").read_text().splitlines()
+    assert line == "segway-ecc: abandoned by SIGTERM while waiting for the robot"
+
+
 @pytest.mark.usefixtures("armed")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sequence_leaves_the_robot_at_rest(
