@@ -25,9 +25,13 @@ class ModelSection(_Section, frozen=True, kw_only=True):
     Attributes:
         source: What `load_model` takes, such as `node.models.cart:Cart`.
         parameters: Parameters other than their defaults, by name, in the model's units.
+        method: The integration method of a partial copy of generated code that does not name it.
+        step_size: The step of a model that does not give it, s.
     """
 
     source: str
+    method: Literal["Discrete", "Euler", "RungeKutta2", "RungeKutta4"] | None = None
+    step_size: Seconds | None = None
     parameters: dict[str, float] = {}
 
 

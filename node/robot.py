@@ -77,7 +77,8 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
         ModelError: The model cannot be loaded.
         ConfigurationError: The wiring does not fit.
     """
-    model = load_model(file.model.source, file.model.parameters)
+    section = file.model
+    model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
     hardware = _hardware(file, model.step_size, clock, link)
     return Robot(file, model, hardware, wire(model, hardware, file.wiring), clock)
 

@@ -1,6 +1,8 @@
 """What the whole test run shares: tests that need more than Python say so, and are never silently left out."""
 
 import os
+import shutil
+from collections.abc import Callable
 
 import pytest
 from hypothesis import settings
@@ -12,7 +14,13 @@ from node.ros.runtime import missing_packages
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
 
-NEEDS = {
+
+def missing_compiler() -> str | None:
+    return None if shutil.which("gcc") and shutil.which("g++") else "no gcc or no g++"
+
+
+NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
+    "compiler": (missing_compiler, "sudo apt-get install g++"),
     "kernel": (available, "sudo apt-get install user-mode-linux"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }

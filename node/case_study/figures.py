@@ -56,6 +56,7 @@ class _Look:
 
 _LOOKS = {
     Seat.OFFLINE: _Look("#7cc4ee", 6.0, "-", "o", 13.0),
+    Seat.SUBMODEL: _Look("#2e8b57", 4.0, "-", "D", 10.5),
     Seat.ROS: _Look("#c44e00", 2.6, (0, (4, 2)), "s", 8.0),
     Seat.CAN: _Look("#111111", 1.3, (0, (1.2, 2)), ".", 8.0),
 }

@@ -14,6 +14,8 @@ class Seat(enum.StrEnum):
 
     OFFLINE = "offline"
     """In this process, as fast as it goes."""
+    SUBMODEL = "submodel"
+    """The same, with the cart as a C submodel in the shape that 20-sim writes, compiled and loaded."""
     ROS = "ros"
     """Behind ROS 2: set-points and odometry cross real DDS between real processes."""
     CAN = "can"

@@ -11,7 +11,7 @@ NOT_RUN = "not run"
 
 _GAP = "  "
 _THESIS_DECIMALS = 2
-# A millimetre keeps three seats within about 100 characters; the differences keep a tenth of it.
+# A millimetre keeps four seats within about 100 characters; the difference keeps a tenth of it.
 _SEAT_DECIMALS = 3
 
 _Position = tuple[float, float]
@@ -38,8 +38,8 @@ def table(study_cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
         seats: The seats to show, in order.
 
     Returns:
-        Lines of text: the set-points (m/s, rad/s), the positions (m) the thesis printed and each seat reached, the
-        difference (m) of each seat from the thesis' offline table, then one line per seat with its worst difference.
+        Lines of text: the set-points (m/s, rad/s), the positions (m) the thesis printed and each seat that ran
+        reached, the worst difference (m) of these from the thesis' offline table, then one line per seat with its own.
     """
     columns = [column.lines() for column in _columns(study_cells, seats)]
     rows = [_GAP.join(fields).rstrip() for fields in zip(*columns, strict=True)]
@@ -65,9 +65,14 @@ def _columns(cells: Sequence[Cell], seats: Sequence[Seat]) -> list[_Column]:
         _Column(("", "rad/s"), [f"{cell.angular:g}" for cell in cells]),
         _Column(("thesis", "offline, m"), _pairs([cell.thesis_offline for cell in cells], _THESIS_DECIMALS)),
         _Column(("thesis", "ROS, m"), _pairs([cell.thesis_ros for cell in cells], _THESIS_DECIMALS)),
-        *(_position_column(cells, seat) for seat in seats),
-        *(_Column(("diff, m", seat), [difference_text(cell, seat) for cell in cells]) for seat in seats),
+        *(_position_column(cells, seat) for seat in seats if any(seat in cell.positions for cell in cells)),
+        _Column(("worst", "diff, m"), [_worst_of_cell(cell, seats) for cell in cells]),
     ]
+
+
+def _worst_of_cell(cell: Cell, seats: Sequence[Seat]) -> str:
+    ran = [cell.positions[seat] for seat in seats if seat in cell.positions]
+    return f"{max(difference(p, cell.thesis_offline) for p in ran):.4f}" if ran else NOT_RUN
 
 
 def _position_column(cells: Sequence[Cell], seat: Seat) -> _Column:

@@ -1,6 +1,7 @@
 """`segway-ecc bench`: how fast this machine runs the loop."""
 
 import argparse
+import dataclasses
 import os
 import statistics
 import sys
@@ -11,8 +12,12 @@ from typing import Any, Final
 
 from hil.processes import command
 from node.case_study.can import ROBOT, LockstepCanSeat
+from node.case_study.offline import SUBMODEL_CART, has_compiler
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
+from node.native.cost import step_cost
+from node.native.library import NativeModel
+from node.native.load import load_native
 from node.ros.runtime import missing_packages
 from node.sequence.manoeuvre import single_segment
 
@@ -36,10 +41,12 @@ def run(options: argparse.Namespace) -> int:
     lock_step = _lock_step()
     sys.stderr.write(f"segway-ecc: real time, {options.duration:g} s\n")
     real_time = _real_time(options.duration)
+    native = _native() if has_compiler() else None
     if options.json:
-        print_json({"lock_step": lock_step, "real_time": real_time})
+        print_json({"lock_step": lock_step, "native_model": native, "real_time": real_time})
     else:
         _print(lock_step, real_time)
+        _print_native(native)
     return 0
 
 
@@ -71,6 +78,40 @@ def _real_time(duration_s: float) -> dict[str, Any]:
             result = controller.result(duration_s + _MARGIN_S)
     kept = ("cycles", "late", "overrun", "skipped", "mean_rate_hz", "timing")
     return {"ros": not missing_packages(), **{name: result[name] for name in kept}}
+
+
+def _native() -> dict[str, float]:
+    """The cart as a C submodel: loading it, and a step of it through our interface and from C."""
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as cache:
+        before = os.environ.get("XDG_CACHE_HOME")
+        os.environ["XDG_CACHE_HOME"] = cache
+        try:
+            first_s, model = _timed_load()
+            again_s, model = _timed_load()
+            cost = step_cost(model)
+        finally:
+            os.environ.pop("XDG_CACHE_HOME")
+            if before is not None:
+                os.environ["XDG_CACHE_HOME"] = before
+    return {"load_first_s": first_s, "load_from_cache_s": again_s, **dataclasses.asdict(cost)}
+
+
+def _timed_load() -> tuple[float, NativeModel]:
+    start = time.perf_counter()
+    model = load_native(Path(SUBMODEL_CART.source))
+    return time.perf_counter() - start, model
+
+
+def _print_native(native: dict[str, float] | None) -> None:
+    if native is None:
+        sys.stdout.write("native model: no C compiler here (sudo apt-get install gcc)\n")
+        return
+    ours, theirs = native["through_our_interface_s"] * 1e6, native["native_s"] * 1e6
+    sys.stdout.write(
+        f"native model: a step costs {ours:.2f} us through our interface and {theirs:.2f} us from C (medians); "
+        f"loaded in {native['load_first_s']:.2f} s the first time and "
+        f"{native['load_from_cache_s'] * 1e3:.0f} ms from the cache\n"
+    )
 
 
 def _print(lock_step: dict[str, float], real_time: dict[str, Any]) -> None:

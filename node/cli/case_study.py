@@ -11,7 +11,7 @@ from typing import Any
 from hil.simulation import simulated_bus
 from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from node.case_study.conduct import conduct
-from node.case_study.offline import OfflineSeat
+from node.case_study.offline import SUBMODEL_CART, OfflineSeat, has_compiler
 from node.case_study.progress import show_progress
 from node.case_study.ros import RosSeat
 from node.case_study.seats import SeatRunner
@@ -60,10 +60,14 @@ def _seats(asked: str) -> list[Seat]:
     """The seats to run; all of them means those that can."""
     if asked != "all":
         return [Seat(asked)]
-    missing = missing_packages()
-    if missing:
-        sys.stderr.write(f"segway-ecc: no ROS 2 here (no {', '.join(missing)}): the ros seat is left out\n")
-    return [seat for seat in Seat if not (missing and seat is Seat.ROS)]
+    left_out = {}
+    if missing_packages():
+        left_out[Seat.ROS] = f"no ROS 2 here (no {', '.join(missing_packages())})"
+    if not has_compiler():
+        left_out[Seat.SUBMODEL] = "no C compiler here (sudo apt-get install gcc)"
+    for seat, reason in left_out.items():
+        sys.stderr.write(f"segway-ecc: {reason}: the {seat} seat is left out\n")
+    return [seat for seat in Seat if seat not in left_out]
 
 
 def _runners(seats: list[Seat], folder: Path, *, lock_step: bool) -> list[SeatRunner]:
@@ -76,6 +80,8 @@ def _runners(seats: list[Seat], folder: Path, *, lock_step: bool) -> list[SeatRu
     made_runners: dict[Seat, SeatRunner] = {}
     if Seat.OFFLINE in seats:
         made_runners[Seat.OFFLINE] = OfflineSeat(logs)
+    if Seat.SUBMODEL in seats:
+        made_runners[Seat.SUBMODEL] = OfflineSeat(logs, Seat.SUBMODEL, SUBMODEL_CART)
     if Seat.ROS in seats:
         made_runners[Seat.ROS] = RosSeat(messages, logs)
     if Seat.CAN in seats:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from node.cli.options import add_json, print_json, print_table
+from node.cli.options import add_json, add_model, print_json, print_table
 from node.model.load import load_model
 from node.model.variables import Variable, Write
 from node.native.describe import describe
@@ -21,13 +21,13 @@ _EFFECT = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `inspect`."""
-    parser.add_argument("model", help="a folder of generated code, an FMU, or package.module:Class")
+    add_model(parser)
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Load the model and print what was found."""
-    model = load_model(options.model)
+    model = load_model(options.model, method=options.method, step_size=options.step)
     description = describe(model)
     if options.json:
         print_json(_json(description))

@@ -30,10 +30,14 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
-    """The robot file, with the bus that the command line names; models that stand beside it can be loaded by name."""
+    """The robot file, with the bus that the command line names; models that stand beside it are found."""
     file = load_robot(options.robot)
     if options.robot not in packaged_robots():
-        sys.path.append(str(Path(options.robot).resolve().parent))
+        folder = Path(options.robot).resolve().parent
+        sys.path.append(str(folder))
+        if (folder / file.model.source).exists():
+            found = msgspec.structs.replace(file.model, source=str(folder / file.model.source))
+            file = msgspec.structs.replace(file, model=found)
     wanted = {name: getattr(options, name) for name in ("interface", "channel") if getattr(options, name) is not None}
     if not wanted:
         return file
@@ -41,6 +45,13 @@ def robot_file(options: argparse.Namespace) -> RobotFile:
         raise ConfigurationError(f"--{next(iter(wanted))}: robot '{file.name}' is on no CAN bus")
     can = msgspec.structs.replace(file.hardware.can, **wanted)
     return msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, can=can))
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """A model, and what some cannot tell of themselves."""
+    parser.add_argument("model", help="a folder of generated code, an FMU, or package.module:Class")
+    parser.add_argument("--method", help="integration method of a partial copy that does not name it")
+    parser.add_argument("--step", type=float, metavar="S", help="step of a model that does not give it")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

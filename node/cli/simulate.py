@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from node.cli.options import add_json, print_json, print_table
+from node.cli.options import add_json, add_model, print_json, print_table
 from node.errors import ConfigurationError
 from node.model.load import load_model
 from node.model.model import Model
@@ -21,7 +21,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `simulate`."""
-    parser.add_argument("model", help="a folder of generated code, an FMU, or package.module:Class")
+    add_model(parser)
     parser.add_argument("--input", action="append", default=[], metavar="NAME=VALUE", help="hold an input")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set a parameter at the start")
     parser.add_argument("--duration", type=float, required=True, metavar="S", help="how long")
@@ -35,7 +35,8 @@ def run(options: argparse.Namespace) -> int:
     """Simulate, write what was asked for, and print where the model ended."""
     if not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
-    model = load_model(options.model, _assignments("--set", options.set))
+    parameters = _assignments("--set", options.set)
+    model = load_model(options.model, parameters, method=options.method, step_size=options.step)
     samples = list(simulate(model, _assignments("--input", options.input), options.duration))
     if options.csv is not None:
         _write_csv(options.csv, model, samples)

@@ -122,6 +122,11 @@ class Cycle:
         ):
             histogram.add(duration_ns)
 
+    @property
+    def model_stopped(self) -> bool:
+        """Whether the model has asked to stop."""
+        return self._model.stopped
+
     def disarm(self) -> None:
         """Send zero with the motors off; the first thing on the way out."""
         self._commands = self._zero

@@ -143,6 +143,8 @@ class Loop:
                 self.stop(f"{cycles} cycles were asked for")
             if self._stage.over is not None:
                 self.stop(self._stage.over)
+            if self._cycle.model_stopped:
+                self.stop("the model asked to stop")
             deadline_ns += period_ns
             deadline_ns += self._lost_ns(deadline_ns)
             self._use_slack(deadline_ns)

@@ -36,6 +36,10 @@ class Model(Protocol):
     def states(self) -> Sequence[Variable]:
         """The states."""
 
+    @property
+    def stopped(self) -> bool:
+        """Whether the model itself has asked to stop, as 20-sim's `stopsimulation` does; it can still be stepped."""
+
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Run the initial and static sections under inputs `u`; return the outputs at time zero."""
 

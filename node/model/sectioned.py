@@ -20,6 +20,7 @@ class SectionedModel:
         time: Model time, s: the number of steps times the step size, free of summation error.
         s: The states, in the order of `states`; valid in every section.
         p: The parameters by name.
+        stopped: Whether the model has asked to stop; a section may set it.
     """
 
     name: ClassVar[str]
@@ -38,6 +39,7 @@ class SectionedModel:
         self._y: list[float] = [v.value for v in self.outputs]
         self._starts: dict[str, float] = {}
         self.time = 0.0
+        self.stopped = False
         self.s: list[float] = [v.value for v in self.states]
         self.p: dict[str, float] = {v.name: v.value for v in self.parameters}
         for name, value in (parameters or {}).items():
@@ -73,6 +75,7 @@ class SectionedModel:
         """Start at time zero; see `Model.initialize`."""
         self._steps = 0
         self.time = 0.0
+        self.stopped = False
         self.s = [self._starts.get(v.name, v.value) for v in self.states]
         self.initial()
         self.static()

@@ -21,7 +21,7 @@ def simulate(model: Model, inputs: Mapping[str, float], duration: float) -> Iter
     Args:
         model: The model.
         inputs: Values of inputs by name; the others keep their start values.
-        duration: How long, s; rounded to whole steps.
+        duration: How long, s; rounded to whole steps. A model that asks to stop ends sooner.
 
     Yields:
         The start, and the end of each step.
@@ -33,6 +33,8 @@ def simulate(model: Model, inputs: Mapping[str, float], duration: float) -> Iter
     yield Sample(0.0, u, model.initialize(u))
     for step in range(1, round(duration / model.step_size) + 1):
         yield Sample(step * model.step_size, u, model.step(u))
+        if model.stopped:
+            break
     model.terminate()
 
 

@@ -42,6 +42,8 @@ class NativeModel:
 
     Attributes:
         description: Everything that was found out about it.
+        library_path: The shared object that it was loaded from.
+        stopped: Whether the model has asked to stop.
     """
 
     def __init__(self, description: Description, library: Path) -> None:
@@ -53,6 +55,8 @@ class NativeModel:
             ModelError: The library cannot be loaded.
         """
         self.description = description
+        self.library_path = library
+        self.stopped = False
         self._library = _load_copy(library)
         self._u = (ctypes.c_double * max(len(description.inputs), 1))()
         self._y = (ctypes.c_double * max(len(description.outputs), 1))()
@@ -102,6 +106,7 @@ class NativeModel:
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Start at time zero; see `Model.initialize`."""
         self._take(u)
+        self.stopped = False
         self._check(self._library.ecc_initialize(self._u, self._y), "initialize")
         return self._y[: self._outputs]
 
@@ -110,8 +115,10 @@ class NativeModel:
         if len(u) != self._inputs:
             self._take(u)
         self._u[: self._inputs] = list(u)
-        if self._step(self._u, self._y) < 0:
-            self._check(-1, "step")
+        status = self._step(self._u, self._y)
+        if status:
+            self._check(status, "step")
+            self.stopped = True
         return self._y[: self._outputs]
 
     def terminate(self) -> None:

@@ -111,7 +111,7 @@ def test_rows_hold_the_numbers_of_the_study() -> None:
     rows = _body_rows(_FULL)
     assert len(rows) == 12
     assert rows[5][:5] == ["2", "4", "0.43, 0.76", "0.49, 0.60", "0.4312, 0.7600"]
-    assert rows[5][7:] == ["0.1600", "0.0012", "0.0012", "0.0012"]
+    assert rows[5][4 + len(Seat) :] == ["0.1600", *["0.0012"] * len(Seat)]
 
 
 def test_every_heading_of_the_table_has_a_scope() -> None:
@@ -121,7 +121,8 @@ def test_every_heading_of_the_table_has_a_scope() -> None:
 
 
 def test_verdict_names_the_worst_difference_of_each_seat() -> None:
-    offline, ros, can, sameness = _items(_FULL)
+    offline, submodel, ros, can, sameness = _items(_FULL)
+    assert submodel.startswith("The submodel seat: 0.0012 m")
     assert offline.startswith("The offline seat: 0.0012 m in 12 of 12 cells, smaller than")
     assert ros.startswith("The ros seat: 0.0012 m")
     assert can.startswith("The can seat: 0.0012 m")
@@ -146,8 +147,8 @@ def test_verdict_does_not_praise_a_seat_that_is_far_off() -> None:
 
 def test_a_seat_that_did_not_run_is_stated() -> None:
     text = render(replace(_study(Seat.OFFLINE), graph=[]))
-    assert _items(text)[1:3] == ["The ros seat did not run.", "The can seat did not run."]
-    assert "not known" in _items(text)[3]
+    assert _items(text)[1:4] == [f"The {seat} seat did not run." for seat in ("submodel", "ros", "can")]
+    assert "not known" in _items(text)[4]
     assert "No ROS graph was recorded." in text
     assert len(_body_rows(text)[0]) == 7
 

@@ -39,8 +39,24 @@ def test_ends_with_the_worst_difference_of_each_seat() -> None:
     cells = _cells(Seat.OFFLINE, Seat.CAN)
     worst = worst_difference(cells, Seat.CAN)
     lines = table(cells, list(Seat)).splitlines()
-    assert lines[-3:] == [f"offline  {worst:.4f} m", "ros      did not run", f"can      {worst:.4f} m"]
-    assert f"{worst_thesis_difference(cells):.2f} m" in lines[-4]
+    assert lines[-4:] == [
+        f"offline   {worst:.4f} m",
+        "submodel  did not run",
+        "ros       did not run",
+        f"can       {worst:.4f} m",
+    ]
+    assert f"{worst_thesis_difference(cells):.2f} m" in lines[-5]
+
+
+def test_the_difference_of_a_row_is_the_worst_of_its_seats() -> None:
+    cell = thesis_cells()[3]
+    x, y = cell.thesis_offline
+    apart = replace(cell, positions={Seat.OFFLINE: (x, y + 0.001), Seat.CAN: (x - 0.25, y)})
+    assert _rows(table([apart], list(Seat)))[0][-1] == 0.25
+
+
+def test_a_seat_that_ran_nowhere_has_no_column() -> None:
+    assert "ros" not in table(_cells(Seat.CAN), list(Seat)).splitlines()[0]
 
 
 def test_a_cell_a_seat_did_not_run_says_so() -> None:

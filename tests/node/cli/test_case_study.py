@@ -131,7 +131,7 @@ def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
     outcome = segway_ecc("case-study", "--seat", "offline", "--out", str(tmp_path))
 
     assert "1.500 2.250" in outcome.out
-    assert "not run" in outcome.out
+    assert "did not run" in outcome.out
 
 
 def test_all_seats_are_those_that_can_run_here(
@@ -146,7 +146,11 @@ def test_all_seats_are_those_that_can_run_here(
     monkeypatch.setattr("node.cli.case_study.conduct", conduct)
     monkeypatch.setattr("node.cli.case_study._write_report", lambda *_: None)
     monkeypatch.setattr("node.cli.case_study.missing_packages", lambda: ["rclpy"])
+    monkeypatch.setattr("node.cli.case_study.has_compiler", lambda: False)
     outcome = segway_ecc("case-study", "--json", "--out", str(tmp_path))
 
     assert asked == [[Seat.OFFLINE, Seat.CAN]]
-    assert outcome.errors == ["segway-ecc: no ROS 2 here (no rclpy): the ros seat is left out"]
+    assert outcome.errors == [
+        "segway-ecc: no ROS 2 here (no rclpy): the ros seat is left out",
+        "segway-ecc: no C compiler here (sudo apt-get install gcc): the submodel seat is left out",
+    ]

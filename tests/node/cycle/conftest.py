@@ -39,6 +39,7 @@ class Probe(SectionedModel):
 
     def output(self) -> Sequence[float]:
         linear, angular = self.s
+        self.stopped = self.cycle == self.script.stops_at
         outputs: Sequence[float] = self.script.outputs.get(self.cycle, (10.0 * linear + angular, self.time))
         return outputs
 
@@ -53,8 +54,8 @@ class Probe(SectionedModel):
 
 @pytest.fixture
 def script() -> SimpleNamespace:
-    """What the model does: `outputs` by cycle, and the exception that a section `raises`."""
-    return SimpleNamespace(outputs={}, raises={})
+    """What the model does: `outputs` by cycle, the exception that a section `raises`, the cycle it `stops_at`."""
+    return SimpleNamespace(outputs={}, raises={}, stops_at=None)
 
 
 @pytest.fixture

@@ -56,6 +56,14 @@ def test_a_world_that_is_over_ends_it_after_that_cycle(bench: Bench) -> None:
     assert way_out(bench) == WAY_OUT
 
 
+def test_a_model_that_asks_to_stop_ends_it_after_that_cycle(bench: Bench, script: SimpleNamespace) -> None:
+    script.stops_at = 3
+    bench.loop.run()
+    assert len(bench.recorder.records) == 4
+    assert bench.loop.stop_reason == "the model asked to stop"
+    assert way_out(bench) == WAY_OUT
+
+
 def test_nothing_is_sent_after_the_motors_are_off_on_the_way_out(bench: Bench) -> None:
     bench.loop.run(cycles=5)
     assert bench.hardware.sent[-1] == (20.0,)  # it was driving up to then

@@ -48,6 +48,19 @@ def test_the_duration_is_rounded_to_whole_steps() -> None:
     assert len(list(simulate(Sum(), {}, 1.7))) == 1 + 3
 
 
+def test_a_model_that_asks_to_stop_ends_sooner() -> None:
+    class Stopping(Sum):
+        def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:
+            self.stopped = s[0] >= 4.0
+            return super().dynamic(t, s)
+
+    model = Stopping()
+    assert [tuple(sample.y) for sample in simulate(model, {"A": 1.0}, 5.0)] == [(0.0,), (4.0,), (8.0,)]
+    assert model.ended
+    model.initialize([0.0, 0.0])
+    assert not model.stopped
+
+
 def test_an_input_that_does_not_exist_is_refused_with_those_that_do() -> None:
     with pytest.raises(UnknownNameError, match=r"^no input of model 'sum' is called 'C'; there is A, B$"):
         held_inputs(Sum(), {"C": 1.0})

@@ -1,0 +1,174 @@
+"""Compiling a 20-sim model into a shared object with our interface, once per content.
+
+Every file that goes in is written out under its own name below a folder of the cache, and compiled there: the user's
+folder is never written to, may be moved or renamed, and its path may hold any character.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from node.errors import ModelError
+from node.native.cache import cached, digest
+from node.native.files import CPP_SUFFIXES, Folder
+from node.native.includes import TREE, supplied_headers
+from node.native.shim import Shim
+from node.native.twenty_sim import Parts
+
+_COMPILE: Final = ("-O2", "-fPIC", "-c")
+_C: Final = ("-std=gnu11",)
+# Without the last, the loader shares some of C++'s symbols among all instances of a process.
+_CPP: Final = ("-std=c++17", "-fno-gnu-unique")
+_SHIM_CPP: Final = ("-fno-access-control",)
+_LINK: Final = ("-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic", "-lm", "-ldl")
+_LIBRARY: Final = "model.so"
+_WARNINGS: Final = "warnings.txt"
+_OWN_FUNCTIONS: Final = ("Matrix", "Inverse", "MotionProfile", "Euler")
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A compiled model: the shared object, and what the code itself warned of while it was compiled."""
+
+    library: Path
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Everything that decides the outcome: the files by name, the units to compile, and where headers are."""
+
+    folder: Folder
+    files: Mapping[str, bytes]
+    units: Sequence[str]
+    includes: Sequence[str]
+    cpp: bool
+
+
+def build(parts: Parts, shim: Shim) -> Built:
+    """Compile a model, or find it compiled.
+
+    Args:
+        parts: The model.
+        shim: What is compiled with it.
+
+    Raises:
+        ModelError: There is no compiler, a file or function is missing, or the code does not compile.
+    """
+    plan = _plan(parts, shim)
+    compilers = {cpp: _compiler(cpp=cpp) for cpp in {plan.cpp, *(_is_cpp(unit) for unit in plan.units)}}
+    named = [part for name, content in sorted(plan.files.items()) for part in (os.fsencode(name), content)]
+    flags = " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *plan.includes))
+    key = digest(*named, flags, *(_identity(path) for _, path in sorted(compilers.items())))
+    entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
+    return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
+
+
+def _plan(parts: Parts, shim: Shim) -> _Plan:
+    folder = parts.folder
+    ending = "cpp" if parts.is_cpp else "c"
+    files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
+    files[f"{TREE}/{parts.model.name}"] = shim.model
+    files |= {f"supplied/{name}": text.encode() for name, text in supplied_headers(folder).items()}
+    files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
+    units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
+    includes = [f"-I{TREE}/{place}" for place in folder.include_folders]
+    return _Plan(folder, files, units, [*includes, "-Isupplied", "-I."], parts.is_cpp)
+
+
+def _is_cpp(name: str) -> bool:
+    return Path(name).suffix.lower() in CPP_SUFFIXES
+
+
+def _compiler(*, cpp: bool) -> Path:
+    names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
+    for name in names:
+        if found := shutil.which(name):
+            return Path(found)
+    language = "C++" if cpp else "C"
+    package = "g++" if cpp else "gcc"
+    raise ModelError(f"there is no {language} compiler to compile the model with: sudo apt install {package} libc6-dev")
+
+
+def _identity(compiler: Path) -> str:
+    """What tells one version of a compiler from another without running it."""
+    real = compiler.resolve()
+    status = real.stat()
+    return f"{real.name} {status.st_size} {status.st_mtime_ns}"
+
+
+def _make(plan: _Plan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:
+    work = draft / "work"
+    for name, content in plan.files.items():
+        file = work / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+    log = draft.parent / f"{key}.log"
+    output = ""
+    objects = []
+    for index, unit in enumerate(plan.units):
+        cpp = _is_cpp(unit)
+        own = _SHIM_CPP if cpp and unit.startswith("shim/") else ()
+        command = [str(compilers[cpp]), *_COMPILE, *(_CPP if cpp else _C), *own, *plan.includes]
+        objects.append(f"{index}.o")
+        output += _run([*command, "-o", objects[-1], unit], work, log, output, plan)
+    library = draft / _LIBRARY
+    output += _run([str(compilers[plan.cpp]), *objects, *_LINK, "-o", str(library)], work, log, output, plan)
+    (draft / _WARNINGS).write_text("".join(f"{line}\n" for line in _warnings(output, plan.folder)), encoding="utf-8")
+    shutil.rmtree(work)
+
+
+def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _Plan) -> str:
+    """Run a compiler and return what it says.
+
+    Raises:
+        ModelError: It fails; everything that was said is then in the log.
+    """
+    environment = os.environ | {"LC_ALL": "C"}
+    try:
+        done = subprocess.run(command, cwd=work, env=environment, capture_output=True, check=False)  # noqa: S603 - a compiler
+    except OSError as error:
+        raise ModelError(f"cannot run the compiler {command[0]}: {error}") from error
+    said = (done.stdout + done.stderr).decode(errors="replace")
+    if done.returncode:
+        log.write_text(f"{before}{said}", encoding="utf-8")
+        raise ModelError(f"{_failure(plan, said)}; the whole output is in {log}")
+    return said
+
+
+def _failure(plan: _Plan, said: str) -> str:
+    path = plan.folder.path
+    missing = dict.fromkeys(re.findall(r"undefined reference to [`'](.+?)'", said))
+    if missing:
+        own = any(part in name for name in missing for part in _OWN_FUNCTIONS)
+        what = "copy the rest of 20-sim's files too" if own else "add the source of the library it is in"
+        return f"the model in {path} calls {', '.join(missing)}, which no file there defines: {what}"
+    header = re.search(rf"^{TREE}/(\S[^:\n]*):\d+.*fatal error: (.+?): No such file", said, re.MULTILINE)
+    if header:
+        return f"{header[1]} in {path} includes {header[2]}, which is not there: add it"
+    lines = [line for line in said.splitlines() if "error" in line] or said.splitlines() or ["it says nothing"]
+    return f"the model in {path} does not compile: {lines[0].removeprefix(f'{TREE}/')}"
+
+
+def _warnings(output: str, folder: Folder) -> list[str]:
+    """What the code itself warns of (`#warning` about algebraic loops or dependent states), and what C guesses."""
+    own = re.findall(rf"^{TREE}/([^:\n]+):\d+.*warning: #warning (.*?)(?: \[-W.*)?$", output, re.MULTILINE)
+    guessed = re.findall(rf"^{TREE}/([^:\n]+):\d+.*: implicit declaration of function '(\w+)'", output, re.MULTILINE)
+    results = {name: found.result for source in folder.sources for name, found in source.functions.items()}
+    return list(
+        dict.fromkeys(
+            [
+                *(f"{file}: {text.strip().strip(chr(34))}" for file, text in own),
+                *(
+                    f"{file} calls {name} without declaring it, so that C takes its result for a whole number"
+                    for file, name in guessed
+                    if results.get(name, "int") not in ("int", "void")
+                ),
+            ]
+        )
+    )

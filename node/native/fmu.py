@@ -1,0 +1,172 @@
+"""FMUs in the runtime: FMI 2.0 and 3.0 for co-simulation, from 20-sim and from any other tool."""
+
+import ctypes
+import math
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from node.errors import ModelError
+from node.model.variables import Variable, Write
+from node.native.fmu_archive import unpack
+from node.native.fmu_binary import exported, find_library, private_copy
+from node.native.fmu_compile import shim
+from node.native.fmu_description import Layout, describe
+from node.native.fmu_facts import Facts, read_facts
+from node.native.fmu_twenty_sim import SECTIONS, TwentySim, read_twenty_sim
+from node.native.library import Kind, NativeModel
+
+_FOREVER: Final = 1e300
+"""End of the experiment given to 20-sim's FMUs, s: older ones stop at a baked-in end when they are given none."""
+
+
+class _Group(ctypes.Structure):
+    """`Group` of fmu_calls.h."""
+
+    _fields_ = (
+        ("count", ctypes.c_int32),
+        ("references", ctypes.POINTER(ctypes.c_uint32)),
+        ("starts", ctypes.POINTER(ctypes.c_double)),
+        ("written", ctypes.POINTER(ctypes.c_uint8)),
+        ("live", ctypes.POINTER(ctypes.c_uint8)),
+    )
+
+
+class _Plan(ctypes.Structure):
+    """`Plan` of fmu_calls.h."""
+
+    _fields_ = (
+        ("library", ctypes.c_char_p),
+        ("prefix", ctypes.c_char_p),
+        ("name", ctypes.c_char_p),
+        ("token", ctypes.c_char_p),
+        ("resources", ctypes.c_char_p),
+        ("restart_symbols", ctypes.c_char_p * len(SECTIONS)),
+        ("starting_symbol", ctypes.c_char_p),
+        ("static_symbol", ctypes.c_char_p),
+        ("stop_symbol", ctypes.c_char_p),
+        ("step", ctypes.c_double),
+        ("stop", ctypes.c_double),
+        ("version", ctypes.c_int32),
+        ("groups", _Group * len(Kind)),
+        ("followers", ctypes.POINTER(ctypes.c_int32)),
+    )
+
+
+class FmuModel(NativeModel):
+    """An FMU in its seat.
+
+    Each instance loads a copy of the FMU's library of its own, so two of them share nothing, even where the FMU keeps
+    its values in globals. Every `initialize` loads it anew. A parameter keeps what was written to it when the model is
+    initialized again; a state starts anew unless it is one that takes effect then.
+    """
+
+    def __init__(
+        self, layout: Layout, library: Path, facts: Facts, twenty_sim: TwentySim | None, resources: Path
+    ) -> None:
+        """Load a private copy of an FMU's library into a seat of its own.
+
+        Raises:
+            ModelError: The library cannot be loaded, or lacks a function.
+        """
+        super().__init__(layout.description, shim())
+        place = Path(tempfile.mkdtemp(prefix="segway-ecc-fmu-"))
+        copy = _Copy(self._library, place)
+        # Also at the end of the process, and before the copy's folder goes.
+        self._release = weakref.finalize(self, copy.release)
+        copy.plan = _plan(layout, facts, twenty_sim)
+        copy.plan.library = str(private_copy(library, resources, place)).encode()
+        copy.plan.resources = _resources(facts, resources)
+        self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_Plan),)
+        self._check(self._library.ecc_fmu_open(ctypes.byref(copy.plan)), "load")
+
+
+class _Copy:
+    """What an instance holds that must be given back; apart from it, so that it can be collected."""
+
+    def __init__(self, library: ctypes.CDLL, place: Path) -> None:
+        self.library = library
+        self.place = place
+        self.plan = _Plan()
+        self.process = os.getpid()
+
+    def release(self) -> None:
+        if os.getpid() != self.process:
+            # A fork that ends leaves its parent's files alone.
+            return
+        self.library.ecc_fmu_close()
+        shutil.rmtree(self.place, ignore_errors=True)
+
+
+def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
+    """Load an FMU.
+
+    It is unpacked into the cache once; the file itself is only read. Loading what is unpacked takes milliseconds, and
+    compiling, where the FMU has no library for this machine, seconds.
+
+    Args:
+        path: The `.fmu` file.
+        step_size: Length of one step, s; None for the one that the FMU asks for.
+
+    Raises:
+        ModelError: It cannot run here; the text says why and what to do.
+    """
+    folder = unpack(path)
+    facts = read_facts(folder, path)
+    library = find_library(folder, facts.identifier, path)
+    twenty_sim = read_twenty_sim(folder, facts.tool, exported(library))
+    layout = describe(facts, twenty_sim, step_size, path)
+    try:
+        return FmuModel(layout, library, facts, twenty_sim, folder / "resources")
+    except ModelError as error:
+        raise ModelError(f"FMU {path}: {error}") from error
+
+
+def _plan(layout: Layout, facts: Facts, twenty_sim: TwentySim | None) -> _Plan:
+    description = layout.description
+    plan = _Plan(
+        prefix=f"{facts.identifier}_".encode(),
+        name=(facts.name or facts.identifier).encode(),
+        token=facts.token.encode(),
+        starting_symbol=_symbol(twenty_sim.starting_symbol if twenty_sim else None),
+        static_symbol=_symbol(twenty_sim.static_symbol if twenty_sim else None),
+        stop_symbol=_symbol(twenty_sim.stop_symbol if twenty_sim else None),
+        step=description.step_size,
+        stop=math.inf if twenty_sim is None else _FOREVER,
+        version=facts.version,
+        followers=(ctypes.c_int32 * len(layout.followers))(*layout.followers),
+    )
+    for place, symbol in enumerate(twenty_sim.restart_symbols if twenty_sim else ()):
+        plan.restart_symbols[place] = symbol.encode()
+    plan.groups[Kind.INPUT] = _group(layout.inputs, description.inputs)
+    plan.groups[Kind.OUTPUT] = _group(layout.outputs, description.outputs)
+    plan.groups[Kind.PARAMETER] = _group(layout.parameters, description.parameters)
+    plan.groups[Kind.STATE] = _group(layout.states, description.states)
+    return plan
+
+
+def _group(references: Sequence[int], variables: Sequence[Variable]) -> _Group:
+    count = len(references)
+    live = [variable.write in (Write.NOW, Write.STATIC) for variable in variables]
+    return _Group(
+        count=count,
+        references=(ctypes.c_uint32 * count)(*references),
+        starts=(ctypes.c_double * count)(*(variable.value for variable in variables)),
+        written=(ctypes.c_uint8 * count)(),
+        live=(ctypes.c_uint8 * count)(*live),
+    )
+
+
+def _symbol(name: str | None) -> bytes | None:
+    return None if name is None else name.encode()
+
+
+def _resources(facts: Facts, folder: Path) -> bytes | None:
+    # A URI in FMI 2.0 (section 2.1.5), a path with a separator at its end in FMI 3.0 (section 2.3.1).
+    if facts.version == 2:  # noqa: PLR2004 - the standard's number
+        return folder.as_uri().encode()
+    return f"{folder}/".encode() if folder.is_dir() else None

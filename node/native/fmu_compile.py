@@ -1,0 +1,151 @@
+"""Compiling for FMUs: our shim, and the sources of an FMU that has no library for this machine.
+
+Sources: FMI 2.0.4, sections 2.1.1 and 2.3; FMI 3.0.1, section 2.5.1.4 (buildDescription.xml).
+"""
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from node.errors import ModelError
+from node.native.cache import cached, digest
+from node.native.fmu_xml import read_xml
+
+_SHIM_SOURCES: Final = ("fmu_shim.c", "fmu_calls.h")
+_SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")
+_LIBRARIES: Final = ("-lm", "-ldl")
+_TIMEOUT_S: Final = 600.0
+_INCLUDED: Final = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\r\n]+)"', re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What to compile.
+
+    Attributes:
+        root: The FMU's folder of sources.
+        files: The C files.
+        definitions: Preprocessor definitions, `NAME` or `NAME=value`.
+        includes: Folders to search for headers.
+    """
+
+    root: Path
+    files: tuple[Path, ...]
+    definitions: tuple[str, ...] = ()
+    includes: tuple[Path, ...] = field(default=())
+
+
+def compiler() -> tuple[str, ...]:
+    """Return the C compiler's command and what else decides its output.
+
+    Raises:
+        ModelError: There is none.
+    """
+    found = os.environ.get("CC") or next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
+    if found is None or shutil.which(found) is None:
+        raise ModelError("no C compiler is found, and an FMU needs one: install gcc, or name one in the variable CC")
+    return (found, str(Path(shutil.which(found) or found).resolve()), *_SHARED)
+
+
+def shim() -> Path:
+    """Return the compiled shim, which is the same for every FMU.
+
+    Raises:
+        ModelError: There is no C compiler, or it fails.
+    """
+    home = Path(__file__).parent
+    contents = [(home / name).read_bytes() for name in _SHIM_SOURCES]
+    key = digest("fmu shim", *contents, *compiler())
+
+    def make(draft: Path) -> None:
+        _run([*_SHARED, "-o", str(draft / "shim.so"), str(home / _SHIM_SOURCES[0]), *_LIBRARIES], "our shim for FMUs")
+
+    return cached(key, make) / "shim.so"
+
+
+def find_sources(folder: Path) -> Sources:
+    """Return what an unpacked FMU has to compile; no files where it has none."""
+    root = folder / "sources"
+    built = _described(root)
+    if built is not None:
+        return built
+    files = tuple(sorted(file for file in root.rglob("*.c") if file.is_file()))
+    listed = _listed(folder)
+    # 20-sim lists a fixed set of files, whatever the model needs, so its list decides nothing.
+    if listed and not any(file.name.endswith("submod.c") for file in files):
+        files = tuple(root / name for name in listed if (root / name).is_file())
+    return Sources(root, files)
+
+
+def _listed(folder: Path) -> list[str]:
+    root = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
+    return [file.get("name", "") for file in root.iterfind("CoSimulation/SourceFiles/File")]
+
+
+def _described(root: Path) -> Sources | None:
+    description = root / "buildDescription.xml"
+    if not description.is_file():
+        return None
+    found = read_xml(description, "buildDescription.xml").find("BuildConfiguration")
+    if found is None:
+        return None
+    files = [root / file.get("name", "") for file in found.iterfind("SourceFileSet/SourceFile")]
+    definitions = [
+        f"{define.get('name')}={define.get('value')}" if define.get("value") else define.get("name", "")
+        for define in found.iterfind("SourceFileSet/PreprocessorDefinition")
+    ]
+    includes = [root / include.get("name", "") for include in found.iterfind("SourceFileSet/IncludeDirectory")]
+    return Sources(root, tuple(files), tuple(definitions), tuple(includes))
+
+
+def compile_library(sources: Sources, target: Path, path: Path) -> None:
+    """Compile an FMU's sources into a library.
+
+    Args:
+        sources: What to compile.
+        target: The library to write.
+        path: The FMU itself, for messages.
+
+    Raises:
+        ModelError: They do not compile; the text has the compiler's first complaint.
+    """
+    forwarding = target.parent / "include"
+    folders = {sources.root, *sources.includes, *(header.parent for header in sources.root.rglob("*.h"))}
+    _forward(sources.root, forwarding)
+    searched = [*sorted(folders), forwarding]
+    # 20-sim's sources, and others made like them, put the model's name before each function unless told not to.
+    definitions = [f"-D{name}" for name in ("NO_FUNCTION_PREFIX", *sources.definitions)]
+    options = [*_SHARED, "-w", *definitions, *(f"-I{folder}" for folder in searched)]
+    _run([*options, "-o", str(target), *map(str, sources.files), *_LIBRARIES], f"the sources of FMU {path}")
+
+
+def _forward(root: Path, place: Path) -> None:
+    """Write forwarding headers for names that differ from the file's only in case: the sources come from Windows."""
+    place.mkdir()
+    headers = {header.name.lower(): header for header in root.rglob("*") if header.suffix.lower() == ".h"}
+    exact = {header.name for header in headers.values()}
+    for source in root.rglob("*.[cChH]"):
+        for included in _INCLUDED.findall(source.read_bytes()):
+            name = included.decode(errors="replace")
+            if name not in exact and "/" not in name and name.lower() in headers:
+                (place / name).write_text(f'#include "{headers[name.lower()]}"\n', encoding="utf-8")
+
+
+def _run(arguments: list[str], what: str) -> None:
+    command = [compiler()[0], *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, check=False, timeout=_TIMEOUT_S)  # noqa: S603 - the compiler
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ModelError(f"cannot compile {what}: {error}") from error
+    if done.returncode != 0:
+        raise ModelError(f"cannot compile {what}: {_complaint(done.stderr.decode(errors='replace'))}")
+
+
+def _complaint(output: str) -> str:
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    telling = [line for line in lines if "error" in line or "undefined reference" in line]
+    return next(iter(telling or lines), "the compiler does not say why")

@@ -1,0 +1,219 @@
+"""From what an FMU says of itself to the description that the runtime shows and the places that the shim uses."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from node.errors import ModelError
+from node.model.variables import Variable, Write
+from node.native.description import Description, Flavour
+from node.native.fmu_facts import Causality, Facts, FmuVariable
+from node.native.fmu_twenty_sim import TwentySim
+
+_ROUNDING: Final = 1e-9
+"""How far two steps may differ by how they are printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """A description, and where its variables are in the FMU.
+
+    Attributes:
+        description: What the runtime shows.
+        inputs: The valueReferences of the description's inputs, in its order.
+        outputs: Those of its outputs.
+        parameters: Those of its parameters.
+        states: Those of its states.
+        followers: For each parameter the place of the state that starts from it, or -1 where the FMU sees to it.
+    """
+
+    description: Description
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    parameters: tuple[int, ...]
+    states: tuple[int, ...]
+    followers: tuple[int, ...]
+
+
+def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None, path: Path) -> Layout:
+    """Describe an FMU.
+
+    Args:
+        facts: What it says of itself.
+        twenty_sim: What is known of it beyond that, where 20-sim made it.
+        step_size: Step to take, s; None for the one that the FMU asks for.
+        path: The FMU itself, for messages.
+
+    Raises:
+        ModelError: An input or output is not a real number, or no step size is known.
+    """
+    _check_ports(facts, path)
+    inputs, outputs = _of(facts, Causality.INPUT), _of(facts, Causality.OUTPUT)
+    parameters = _of(facts, Causality.PARAMETER) + _of(facts, Causality.CALCULATED_PARAMETER)
+    states = _states(facts, twenty_sim)
+    followers = tuple(_follower(variable, states, twenty_sim) for variable in parameters)
+    step = _step(facts, twenty_sim, step_size, path)
+    description = Description(
+        name=facts.name,
+        flavour=Flavour.FMI2 if facts.version == 2 else Flavour.FMI3,  # noqa: PLR2004 - the standard's number
+        build=facts.tool,
+        method=twenty_sim.method if twenty_sim is not None else "",
+        step_size=step,
+        finish_time=facts.stop_time,
+        inputs=tuple(_plain(variable, twenty_sim) for variable in inputs),
+        outputs=tuple(_plain(variable, twenty_sim) for variable in outputs),
+        parameters=tuple(
+            _parameter(variable, twenty_sim, follows=follower >= 0)
+            for variable, follower in zip(parameters, followers, strict=True)
+        ),
+        states=tuple(_state(variable, twenty_sim) for variable in states),
+        warnings=tuple(_warnings(facts, twenty_sim, step)),
+    )
+    return Layout(
+        description,
+        inputs=_references(inputs),
+        outputs=_references(outputs),
+        parameters=_references(parameters),
+        states=_references(states),
+        followers=followers,
+    )
+
+
+def _references(variables: list[FmuVariable]) -> tuple[int, ...]:
+    return tuple(variable.reference for variable in variables)
+
+
+def _check_ports(facts: Facts, path: Path) -> None:
+    wrong = [
+        f"{variable.causality} '{variable.name}' ({'array of ' if variable.array else ''}{variable.type})"
+        for variable in facts.variables
+        if variable.causality in (Causality.INPUT, Causality.OUTPUT) and not variable.is_real
+    ]
+    if wrong:
+        raise ModelError(
+            f"FMU {path} has ports that are not real numbers: {', '.join(wrong)}; make them real in the model and "
+            "export it again"
+        )
+
+
+def _of(facts: Facts, causality: Causality) -> list[FmuVariable]:
+    return [variable for variable in facts.variables if variable.causality is causality and variable.is_real]
+
+
+def _states(facts: Facts, twenty_sim: TwentySim | None) -> list[FmuVariable]:
+    names = facts.states if twenty_sim is None else (*facts.states, *twenty_sim.states)
+    reals = {variable.name: variable for variable in facts.variables if variable.is_real}
+    # dict.fromkeys: each once, in the order found.
+    return [reals[name] for found in dict.fromkeys(names) for name in _elements(found, reals)]
+
+
+def _elements(name: str, known: dict[str, FmuVariable]) -> Iterator[str]:
+    """The variables of a name: itself, or its elements where it is a vector or matrix."""
+    if name in known:
+        yield name
+    else:
+        yield from (other for other in known if other.startswith(f"{name}[") and "]" not in other[len(name) : -1])
+
+
+def _step(facts: Facts, twenty_sim: TwentySim | None, given: float | None, path: Path) -> float:
+    # Its own files first: the model description repeats them, if it says anything.
+    own = twenty_sim.step_size if twenty_sim is not None else None
+    step = next((step for step in (given, facts.step_size, own) if step is not None), None)
+    if step is None:
+        raise ModelError(
+            f"FMU {path} does not say how long its step is: give it, in s, as load_fmu(path, step_size=0.01)"
+        )
+    if not (math.isfinite(step) and step > 0.0):
+        raise ModelError(f"a step of {step} s cannot be taken by FMU {path}: give a positive one as step_size")
+    return step
+
+
+def _follower(parameter: FmuVariable, states: list[FmuVariable], twenty_sim: TwentySim | None) -> int:
+    """Place of the state that starts from a parameter: 20-sim's FMUs set states before they take parameters."""
+    if twenty_sim is None or (twenty_sim.globals and not twenty_sim.restart_symbols):
+        return -1
+    # 20-sim names the initial value of a state so.
+    return next((place for place, state in enumerate(states) if parameter.name == f"{state.name}_initial"), -1)
+
+
+def _plain(variable: FmuVariable, twenty_sim: TwentySim | None) -> Variable:
+    unit, value = variable.unit, variable.start
+    if twenty_sim is not None:
+        unit = unit or twenty_sim.units.get(variable.name, "")
+        value = value if value is not None else twenty_sim.values.get(variable.name)
+    return Variable(variable.name, unit or "1", value if value is not None else 0.0)
+
+
+def _parameter(variable: FmuVariable, twenty_sim: TwentySim | None, *, follows: bool) -> Variable:
+    write, why = _tunability(variable, twenty_sim, follows=follows)
+    return replace(_plain(variable, twenty_sim), write=write, why=why)
+
+
+def _tunability(variable: FmuVariable, twenty_sim: TwentySim | None, *, follows: bool) -> tuple[Write, str]:
+    if variable.causality is Causality.CALCULATED_PARAMETER:
+        return Write.NEVER, "calculated from other parameters"
+    if variable.variability == "constant":
+        return Write.NEVER, "constant"
+    if variable.variability != "tunable":
+        if twenty_sim is not None and twenty_sim.globals and not follows:
+            return Write.NEVER, "fixed, and this FMU starts before it takes it"
+        return Write.RESET, "fixed: the FMU takes it when it initializes"
+    if twenty_sim is None:
+        return Write.NOW, "tunable"
+    return _twenty_sim_tunability(twenty_sim.sections.get(variable.name), twenty_sim)
+
+
+def _twenty_sim_tunability(sections: frozenset[str] | None, twenty_sim: TwentySim) -> tuple[Write, str]:
+    if sections == frozenset({"Initial"}):
+        if twenty_sim.globals and not twenty_sim.restart_symbols:
+            return Write.NEVER, "feeds initial equations, which this FMU does not let us run again"
+        return Write.RESET, "feeds initial equations only"
+    if sections is not None and "Static" not in sections:
+        return Write.NOW, "tunable, and feeds no static equation"
+    if twenty_sim.static_symbol is not None:
+        return Write.STATIC, "feeds static equations" if sections else "may feed static equations"
+    return _without_static(twenty_sim, known=sections is not None)
+
+
+def _without_static(twenty_sim: TwentySim, *, known: bool) -> tuple[Write, str]:
+    """What a write to a parameter of static equations does where we cannot run them; `known`: it does feed them."""
+    if twenty_sim.updates_itself:
+        return Write.NOW, "tunable: the FMU runs its static equations again by itself"
+    if not known:
+        return Write.NOW, "tunable, unless it feeds static equations, which this FMU does not show"
+    if twenty_sim.globals:
+        return Write.NEVER, "feeds static equations, which this FMU does not let us run again"
+    return Write.RESET, "feeds static equations, which this FMU runs only when it initializes"
+
+
+def _state(variable: FmuVariable, twenty_sim: TwentySim | None) -> Variable:
+    plain = _plain(variable, twenty_sim)
+    if twenty_sim is not None:
+        return replace(plain, write=Write.NOW, why="20-sim's FMUs take a state at any time")
+    if variable.initial == "exact":
+        return replace(plain, write=Write.RESET, why="the FMU takes its start value when it initializes")
+    return replace(plain, write=Write.NEVER, why="the FMU calculates it")
+
+
+def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterator[str]:
+    left_out = [
+        variable.name
+        for variable in facts.variables
+        if variable.causality in (Causality.PARAMETER, Causality.STRUCTURAL_PARAMETER) and not variable.is_real
+    ]
+    if left_out:
+        yield f"parameters that are not real numbers keep their values and are not shown: {', '.join(left_out)}"
+    if twenty_sim is not None and twenty_sim.globals:
+        yield "outputs at time zero belong to the FMU's own inputs: it computes them before it takes any"
+    if twenty_sim is None and not facts.variable_steps and facts.step_size not in (None, step):
+        yield f"the FMU asks for steps of {facts.step_size} s and is given {step} s, which it does not promise to take"
+    own = None if twenty_sim is None else twenty_sim.step_size or facts.step_size
+    if own is not None and not _is_multiple(step, own):
+        yield f"the model's own step is {own} s: a step of {step} s is no multiple of it, so its time runs ahead"
+
+
+def _is_multiple(step: float, own: float) -> bool:
+    times = round(step / own)
+    return times >= 1 and math.isclose(step, times * own, rel_tol=_ROUNDING)

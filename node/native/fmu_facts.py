@@ -1,0 +1,227 @@
+"""What an FMU's modelDescription.xml says, in one shape for FMI 2.0 and 3.0.
+
+Sources: FMI 2.0.4, sections 2.2 and 4.3.1; FMI 3.0.1, sections 2.4 and 4.4.
+"""
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree as ET
+
+from node.errors import ModelError
+from node.native.fmu_xml import flag, number, read_xml
+
+DESCRIPTION: Final = "modelDescription.xml"
+_LARGEST_REFERENCE: Final = 2**32 - 1
+
+
+@enum.unique
+class Causality(enum.StrEnum):
+    """What a variable is to those outside; under the names of the standard."""
+
+    INPUT = "input"
+    OUTPUT = "output"
+    PARAMETER = "parameter"
+    CALCULATED_PARAMETER = "calculatedParameter"
+    STRUCTURAL_PARAMETER = "structuralParameter"
+    LOCAL = "local"
+    INDEPENDENT = "independent"
+
+
+@dataclass(frozen=True, slots=True)
+class FmuVariable:
+    """One variable as the file declares it.
+
+    Attributes:
+        name: Its name, with `.` for the hierarchy.
+        reference: Its valueReference.
+        causality: What it is to those outside.
+        variability: When it may change, under the standard's names.
+        initial: How its start value is found, under the standard's names; empty where the file leaves it open.
+        type: The element that gives its type; "Real" and "Float64" are double precision.
+        unit: Unit as given; empty for none.
+        start: Start value, in `unit`; None where it is given none.
+        derivative: In FMI 2.0 the place (from 1), in FMI 3.0 the reference, of what it is the derivative of.
+        array: It has dimensions.
+    """
+
+    name: str
+    reference: int
+    causality: Causality
+    variability: str
+    initial: str
+    type: str
+    unit: str
+    start: float | None
+    derivative: int | None
+    array: bool
+
+    @property
+    def is_real(self) -> bool:
+        """Whether it is one number in double precision."""
+        return self.type in ("Real", "Float64") and not self.array
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """An FMU's own account of itself.
+
+    Attributes:
+        version: Major version of FMI: 2 or 3.
+        name: The model's name.
+        identifier: Base name of its libraries.
+        token: Its guid or instantiationToken.
+        tool: What generated it, as it says itself.
+        step_size: Step that the file asks for, s; None where it asks for none.
+        stop_time: End of its experiment, s; None where there is none.
+        variables: All its variables, in the file's order.
+        states: Names of the states that its structure shows.
+        variable_steps: It can take steps of any length.
+    """
+
+    version: int
+    name: str
+    identifier: str
+    token: str
+    tool: str
+    step_size: float | None
+    stop_time: float | None
+    variables: tuple[FmuVariable, ...]
+    states: tuple[str, ...]
+    variable_steps: bool
+
+
+def read_facts(folder: Path, path: Path) -> Facts:
+    """Read the description of an unpacked FMU.
+
+    Args:
+        folder: Where it is unpacked.
+        path: The FMU itself, for messages.
+
+    Raises:
+        ModelError: The description is missing or wrong, or of a kind of FMU that cannot run here; the text says which.
+    """
+    if not (folder / DESCRIPTION).is_file():
+        raise ModelError(f"{path} is no FMU: it has no {DESCRIPTION}")
+    where = f"{DESCRIPTION} of FMU {path}"
+    root = read_xml(folder / DESCRIPTION, where)
+    version = _version(root, path)
+    interface = _co_simulation(root, path)
+    experiment = root.find("DefaultExperiment")
+    asked = {} if experiment is None else experiment.attrib
+    variables = tuple(_variables(root, where, version))
+    return Facts(
+        version=version,
+        name=root.get("modelName", "") or interface.get("modelIdentifier", ""),
+        identifier=interface.get("modelIdentifier", ""),
+        token=root.get("guid" if version == 2 else "instantiationToken", ""),  # noqa: PLR2004 - the standard's number
+        tool=root.get("generationTool", ""),
+        step_size=number(asked.get("stepSize") or interface.get("fixedInternalStepSize"), f"stepSize in {where}"),
+        stop_time=number(asked.get("stopTime"), f"stopTime in {where}"),
+        variables=variables,
+        states=tuple(_states(root, variables)),
+        variable_steps=flag(interface, "canHandleVariableCommunicationStepSize"),
+    )
+
+
+def _version(root: ET.Element, path: Path) -> int:
+    version = root.get("fmiVersion", "")
+    if root.tag != "fmiModelDescription" or not version:
+        raise ModelError(f"{path} is no FMU: its {DESCRIPTION} does not begin with fmiModelDescription and its version")
+    major = version.split(".")[0]
+    if major not in ("2", "3"):
+        raise ModelError(f"FMU {path} is FMI {version}; FMI 2.0 and 3.0 are taken: export it again as one of them")
+    return int(major)
+
+
+def _co_simulation(root: ET.Element, path: Path) -> ET.Element:
+    interface = root.find("CoSimulation")
+    if interface is None:
+        kinds = [kind for kind in ("ModelExchange", "ScheduledExecution") if root.find(kind) is not None]
+        raise ModelError(
+            f"FMU {path} is for {' and '.join(kinds) or 'nothing'} only and brings no solver that steps it: "
+            "export it again for co-simulation"
+        )
+    if flag(interface, "needsExecutionTool"):
+        raise ModelError(
+            f"FMU {path} needs {root.get('generationTool') or 'the tool that exported it'} running beside it "
+            "(needsExecutionTool): export it again as a stand-alone FMU"
+        )
+    identifier = interface.get("modelIdentifier", "")
+    if not identifier or "/" in identifier or identifier.startswith("."):
+        raise ModelError(f"FMU {path} has the modelIdentifier '{identifier}', which names no library: export it again")
+    return interface
+
+
+def _variables(root: ET.Element, where: str, version: int) -> Iterator[FmuVariable]:
+    units = {
+        definition.get("name", ""): unit
+        for definition in root.iterfind("TypeDefinitions/*")
+        for unit in (_own_unit(definition),)
+    }
+    for element in root.iterfind("ModelVariables/*"):
+        variable, declared = _variable(element, where, version)
+        if variable.unit:
+            yield variable
+        else:
+            yield replace(variable, unit=units.get(declared, ""))
+
+
+def _own_unit(element: ET.Element) -> str:
+    """Unit of a type definition: on it in FMI 3.0, on its child in FMI 2.0."""
+    return element.get("unit") or next((child.get("unit", "") for child in element), "")
+
+
+def _variable(element: ET.Element, where: str, version: int) -> tuple[FmuVariable, str]:
+    name = element.get("name", "")
+    what = f"variable '{name}' in {where}"
+    typed = element
+    if version == 2:  # noqa: PLR2004 - the standard's number
+        typed = next((child for child in element if child.tag != "Annotations"), element)
+    real = typed.tag in ("Real", "Float64")
+    array = element.find("Dimension") is not None
+    variable = FmuVariable(
+        name=name,
+        reference=_natural(element.get("valueReference"), f"valueReference of {what}"),
+        causality=_causality(element, what),
+        variability=element.get("variability", "continuous" if real else "discrete"),
+        initial=element.get("initial", ""),
+        type=typed.tag,
+        unit=typed.get("unit", ""),
+        start=number(typed.get("start"), f"start of {what}") if real and not array else None,
+        derivative=_natural(typed.get("derivative"), f"derivative of {what}") if typed.get("derivative") else None,
+        array=array,
+    )
+    return variable, typed.get("declaredType", "")
+
+
+def _causality(element: ET.Element, what: str) -> Causality:
+    given = element.get("causality", Causality.LOCAL)
+    if given not in tuple(Causality):
+        raise ModelError(f"causality of {what} is '{given}', which the standard does not know: export it again")
+    return Causality(given)
+
+
+def _natural(text: str | None, what: str) -> int:
+    cleaned = (text or "").strip()
+    if not (cleaned.isascii() and cleaned.isdigit() and int(cleaned) <= _LARGEST_REFERENCE):
+        raise ModelError(f"{what} is '{cleaned}', which is no number from 0 to {_LARGEST_REFERENCE}: export it again")
+    return int(cleaned)
+
+
+def _states(root: ET.Element, variables: tuple[FmuVariable, ...]) -> Iterator[str]:
+    """Names of the states: what the derivatives in ModelStructure are derivatives of."""
+    places = {str(place): variable for place, variable in enumerate(variables, start=1)}
+    references = {str(variable.reference): variable for variable in variables if variable.derivative is not None}
+    reals = {variable.reference: variable.name for variable in reversed(variables) if variable.is_real}
+    for unknown in root.iterfind("ModelStructure/Derivatives/Unknown"):
+        derivative = places.get(unknown.get("index", ""))
+        state = places.get(str(derivative.derivative)) if derivative is not None else None
+        if state is not None and state.is_real:
+            yield state.name
+    for unknown in root.iterfind("ModelStructure/ContinuousStateDerivative"):
+        derivative = references.get(unknown.get("valueReference", ""))
+        if derivative is not None and derivative.derivative in reals:
+            yield reals[derivative.derivative]

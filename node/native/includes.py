@@ -1,0 +1,66 @@
+"""Headers that a folder lacks, made on our side of the include path.
+
+Folders come from file systems that tell no capitals from small letters, are moved about, and are copied in part. What
+is there under another spelling or in another place is forwarded to; what only declares functions that the code may
+never call is left empty, and what it calls all the same is then named by the linker.
+"""
+
+import posixpath
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from node.native.c_text import code_of
+from node.native.files import Folder, Source
+
+TREE: Final = "model"
+"""Where the user's files lie in the folder that is compiled."""
+_INCLUDE: Final = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]", re.MULTILINE)
+_MAY_BE_EMPTY: Final = ("motionprofiles", "eulerangles", "matrix", "inverse", "integ", "funcs")
+
+
+def supplied_headers(folder: Folder) -> dict[str, str]:
+    """Return the text of each header that an include asks for and the folder does not have, by the name asked for."""
+    files = {file.name for file in folder.headers}
+    found: dict[str, str] = {}
+    for source in (*folder.sources, *folder.headers):
+        for name in _unresolved(folder, source, files):
+            text = _forward(folder, name) or _stand_in(folder, name)
+            if text:
+                found.setdefault(name, text)
+    return found
+
+
+def _unresolved(folder: Folder, source: Source, files: set[str]) -> Iterator[str]:
+    places = [posixpath.dirname(source.name), *folder.include_folders]
+    for match in _INCLUDE.finditer(code_of(source.text, keep_strings=True)):
+        name = match[2].replace("\\", "/").strip()
+        if not any(posixpath.normpath(posixpath.join(place, name)) in files for place in places):
+            yield match[2].strip()
+
+
+def _forward(folder: Folder, name: str) -> str:
+    wanted = posixpath.basename(name.replace("\\", "/")).lower()
+    same = [file.name for file in folder.headers if posixpath.basename(file.name).lower() == wanted]
+    return f'#include "{TREE}/{min(same, key=len)}"\n' if same else ""
+
+
+def _stand_in(folder: Folder, name: str) -> str:
+    small = posixpath.basename(name).lower()
+    if not any(part in small for part in _MAY_BE_EMPTY):
+        return ""
+    text = "/* Not in the folder; supplied empty by segway-ecc. */\n"
+    return text + _matrix(folder) if "matrix" in small else text
+
+
+def _matrix(folder: Folder) -> str:
+    """The matrix type, which releases up to 4.6 declare in the header of the matrix functions."""
+    pattern = re.compile(r"\btypedef\s+\w+\s+(\w*)Double\s*;")
+    for header in folder.headers:
+        match = pattern.search(header.code)
+        if match and not re.search(rf"\b{match[1]}Matrix\s*;", header.code):
+            p = match[1]
+            guard = f"#ifndef ECC_{p}MATRIX\n#define ECC_{p}MATRIX\n"
+            fields = f"{p}Double *mat; {p}Integer rows; {p}Integer columns;"
+            return f'#include "{TREE}/{header.name}"\n{guard}typedef struct {{ {fields} }} {p}Matrix;\n#endif\n'
+    return ""

@@ -1,0 +1,46 @@
+"""Loading a model that arrives as generated code or as an FMU."""
+
+import dataclasses
+from pathlib import Path
+
+from node.errors import ModelError
+from node.native.build import build
+from node.native.data_files import read_data
+from node.native.files import read_folder
+from node.native.fmu import load_fmu
+from node.native.library import NativeModel
+from node.native.shim import make_shim
+from node.native.twenty_sim import find_parts
+from node.native.twenty_sim_model import describe_model
+from node.native.twenty_sim_names import read_tables
+from node.native.twenty_sim_ports import find_ports
+
+
+def load_native(path: Path, *, method: str | None = None, step_size: float | None = None) -> NativeModel:
+    """Load a folder of code that 20-sim generated, or an FMU.
+
+    The first time takes as long as its compilation (seconds); after that it is found in the cache by its content.
+
+    Args:
+        path: The folder or the .fmu file. It is only read.
+        method: The integration method of a partial copy that does not name it: Discrete, Euler, RungeKutta2 or
+            RungeKutta4.
+        step_size: The step of a partial copy or an FMU that does not give it, s.
+
+    Raises:
+        ModelError: The model cannot be loaded; the text says what is wrong with it and what to do.
+    """
+    if path.suffix.lower() == ".fmu":
+        if method is not None:
+            raise ModelError(f"{path} is an FMU, which brings its own method: leave it out")
+        return load_fmu(path, step_size)
+    if not path.is_dir():
+        raise ModelError(f"there is no folder {path}: give a folder of 20-sim code, an FMU, or package.module:Class")
+    folder = read_folder(path)
+    parts = find_parts(folder)
+    table = read_tables(folder.tables)
+    ports = find_ports(parts, table)
+    description = describe_model(parts, table, ports, method, step_size)
+    built = build(parts, make_shim(parts, description, ports, read_data(parts)))
+    described = dataclasses.replace(description, warnings=(*description.warnings, *built.warnings))
+    return NativeModel(described, built.library)

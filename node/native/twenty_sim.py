@@ -1,0 +1,240 @@
+"""What code that 20-sim generated is made of, found by reading it: nothing here knows a prefix or a file name.
+
+Sources: the code itself, as 20-sim 4.5 to 5.1 generates it from its C and C++ templates. Entry points are found by what
+their names end or begin with (`<prefix>CalculateSubmodel`), arrays by their letter behind the prefix of variables
+(`<prefix>P` parameters, `s` states, `R` rates or next states, `V` variables, `I` initial values, `M` matrices).
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from node.errors import ModelError
+from node.native.c_text import Function, assignments
+from node.native.description import Flavour
+from node.native.files import CPP_SUFFIXES, Folder, Source
+
+METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
+SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")
+_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """A global variable of the code.
+
+    Attributes:
+        kind: Its C type, as the code names it.
+        is_pointer: Whether it is a pointer to the first element.
+        is_array: Whether it is an array.
+    """
+
+    kind: str
+    is_pointer: bool
+    is_array: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One element of an array, as the code sets it: the value as it is written, and the comment behind it."""
+
+    value: str
+    comment: str
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a generated model.
+
+    Attributes:
+        folder: The files.
+        flavour: Which shape.
+        model: The file with the equations.
+        name: The submodel's name.
+        build: What generated it.
+        prefix: What the names of variables begin with, such as `xx_`.
+        real: The C type behind XXDouble: "double" or "float".
+        functions: Every function of the code that matters, by its role, such as "CalculateDynamic".
+        symbols: Global variables, by name without the prefix.
+        types: What each typedef stands for.
+        owner: The C++ class; empty in C.
+    """
+
+    folder: Folder
+    flavour: Flavour
+    model: Source
+    name: str
+    build: str
+    prefix: str
+    real: str
+    functions: Mapping[str, Function]
+    symbols: Mapping[str, Symbol]
+    types: Mapping[str, str]
+    owner: str = ""
+
+    @property
+    def is_cpp(self) -> bool:
+        """Whether the file with the equations is compiled as C++."""
+        return self.model.suffix in CPP_SUFFIXES
+
+    def sections(self) -> dict[str, str]:
+        """The equations of each section, comments blanked."""
+        return {
+            name: self.functions[role].body if (role := f"Calculate{name}") in self.functions else ""
+            for name in SECTIONS
+        }
+
+    def elements(self, letter: str) -> list[Element]:
+        """The elements of an array in order, as the code first sets them."""
+        found: dict[int, Element] = {}
+        for index, value, comment in assignments(self.model.text, self.model.code, f"{self.prefix}{letter}"):
+            found.setdefault(index, Element(value, comment))
+        return [found.get(index, Element("", "")) for index in range(max(found, default=-1) + 1)]
+
+
+def find_parts(folder: Folder) -> Parts:
+    """Find the parts of the model in a folder.
+
+    Raises:
+        ModelError: There is no model among the files, there are several, or one cannot be followed.
+    """
+    model = _model_file(folder)
+    name = next(name for name in model.functions if _role(name) == "CalculateDynamic")
+    owner = name.rpartition("::")[0]
+    roles = _roles(folder, owner)
+    types = _types([*folder.headers, *folder.sources])
+    prefix = _prefix(folder, model)
+    return Parts(
+        folder,
+        _flavour(owner, roles),
+        model,
+        owner or model.fields.get("subm") or model.fields.get("model") or folder.path.resolve().name,
+        _build(folder),
+        prefix,
+        _real(types),
+        roles,
+        _symbols(folder.sources, prefix),
+        types,
+        owner,
+    )
+
+
+def number(text: str, names: Mapping[str, float] | None = None) -> float | None:
+    """Return the value of a literal, or of a name that is known; None for anything else."""
+    plain = text.strip()
+    if re.fullmatch(_NUMBER, plain):
+        return float(plain)
+    if re.fullmatch(r"\w*TRUE|true", plain):
+        return 1.0
+    if re.fullmatch(r"\w*FALSE|false", plain):
+        return 0.0
+    return (names or {}).get(re.sub(r"\s", "", plain))
+
+
+def setting(parts: Parts, name: str) -> float | None:
+    """Return a number that the code gives to one of its variables, such as `step_size`; None where it gives none."""
+    pattern = re.compile(rf"(?<!\w){re.escape(parts.prefix + name)}\s*=\s*({_NUMBER})\s*;")
+    for source in (parts.model, *parts.folder.sources):
+        if match := pattern.search(source.code):
+            return float(match[1])
+    return None
+
+
+def find_method(parts: Parts) -> str:
+    """Return the integration method that the code names; empty where it names none."""
+    texts = [source.code for source in (*parts.folder.headers, *parts.folder.sources)]
+    step = parts.functions.get("CalculateSubmodel")
+    patterns = [(r"\b(\w+)\s+\w*integmethod\s*;", texts), (r"^\s*#\s*define\s+(\w+)_METHOD\b", texts)]
+    if step is not None:
+        prefix = re.escape(step.name.partition("CalculateSubmodel")[0])
+        patterns.insert(0, (rf"\b{prefix}(\w+)Step\s*\(", [step.body]))
+    for pattern, places in patterns:
+        for text in places:
+            if match := re.search(pattern, text, re.MULTILINE):
+                return match[1]
+    return ""
+
+
+def _model_file(folder: Folder) -> Source:
+    found = [source for source in folder.sources if any(_role(name) == "CalculateDynamic" for name in source.functions)]
+    if not found:
+        raise ModelError(f"{folder.path} holds no model: none of its C or C++ files has dynamic equations")
+    if len(found) > 1:
+        names = ", ".join(source.name for source in found)
+        raise ModelError(f"{folder.path} holds {len(found)} models ({names}): give the folder of one of them")
+    return found[0]
+
+
+_ROLES: Final = (
+    *(f"Calculate{section}" for section in SECTIONS),
+    *("InitializeSubmodel", "CalculateSubmodel", "TerminateSubmodel", "ModelInitialize", "ModelTerminate"),
+    *("CopyInputsToVariables", "CopyVariablesToOutputs"),
+)
+_CLASS_ROLES: Final = ("Initialize", "Calculate", "Terminate", "SetFinishTime")
+_METHOD_ROLE: Final = re.compile(rf"({'|'.join(METHODS)})(Initialize|Step)$")
+
+
+def _role(name: str) -> str:
+    """The part a function plays, by what is left of its name beside the user's prefix or suffix."""
+    owner, _, plain = name.rpartition("::")
+    if owner and plain in _CLASS_ROLES:
+        return plain
+    if not owner and (match := _METHOD_ROLE.search(name)):
+        return match[0]
+    return next((role for role in _ROLES if role in plain), "")
+
+
+def _roles(folder: Folder, owner: str) -> dict[str, Function]:
+    found: dict[str, Function] = {}
+    for source in folder.sources:
+        for name, function in source.functions.items():
+            if name.rpartition("::")[0] == owner and (role := _role(name)):
+                found.setdefault(role, function)
+    return found
+
+
+def _flavour(owner: str, roles: Mapping[str, Function]) -> Flavour:
+    if owner:
+        return Flavour.CPP_CLASS
+    whole = {"InitializeSubmodel", "CalculateSubmodel"} <= roles.keys()
+    return Flavour.C_SUBMODEL if whole else Flavour.C_PARTIAL
+
+
+def _types(files: Iterable[Source]) -> dict[str, str]:
+    pattern = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
+    return {match[2]: match[1].strip() for file in files for match in pattern.finditer(file.code)}
+
+
+def _real(types: Mapping[str, str]) -> str:
+    kind = next((base for name, base in types.items() if name.endswith("Double")), "double")
+    kind = types.get(kind, kind)
+    if kind not in ("double", "float"):
+        raise ModelError(f"the code computes with numbers of type '{kind}'; only double and float can be used")
+    return kind
+
+
+def _prefix(folder: Folder, model: Source) -> str:
+    for pattern in (r"(?<!\w)(\w*?)step_size\s*=(?!=)", r"(?<!\w)(\w*?)s\s*\[\s*\d+\s*\]\s*=(?!=)", r"(\w*_)V\s*\["):
+        for source in (model, *folder.sources):
+            if match := re.search(pattern, source.code):
+                return match[1]
+    raise ModelError(f"cannot tell what the variables in {model.name} begin with: it sets neither step size nor states")
+
+
+def _symbols(sources: Iterable[Source], prefix: str) -> dict[str, Symbol]:
+    pattern = re.compile(
+        rf"^[ \t]*(\w+)\s*(\*?)\s*{re.escape(prefix)}(\w+)\s*(\[[^\]]*\])?\s*(?:=[^;]*)?;", re.MULTILINE
+    )
+    return {
+        match[3]: Symbol(match[1], bool(match[2]), bool(match[4]))
+        for source in sources
+        for match in pattern.finditer(source.code)
+        if match[1] not in ("extern", "static", "return")
+    }
+
+
+def _build(folder: Folder) -> str:
+    fields = next((file.fields for file in folder.sources if file.fields.get("build")), {})
+    build = f"20-sim {fields['build']}" if fields else ""
+    return f"{build}, {fields['date']}" if fields.get("date") else build

@@ -1,0 +1,122 @@
+"""The description of a 20-sim model, put together from its code, its comments and its XML."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from node.errors import ModelError
+from node.model.variables import Variable, Write
+from node.native.description import Description, Flavour
+from node.native.twenty_sim import METHODS, Element, Parts, find_method, number, setting
+from node.native.twenty_sim_names import Label, Table, choose, label_of, unique
+from node.native.twenty_sim_ports import Ports
+from node.native.writes import Effect, parameter_effects, state_effects
+
+_ASK: Final = "pass {} to load_model"
+
+
+def describe_model(
+    parts: Parts, table: Table, ports: Ports, method: str | None = None, step_size: float | None = None
+) -> Description:
+    """Describe a model.
+
+    Args:
+        parts: The parts of its code.
+        table: What the XML beside it says.
+        ports: Its ports.
+        method: The integration method, where the files do not name it.
+        step_size: The step in s, where the files do not give it.
+
+    Raises:
+        ModelError: The method or the step cannot be known; the text says what to pass.
+    """
+    warnings = [*table.warnings, *ports.warnings]
+    elements = {"parameter": parts.elements("P"), "state": parts.elements("s")}
+    labels = {
+        "input": choose("input", [port.label for port in ports.inputs], table, warnings),
+        "output": choose("output", [port.label for port in ports.outputs], table, warnings),
+        **{kind: choose(kind, _coded(found), table, warnings) for kind, found in elements.items()},
+    }
+    names = unique(labels, warnings)
+    initial = _initial_values(parts)
+    starts = {kind: [_start(element, initial) for element in found] for kind, found in elements.items()}
+    effects = {
+        "parameter": parameter_effects(parts, len(elements["parameter"])),
+        "state": state_effects(parts, len(elements["state"])),
+    }
+    variables = {kind: _variables(names[kind], labels[kind], starts.get(kind), effects.get(kind)) for kind in labels}
+    chosen = _method(parts, method)
+    step = _step_size(parts, table, step_size, warnings)
+    if parts.real == "float":
+        warnings.append("it computes in single precision: XXDouble is float in its types")
+    return Description(
+        parts.name,
+        parts.flavour,
+        parts.build,
+        chosen,
+        step,
+        setting(parts, "finish_time") or None,
+        variables["input"],
+        variables["output"],
+        variables["parameter"],
+        variables["state"],
+        tuple(warnings),
+    )
+
+
+def _coded(elements: Sequence[Element]) -> list[Label]:
+    return [label_of(element.comment) for element in elements]
+
+
+def _initial_values(parts: Parts) -> dict[str, float]:
+    values = ((i, number(element.value)) for i, element in enumerate(parts.elements("I")))
+    return {f"{parts.prefix}I[{i}]": value for i, value in values if value is not None}
+
+
+def _start(element: Element, initial: Mapping[str, float]) -> float:
+    return number(element.value, initial) or 0.0
+
+
+def _variables(
+    names: Sequence[str], labels: Sequence[Label], starts: Sequence[float] | None, effects: Sequence[Effect] | None
+) -> tuple[Variable, ...]:
+    values = starts or [0.0] * len(names)
+    writes = effects or [Effect(Write.NEVER, "")] * len(names)
+    return tuple(
+        Variable(name, label.unit or "1", value, effect.write, effect.why)
+        for name, label, value, effect in zip(names, labels, values, writes, strict=True)
+    )
+
+
+def _method(parts: Parts, given: str | None) -> str:
+    found = find_method(parts)
+    if given and given not in METHODS:
+        raise ModelError(f"there is no method '{given}'; there is {', '.join(METHODS)}")
+    if given and found and given != found:
+        raise ModelError(f"the code in {parts.folder.path} integrates with {found}; it cannot be made to use {given}")
+    if given or found or parts.flavour is not Flavour.C_PARTIAL:
+        return given or found
+    if not parts.elements("s"):
+        # Without states there is nothing to integrate.
+        return ""
+    raise ModelError(
+        f"{parts.folder.path} does not say how it integrates (xxinteg and xxsubmod are missing): "
+        + _ASK.format(f"method=, one of {', '.join(METHODS)}")
+    )
+
+
+def _step_size(parts: Parts, table: Table, given: float | None, warnings: list[str]) -> float:
+    found = setting(parts, "step_size")
+    if found is not None and given is not None and found != given:
+        raise ModelError(
+            f"the code in {parts.folder.path} has a step of {found:g} s; it cannot be made to use {given:g} s"
+        )
+    step = given if found is None else found
+    if step is None:
+        raise ModelError(f"{parts.folder.path} does not say how long a step is: " + _ASK.format("step_size= in s"))
+    if step <= 0.0:
+        raise ModelError(f"{parts.folder.path} has a step of {step:g} s, and a step must be longer than zero")
+    listed = re.fullmatch(r"\s*([-+.\deE]+)\s*", table.tokens.get("TIME_STEP_SIZE", ""))
+    if listed and (said := number(listed[1])) is not None and said != step:
+        warnings.append(f"{table.file} says a step of {said:g} s and the code has {step:g} s: the code is followed")
+    return step

@@ -1,0 +1,163 @@
+r"""Names and units of a 20-sim model: from the comments in its code, and from the XML beside it.
+
+Formats: a comment `PID1\kp {V}` behind the line that sets an array's element; `<token name="PARAMETER_NAMES3">` in
+`tokens.xml` or `<Submodel>_tokens.xml`, one name a line, with `PARAMETER_UNITS` in step; and `ModelConfiguration.xml`,
+where each variable has a name, a unit, and a storage of name and index. The code decides: the XML may be older.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from node.native.files import Source
+
+_LABEL: Final = re.compile(r"(.*?)\s*(?:\{([^{}]*)\})?\s*$")
+_QUOTED: Final = re.compile(r'"((?:\\.|[^"\\])*)"')
+TOKEN_KINDS: Final = {"input": "INPUT", "output": "OUTPUT", "parameter": "PARAMETER", "state": "STATE"}
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A name and its unit; either may be empty where it is not known."""
+
+    name: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What the XML files say.
+
+    Attributes:
+        file: The file that says it, for messages.
+        tokens: The text of each token.
+        labels: Names and units per kind, in order.
+        warnings: Files that cannot be read.
+    """
+
+    file: str
+    tokens: Mapping[str, str]
+    labels: Mapping[str, Sequence[Label]]
+    warnings: tuple[str, ...] = ()
+
+
+def label_of(comment: str) -> Label:
+    """Return the name and unit in a comment of the code."""
+    match = _LABEL.match(comment)
+    return Label(match[1].strip(), (match[2] or "").strip()) if match else Label()
+
+
+def read_tables(files: Sequence[Source]) -> Table:
+    """Read the XML files of the folder; what is not 20-sim's is passed over."""
+    file, tokens, labels, warnings = "", dict[str, str](), dict[str, Sequence[Label]](), list[str]()
+    for source in files:
+        try:
+            root = ET.fromstring(source.content)  # noqa: S314 - the user's own file, beside code that is about to run
+        except ET.ParseError as error:
+            warnings.append(f"{source.name} cannot be read ({error}): names come from the code's comments")
+            continue
+        found = {token.get("name", ""): token.text or "" for token in root.iter("token")}
+        stored = _stored(root)
+        if found or stored:
+            file = file or source.name
+        tokens |= found
+        labels |= {kind: _labels(found, token) for kind, token in TOKEN_KINDS.items() if _names(found, token)}
+        labels |= stored
+    return Table(file, tokens, labels, tuple(warnings))
+
+
+def choose(kind: str, coded: Sequence[Label], table: Table, warnings: list[str]) -> list[Label]:
+    """Return the labels of one kind, the code's completed by the XML's where the two agree.
+
+    Args:
+        kind: "input", "output", "parameter" or "state".
+        coded: What the comments in the code say; as many as there are elements.
+        table: What the XML says.
+        warnings: Gains a line where the XML is not of this code.
+    """
+    listed = table.labels.get(kind, ())
+    if not listed:
+        return list(coded)
+    if len(listed) != len(coded):
+        warnings.append(f"{table.file} lists {len(listed)} {kind}s and the code has {len(coded)}: the code is followed")
+        return list(coded)
+    differ = [(a.name, b.name) for a, b in zip(coded, listed, strict=True) if a.name and b.name and a.name != b.name]
+    if differ:
+        ours, theirs = differ[0]
+        warnings.append(f"{table.file} calls {kind} '{ours}' of the code '{theirs}': the code is followed")
+        return list(coded)
+    return [Label(a.name or b.name, a.unit or b.unit) for a, b in zip(coded, listed, strict=True)]
+
+
+def unique(names: Mapping[str, Sequence[Label]], warnings: list[str]) -> dict[str, list[str]]:
+    """Return a name for each element that no other element of the model has.
+
+    Args:
+        names: Labels per kind; kinds earlier in the order keep their names.
+        warnings: Gains a line per name that had to be made.
+    """
+    taken: set[str] = set()
+    result: dict[str, list[str]] = {}
+    for kind, labels in names.items():
+        result[kind] = []
+        for index, label in enumerate(labels):
+            name = next(name for name in _candidates(kind, index, label.name) if name not in taken)
+            if name != label.name:
+                warnings.append(f"{kind} {index} has {_trouble(label.name)}: it is called '{name}' here")
+            taken.add(name)
+            result[kind].append(name)
+    return result
+
+
+def _trouble(name: str) -> str:
+    return f"the name '{name}' of another variable" if name else "no name in the code"
+
+
+def _candidates(kind: str, index: int, name: str) -> Iterator[str]:
+    if name:
+        yield name
+        yield f"{name} ({kind})"
+    yield f"{kind}[{index}]"
+    number = 2
+    while True:
+        yield f"{kind}[{index}] ({number})"
+        number += 1
+
+
+def _labels(tokens: Mapping[str, str], token: str) -> list[Label]:
+    names = _names(tokens, token)
+    units = [line.strip() for line in tokens.get(f"{token}_UNITS", "").split("\n")]
+    units += [""] * (len(names) - len(units))
+    return [Label(name, unit) for name, unit in zip(names, units, strict=False)]
+
+
+def _names(tokens: Mapping[str, str], token: str) -> list[str]:
+    plain = [line.strip() for line in tokens.get(f"{token}_NAMES3", "").split("\n") if line.strip()]
+    quoted = _QUOTED.findall(tokens.get(f"{token}_NAMES", ""))
+    return plain or [name.replace("\\\\", "\\").replace('\\"', '"') for name in quoted]
+
+
+def _stored(root: ET.Element) -> dict[str, list[Label]]:
+    """Labels from a model configuration, for the arrays whose place it gives."""
+    found: dict[str, dict[int, Label]] = {}
+    for element in root.iter():
+        storage, name = _child(element, "storage"), _child(element, "name")
+        if storage is None or name is None:
+            continue
+        array, index = _text(_child(storage, "name")), _text(_child(storage, "index"))
+        kind = {"P": "parameter", "s": "state"}.get(array[-1:])
+        if kind and index.isdigit():
+            unit = _child(element, "unit")
+            symbol = None if unit is None else _child(unit, "symbol")
+            found.setdefault(kind, {}).setdefault(int(index), Label(_text(name), _text(symbol) or _text(unit)))
+    return {kind: [labels.get(i, Label()) for i in range(max(labels) + 1)] for kind, labels in found.items()}
+
+
+def _child(element: ET.Element, name: str) -> ET.Element | None:
+    return next((child for child in element if child.tag.rpartition("}")[2].lower() == name), None)
+
+
+def _text(element: ET.Element | None) -> str:
+    return "" if element is None else (element.text or "").strip()

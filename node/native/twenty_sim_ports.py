@@ -1,0 +1,118 @@
+r"""The input and output ports of a 20-sim model: where u and y go, and what they are called.
+
+Generated code copies them itself (`xx_V[7] = u[0]; /* in */`). A partial copy lacks those lines; `tokens.xml` repeats
+them (`INPUT_TO_VARIABLE_EQUATIONS`). Without both, an input is a variable that is used and never set, and an output one
+that is set and whose name has no `\`, which only ports of the submodel lack; 20-sim numbers both in that order.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from node.errors import ModelError
+from node.native.c_text import code_of, comment_at
+from node.native.twenty_sim import Parts
+from node.native.twenty_sim_names import Label, Table, label_of
+
+_INPUT: Final = re.compile(r"([^;{}=]+)=\s*u\s*\[\s*(\d+)\s*\]\s*;")
+_OUTPUT: Final = re.compile(r"(?<!\w)y\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")
+_COPYING: Final = ("CopyInputsToVariables", "CopyVariablesToOutputs", "InitializeSubmodel", "CalculateSubmodel")
+_EQUATION: Final = re.compile(r"/\*\s*([^=*;]+?)\s*=(?:(?!\*/).)*\*/\s*(\w+)\s*\[\s*(\d+)\s*\]\s*=")
+_COPY: Final = re.compile(
+    r"/\*\s*[^=*;]+?\s*=\s*([^=*;()+\-/]+?)\s*;\s*\*/\s*\w+\s*\[\s*\d+\s*\]\s*=\s*(\w+)\[(\d+)\]\s*;"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """One port: the variable of the code that it is copied to or from, and its label."""
+
+    place: str
+    label: Label
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """The ports, and what a user should know of how they were found."""
+
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def find_ports(parts: Parts, table: Table) -> Ports:
+    """Find the ports.
+
+    Raises:
+        ModelError: They are copied in an order that has gaps.
+    """
+    copying = [parts.functions[role].text for role in _COPYING if role in parts.functions]
+    if copying:
+        return _copied(copying)
+    listed = [table.tokens.get(name, "") for name in ("INPUT_TO_VARIABLE_EQUATIONS", "VARIABLE_TO_OUTPUT_EQUATIONS")]
+    return _copied(listed) if any(listed) else _guessed(parts)
+
+
+def _copied(texts: list[str]) -> Ports:
+    inputs: dict[int, Port] = {}
+    outputs: dict[int, Port] = {}
+    for text in texts:
+        code = code_of(text)
+        for match in _INPUT.finditer(code):
+            inputs.setdefault(int(match[2]), _port(match[1], text, match.end()))
+        for match in _OUTPUT.finditer(code):
+            outputs.setdefault(int(match[1]), _port(match[2], text, match.end()))
+    return Ports(_in_order("u", inputs), _in_order("y", outputs))
+
+
+def _port(place: str, text: str, end: int) -> Port:
+    return Port(place.strip(), label_of(comment_at(text, end)))
+
+
+def _in_order(array: str, ports: dict[int, Port]) -> tuple[Port, ...]:
+    if sorted(ports) != list(range(len(ports))):
+        gap = next(index for index in range(len(ports)) if index not in ports)
+        raise ModelError(f"the code copies {len(ports)} elements of {array} and leaves out {array}[{gap}]")
+    return tuple(ports[index] for index in range(len(ports)))
+
+
+def _guessed(parts: Parts) -> Ports:
+    array = f"{parts.prefix}V"
+    code = "\n".join(parts.sections().values())
+    every = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]", code)}
+    assigned = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]\s*=(?!=)", code)}
+    names = _variable_names(parts, array)
+    inputs = sorted(every - assigned)
+    outputs = [index for index in sorted(assigned) if (name := names.get(index, "")) and "\\" not in name]
+    warning = (
+        f"{parts.model.name} does not say what its ports are (xxsubmod and tokens.xml are missing): "
+        f"inputs are taken to be {_listed(names, inputs)} and outputs {_listed(names, outputs)}"
+    )
+    return Ports(
+        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in inputs),
+        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in outputs),
+        (warning,),
+    )
+
+
+def _listed(names: dict[int, str], indices: list[int]) -> str:
+    return ", ".join(f"'{names.get(index) or index}'" for index in indices) or "none"
+
+
+def _variable_names(parts: Parts, array: str) -> dict[int, str]:
+    """Names of variables by index: from the table that the code keeps in a comment, else from above the equations."""
+    text = parts.model.text
+    for match in re.finditer(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL):
+        if listed := re.findall(r'"((?:\\.|[^"\\])*)"', match[1]):
+            return {index: name.replace("\\\\", "\\") for index, name in enumerate(listed)}
+    return dict(_above_equations(text, array))
+
+
+def _above_equations(text: str, array: str) -> Iterator[tuple[int, str]]:
+    for match in _COPY.finditer(text):
+        if match[2] == array:
+            yield int(match[3]), match[1]
+    for match in _EQUATION.finditer(text):
+        if match[2] == array:
+            yield int(match[3]), match[1]

@@ -1,0 +1,271 @@
+/* The interface of node/native/library.py over code that 20-sim generated.
+
+   Compiled with the model, as C or as C++, together with an ecc_model.h that is written for it (node/native/shim.py). */
+
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE
+#endif
+#include <dlfcn.h>
+#include <link.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include "ecc_model.h"
+
+#define ECC_RANGES 8
+#ifdef __cplusplus
+#define ECC_NO_THROW noexcept
+#else
+#define ECC_NO_THROW
+#endif
+
+typedef struct {
+    char *place;
+    void *content;
+    size_t size;
+} ecc_range;
+
+/* What outlives a restart: it lies on the heap, out of reach of the restoring below. */
+typedef struct {
+    int begun;   /* the model has been initialized at least once */
+    int running; /* initialized and not terminated */
+    int stale;   /* something was written since the rates were computed */
+    const char *error;
+    double parameters[ECC_PARAMETERS + 1];
+    char written[ECC_PARAMETERS + 1];
+    ecc_real u[ECC_INPUTS + 1];
+    ecc_real y[ECC_OUTPUTS + 1];
+    int ranges;
+    ecc_range range[ECC_RANGES];
+} ecc_kept_state;
+
+static ecc_kept_state *ecc_kept;
+
+/* Finds the writable memory of this shared object, less what the loader has made read-only again. */
+static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
+{
+    ElfW(Addr) own = (ElfW(Addr)) &ecc_kept;
+    ElfW(Addr) page = (ElfW(Addr)) sysconf(_SC_PAGESIZE), sealed = 0;
+    int i, mine = 0;
+    (void) size;
+    (void) unused;
+    for (i = 0; i < info->dlpi_phnum; i++) {
+        const ElfW(Phdr) *part = &info->dlpi_phdr[i];
+        ElfW(Addr) start = info->dlpi_addr + part->p_vaddr;
+        if (part->p_type == PT_LOAD && own >= start && own < start + part->p_memsz)
+            mine = 1;
+        if (part->p_type == PT_GNU_RELRO)
+            sealed = (start + part->p_memsz) / page * page;
+    }
+    for (i = 0; mine && i < info->dlpi_phnum && ecc_kept->ranges < ECC_RANGES; i++) {
+        const ElfW(Phdr) *part = &info->dlpi_phdr[i];
+        ElfW(Addr) start = info->dlpi_addr + part->p_vaddr, end = start + part->p_memsz;
+        if (part->p_type != PT_LOAD || !(part->p_flags & PF_W))
+            continue;
+        if (sealed > start && sealed <= end)
+            start = sealed;
+        ecc_kept->range[ecc_kept->ranges].place = (char *) start;
+        ecc_kept->range[ecc_kept->ranges].size = (size_t) (end - start);
+        ecc_kept->ranges++;
+    }
+    return mine;
+}
+
+/* Keeps a copy of every global of the model as it was loaded, so that each start finds them so. */
+static int ecc_remember(void)
+{
+    int i;
+    if (ecc_kept)
+        return 1;
+    ecc_kept = (ecc_kept_state *) calloc(1, sizeof *ecc_kept);
+    if (!ecc_kept)
+        return 0;
+    for (i = 0; i < ECC_PARAMETERS; i++)
+        ecc_kept->parameters[i] = ecc_parameter_starts[i];
+    dl_iterate_phdr(ecc_find, NULL);
+    for (i = 0; i < ecc_kept->ranges; i++) {
+        ecc_kept->range[i].content = malloc(ecc_kept->range[i].size);
+        if (!ecc_kept->range[i].content) {
+            ecc_kept->ranges = i;
+            break;
+        }
+    }
+    for (i = 0; i < ecc_kept->ranges; i++)
+        memcpy(ecc_kept->range[i].content, ecc_kept->range[i].place, ecc_kept->range[i].size);
+    return 1;
+}
+
+static void ecc_restore(void)
+{
+    int i;
+    for (i = 0; i < ecc_kept->ranges; i++)
+        memcpy(ecc_kept->range[i].place, ecc_kept->range[i].content, ecc_kept->range[i].size);
+}
+
+static int32_t ecc_failed(const char *why)
+{
+    if (ecc_kept)
+        ecc_kept->error = why;
+    return -1;
+}
+
+static void ecc_take(const double *u)
+{
+    int i;
+    for (i = 0; i < ECC_INPUTS; i++)
+        ecc_kept->u[i] = (ecc_real) u[i];
+}
+
+static void ecc_give(double *y)
+{
+    int i;
+    for (i = 0; i < ECC_OUTPUTS; i++)
+        y[i] = (double) ecc_kept->y[i];
+}
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Called at the head of the initial equations: the code has just set the parameters to their defaults. */
+void ecc_before_initial(void)
+{
+    int i;
+    for (i = 0; ecc_kept && i < ECC_PARAMETERS; i++)
+        if (ecc_kept->written[i])
+            ecc_parameters()[i] = (ecc_real) ecc_kept->parameters[i];
+}
+
+int32_t ecc_initialize(const double *u, double *y)
+{
+    if (!ecc_remember())
+        return -1;
+    ecc_drop();
+    ecc_restore();
+    ecc_kept->stale = 0;
+    ecc_take(u);
+    ecc_start(ecc_kept->u, ecc_kept->y);
+    ecc_kept->begun = ecc_kept->running = 1;
+    ecc_give(y);
+    return 0;
+}
+
+int32_t ecc_step(const double *u, double *y)
+{
+    if (!ecc_kept || !ecc_kept->running)
+        return ecc_failed("it is not initialized");
+    /* The code begins a step with the rates it computed at the end of the last one, before the write. */
+    if (ecc_kept->stale)
+        ecc_rates();
+    ecc_kept->stale = 0;
+    ecc_take(u);
+    ecc_advance(ecc_kept->u, ecc_kept->y);
+    ecc_give(y);
+    return ecc_stopped() ? 1 : 0;
+}
+
+int32_t ecc_terminate(void)
+{
+    if (ecc_kept && ecc_kept->running)
+        ecc_finish(ecc_kept->u, ecc_kept->y);
+    if (ecc_kept)
+        ecc_kept->running = 0;
+    return 0;
+}
+
+int32_t ecc_static(void)
+{
+    if (ecc_kept && ecc_kept->running) {
+        ecc_statics();
+        ecc_kept->stale = 1;
+    }
+    return 0;
+}
+
+double ecc_read(int32_t kind, int32_t index)
+{
+    if (!ecc_remember())
+        return 0.0;
+    switch (kind) {
+    case 0:
+        return (double) ecc_kept->u[index];
+    case 1:
+        return (double) ecc_kept->y[index];
+    case 2:
+        return ecc_kept->begun ? (double) ecc_parameters()[index] : ecc_kept->parameters[index];
+    default:
+        return ecc_kept->begun ? (double) ecc_states()[index] : ecc_state_starts[index];
+    }
+}
+
+int32_t ecc_write(int32_t kind, int32_t index, double value)
+{
+    if (!ecc_remember())
+        return -1;
+    if (kind == 2) {
+        ecc_kept->parameters[index] = value;
+        ecc_kept->written[index] = 1;
+        if (ecc_kept->begun)
+            ecc_parameters()[index] = (ecc_real) value;
+    } else if (ecc_kept->running) {
+        ecc_states()[index] = (ecc_real) value;
+    } else {
+        return ecc_failed("a state can be written once the model is initialized");
+    }
+    ecc_kept->stale = 1;
+    return 0;
+}
+
+const char *ecc_error(void)
+{
+    return ecc_kept ? ecc_kept->error : "there is no memory left";
+}
+
+/* The random numbers of the C library, in the order in which a fresh process gives them, for this instance alone. */
+static struct random_data ecc_random;
+static char ecc_random_state[128];
+
+static struct random_data *ecc_generator(void)
+{
+    if (!ecc_random.state)
+        initstate_r(1, ecc_random_state, sizeof ecc_random_state, &ecc_random);
+    return &ecc_random;
+}
+
+int rand(void) ECC_NO_THROW
+{
+    int32_t value = 0;
+    random_r(ecc_generator(), &value);
+    return (int) value;
+}
+
+void srand(unsigned int seed) ECC_NO_THROW
+{
+    srandom_r(seed, ecc_generator());
+}
+
+#ifdef ECC_FILES
+/* The model's data files, wherever the code looks for them; any other file is opened as ever. */
+FILE *fopen(const char *path, const char *mode)
+{
+    FILE *(*other)(const char *, const char *);
+    const char *name = path, *at;
+    int i;
+    for (at = path; *at; at++)
+        if (*at == '/' || *at == '\\')
+            name = at + 1;
+    for (i = 0; i < ECC_FILES && *mode == 'r'; i++)
+        if (!strcasecmp(name, ecc_files[i].name))
+            return fmemopen((void *) ecc_files[i].content, ecc_files[i].size, "r");
+    *(void **) &other = dlsym(RTLD_NEXT, "fopen");
+    return other(path, mode);
+}
+#endif
+
+#ifdef __cplusplus
+}
+#endif
