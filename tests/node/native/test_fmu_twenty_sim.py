@@ -132,4 +132,4 @@ def test_a_tool_wrapper_is_refused(make: Maker) -> None:
 def test_variants_give_the_numbers_of_the_plain_fmu(name: str, make: Maker) -> None:
     made = make.variant(name)
     plain = make.fmu(made.spec, FmuKind(made.shape.value))
-    assert run(load_fmu(made.path), given(made.spec), 500) == native_outputs(plain, given(made.spec), 500)
+    assert run(load_fmu(made.path), given(made.spec), STEPS) == native_outputs(plain, given(made.spec), STEPS)

@@ -65,6 +65,9 @@ def test_a_c_submodel_computes_what_its_code_does(make: Maker, spec: Spec, style
         (models.PID, Layout.MOVED, True),
         (models.OSCILLATOR, Layout.GENERATED, False),
         (models.MATRICES, Layout.GENERATED, True),
+        (models.LIMITER, Layout.MOVED, True),
+        (more_models.INITIAL, Layout.GENERATED, True),
+        (more_models.LITERAL, Layout.MOVED, False),
     ],
     ids=lambda value: value.name if isinstance(value, Spec) else str(value),
 )
@@ -189,6 +192,24 @@ def test_a_parameter_in_static_equations_takes_effect_at_once(make: Maker, shape
     assert after[-1][0] == pytest.approx(29.997, abs=1e-3)
     truth = native_outputs(made, [Input()], 1000, [Write(100, "P", 0, 30.0, static=True, dynamic=True)])
     assert after == truth[100:]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "crlf_latin1",
+        "wrong_case_header",
+        "stale_xml",
+        "spaced_names",
+        "odd_folder",
+        "algebraic_loop",
+        "build_copies",
+        "single_precision",
+    ],
+)
+def test_a_folder_that_is_odd_in_some_way_computes_what_its_code_does(make: Maker, name: str) -> None:
+    made = make.variant(name)
+    assert_native(made, load_native(made.path))
 
 
 @pytest.mark.parametrize(
