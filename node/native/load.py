@@ -4,16 +4,16 @@ import dataclasses
 from pathlib import Path
 
 from node.errors import ModelError
-from node.native.build import build
-from node.native.data_files import read_data
-from node.native.files import read_folder
-from node.native.fmu import load_fmu
+from node.native.fmu.load import load_fmu
 from node.native.library import NativeModel
-from node.native.shim import make_shim
-from node.native.twenty_sim import find_parts
-from node.native.twenty_sim_model import describe_model
-from node.native.twenty_sim_names import read_tables
-from node.native.twenty_sim_ports import find_ports
+from node.native.twenty_sim.build import build
+from node.native.twenty_sim.data_files import read_data
+from node.native.twenty_sim.files import read_folder
+from node.native.twenty_sim.model import describe_model
+from node.native.twenty_sim.names import read_tables
+from node.native.twenty_sim.parts import find_parts
+from node.native.twenty_sim.ports import find_ports
+from node.native.twenty_sim.shim import make_shim
 
 
 def load_native(path: Path, *, method: str | None = None, step_size: float | None = None) -> NativeModel:

@@ -12,12 +12,12 @@ from typing import Final
 
 from node.errors import ModelError
 from node.model.variables import Variable, Write
-from node.native.fmu_archive import unpack
-from node.native.fmu_binary import exported, find_library, private_copy
-from node.native.fmu_compile import shim
-from node.native.fmu_description import Layout, describe
-from node.native.fmu_facts import Facts, read_facts
-from node.native.fmu_twenty_sim import SECTIONS, TwentySim, read_twenty_sim
+from node.native.fmu.archive import unpack
+from node.native.fmu.binary import exported, find_library, private_copy
+from node.native.fmu.compile import shim
+from node.native.fmu.description import Layout, describe
+from node.native.fmu.facts import Facts, read_facts
+from node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
 from node.native.library import Kind, NativeModel
 
 _FOREVER: Final = 1e300
@@ -25,7 +25,7 @@ _FOREVER: Final = 1e300
 
 
 class _Group(ctypes.Structure):
-    """`Group` of fmu_calls.h."""
+    """`Group` of calls.h."""
 
     _fields_ = (
         ("count", ctypes.c_int32),
@@ -37,7 +37,7 @@ class _Group(ctypes.Structure):
 
 
 class _Plan(ctypes.Structure):
-    """`Plan` of fmu_calls.h."""
+    """`Plan` of calls.h."""
 
     _fields_ = (
         ("library", ctypes.c_char_p),

@@ -9,8 +9,8 @@ from typing import Final
 from node.errors import ModelError
 from node.model.variables import Variable, Write
 from node.native.description import Description, Flavour
-from node.native.fmu_facts import Causality, Facts, FmuVariable
-from node.native.fmu_twenty_sim import TwentySim
+from node.native.fmu.facts import Causality, Facts, FmuVariable
+from node.native.fmu.twenty_sim import TwentySim
 
 _ROUNDING: Final = 1e-9
 """How far two steps may differ by how they are printed."""

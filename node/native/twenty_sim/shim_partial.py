@@ -4,7 +4,9 @@ from typing import Final
 
 from node.errors import ModelError
 from node.native.description import Description
-from node.native.shim_text import (
+from node.native.twenty_sim.parts import METHODS, Parts
+from node.native.twenty_sim.ports import Ports
+from node.native.twenty_sim.shim_text import (
     BOTH,
     HOOK,
     UNUSED,
@@ -17,8 +19,6 @@ from node.native.shim_text import (
     run,
     variable,
 )
-from node.native.twenty_sim import METHODS, Parts
-from node.native.twenty_sim_ports import Ports
 
 _AT_START: Final = tuple(f"Calculate{name}" for name in ("Initial", "Static", "Input", "Dynamic", "Output"))
 

@@ -9,8 +9,8 @@ import re
 from collections.abc import Mapping
 
 from node.errors import ModelError
-from node.native.c_text import code_of
-from node.native.twenty_sim import Parts
+from node.native.twenty_sim.c_text import code_of
+from node.native.twenty_sim.parts import Parts
 
 
 def read_data(parts: Parts) -> dict[str, bytes]:

@@ -1,6 +1,6 @@
 /* What the shim knows of an FMU: the plan that the loader made, the functions of its library, what it says.
  *
- * Part of fmu_shim.c, which alone includes it. The few types and functions needed are declared here from the text of the
+ * Part of shim.c, which alone includes it. The few types and functions needed are declared here from the text of the
  * standard (FMI 2.0.4, sections 2.1 and 4.2; FMI 3.0.1, sections 2.2 and 4.2).
  */
 

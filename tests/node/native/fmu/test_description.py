@@ -6,9 +6,9 @@ import pytest
 from node.errors import ModelError
 from node.model.variables import Variable, Write
 from node.native.description import Description, Flavour
-from node.native.fmu_description import Layout, describe
-from node.native.fmu_facts import read_facts
-from node.native.fmu_twenty_sim import TwentySim, read_twenty_sim
+from node.native.fmu.description import Layout, describe
+from node.native.fmu.facts import read_facts
+from node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, NAME_OF_INPUT, Shape, description
 
 NOTHING: frozenset[str] = frozenset()

@@ -8,11 +8,11 @@ import pytest
 from node.errors import ModelError
 from node.model.variables import Write
 from node.native.description import Description, Flavour
-from node.native.files import read_folder
-from node.native.twenty_sim import find_parts
-from node.native.twenty_sim_model import describe_model
-from node.native.twenty_sim_names import Label, label_of, read_tables
-from node.native.twenty_sim_ports import find_ports
+from node.native.twenty_sim.files import read_folder
+from node.native.twenty_sim.model import describe_model
+from node.native.twenty_sim.names import Label, label_of, read_tables
+from node.native.twenty_sim.parts import find_parts
+from node.native.twenty_sim.ports import find_ports
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.made import Layout, Made, Style
 from tests.fixtures.twenty_sim.maker import Maker

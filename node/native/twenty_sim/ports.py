@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from node.errors import ModelError
-from node.native.c_text import code_of, comment_at
-from node.native.twenty_sim import Parts
-from node.native.twenty_sim_names import Label, Table, label_of
+from node.native.twenty_sim.c_text import code_of, comment_at
+from node.native.twenty_sim.names import Label, Table, label_of
+from node.native.twenty_sim.parts import Parts
 
 _INPUT: Final = re.compile(r"([^;{}=]+)=\s*u\s*\[\s*(\d+)\s*\]\s*;")
 _OUTPUT: Final = re.compile(r"(?<!\w)y\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")

@@ -15,10 +15,10 @@ from typing import Final
 
 from node.errors import ModelError
 from node.native.cache import cached, digest
-from node.native.files import CPP_SUFFIXES, Folder
-from node.native.includes import TREE, supplied_headers
-from node.native.shim import Shim
-from node.native.twenty_sim import Parts
+from node.native.twenty_sim.files import CPP_SUFFIXES, Folder
+from node.native.twenty_sim.includes import TREE, supplied_headers
+from node.native.twenty_sim.parts import Parts
+from node.native.twenty_sim.shim import Shim
 
 _COMPILE: Final = ("-O2", "-fPIC", "-c")
 _C: Final = ("-std=gnu11",)

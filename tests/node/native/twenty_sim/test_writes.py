@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from node.model.variables import Write
-from node.native.files import read_folder
-from node.native.twenty_sim import Parts, find_parts
-from node.native.writes import parameter_effects, state_effects
+from node.native.twenty_sim.files import read_folder
+from node.native.twenty_sim.parts import Parts, find_parts
+from node.native.twenty_sim.writes import parameter_effects, state_effects
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.maker import Maker
 from tests.fixtures.twenty_sim.spec import Spec

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from node.errors import ModelError
-from node.native.files import read_folder
+from node.native.twenty_sim.files import read_folder
 from tests.fixtures.twenty_sim import models
 from tests.fixtures.twenty_sim.made import Layout
 from tests.fixtures.twenty_sim.maker import Maker

@@ -11,7 +11,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from node.errors import ModelError
-from node.native.fmu_xml import flag, number, read_xml
+from node.native.fmu.xml import flag, number, read_xml
 
 DESCRIPTION: Final = "modelDescription.xml"
 _LARGEST_REFERENCE: Final = 2**32 - 1

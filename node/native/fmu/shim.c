@@ -1,11 +1,11 @@
 /* The seat of an FMU: the interface of node/native/library.py over the functions of the FMI standard.
  *
- * Compiled once; each instance loads its own copy, so the state below and in fmu_calls.h belongs to one FMU.
+ * Compiled once; each instance loads its own copy, so the state below and in calls.h belongs to one FMU.
  */
 
 #include <math.h>
 
-#include "fmu_calls.h"
+#include "calls.h"
 
 enum { NOT_STARTED, RUNNING, ENDED, FAILED, FATAL };
 

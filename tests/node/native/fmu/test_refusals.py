@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from node.errors import ModelError
-from node.native import fmu_archive
-from node.native.fmu import load_fmu
+from node.native.fmu import archive
+from node.native.fmu.load import load_fmu
 from tests.fixtures.tiny_fmu import make
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, Changes, Shape, compile_model, description, entries
 
@@ -161,7 +161,7 @@ class TestRefusals:
     def test_name_an_archive_that_is_too_large(
         self, packed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(fmu_archive, "LARGEST_BYTES", 1000)
+        monkeypatch.setattr(archive, "LARGEST_BYTES", 1000)
         with pytest.raises(ModelError, match=r"it unpacks to .* bytes; at most 1000 are taken"):
             load_fmu(packed(OTHER, {"resources/more.txt": b"large"}))
 

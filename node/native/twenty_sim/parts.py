@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from node.errors import ModelError
-from node.native.c_text import Function, assignments
 from node.native.description import Flavour
-from node.native.files import CPP_SUFFIXES, Folder, Source
+from node.native.twenty_sim.c_text import Function, assignments
+from node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Source
 
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")

@@ -1,6 +1,6 @@
 """The C (or C++) that joins a 20-sim model to our interface: what differs from model to model, as one header.
 
-`twenty_sim_shim.c` is the same for all and includes the header written here. Three habits of the generated code are
+`shim.c` is the same for all and includes the header written here. Three habits of the generated code are
 dealt with: time is the model's own, which its integration method advances, so it is handed its own time; a C++ model
 stops by itself at a time that is baked in, so that is lifted; and parameters are set to their defaults on the way into
 the initial equations, so a call of ours is put at their head (in our copy of the file).
@@ -13,13 +13,15 @@ from importlib import resources
 from typing import Final
 
 from node.errors import ModelError
-from node.native.c_text import Function
-from node.native.data_files import embedded
 from node.native.description import Description, Flavour
-from node.native.files import Source
-from node.native.includes import TREE
-from node.native.shim_partial import partial_shim
-from node.native.shim_text import (
+from node.native.twenty_sim.c_text import Function
+from node.native.twenty_sim.data_files import embedded
+from node.native.twenty_sim.files import Source
+from node.native.twenty_sim.includes import TREE
+from node.native.twenty_sim.parts import Parts
+from node.native.twenty_sim.ports import Ports
+from node.native.twenty_sim.shim_partial import partial_shim
+from node.native.twenty_sim.shim_text import (
     BOTH,
     HOOK,
     UNUSED,
@@ -32,8 +34,6 @@ from node.native.shim_text import (
     prototype,
     variable,
 )
-from node.native.twenty_sim import Parts
-from node.native.twenty_sim_ports import Ports
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def make_shim(parts: Parts, description: Description, ports: Ports, data: Mappin
     else:
         body = partial_shim(parts, description, ports)
     head = [*_head(parts, description), *embedded(data)]
-    source = resources.files("node.native").joinpath("twenty_sim_shim.c").read_text(encoding="utf-8")
+    source = resources.files("node.native.twenty_sim").joinpath("shim.c").read_text(encoding="utf-8")
     return Shim("\n".join([*head, *body, ""]), source, _hooked(parts))
 
 

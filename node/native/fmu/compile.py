@@ -13,9 +13,9 @@ from typing import Final
 
 from node.errors import ModelError
 from node.native.cache import cached, digest
-from node.native.fmu_xml import read_xml
+from node.native.fmu.xml import read_xml
 
-_SHIM_SOURCES: Final = ("fmu_shim.c", "fmu_calls.h")
+_SHIM_SOURCES: Final = ("shim.c", "calls.h")
 _SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")
 _LIBRARIES: Final = ("-lm", "-ldl")
 _TIMEOUT_S: Final = 600.0

@@ -7,10 +7,10 @@ from typing import Final
 from node.errors import ModelError
 from node.model.variables import Variable, Write
 from node.native.description import Description, Flavour
-from node.native.twenty_sim import METHODS, Element, Parts, find_method, number, setting
-from node.native.twenty_sim_names import Label, Table, choose, label_of, unique
-from node.native.twenty_sim_ports import Ports
-from node.native.writes import Effect, parameter_effects, state_effects
+from node.native.twenty_sim.names import Label, Table, choose, label_of, unique
+from node.native.twenty_sim.parts import METHODS, Element, Parts, find_method, number, setting
+from node.native.twenty_sim.ports import Ports
+from node.native.twenty_sim.writes import Effect, parameter_effects, state_effects
 
 _ASK: Final = "pass {} to load_model"
 

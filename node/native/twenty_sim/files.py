@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from node.errors import ModelError
-from node.native.c_text import Function, code_of, functions
+from node.native.twenty_sim.c_text import Function, code_of, functions
 
 C_SUFFIXES: Final = frozenset({".c"})
 CPP_SUFFIXES: Final = frozenset({".cpp", ".cc", ".cxx"})

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from node.model.variables import Write
-from node.native.twenty_sim import SECTIONS, Parts
+from node.native.twenty_sim.parts import SECTIONS, Parts
 
 _RUNNING: Final = ("Input", "Dynamic", "Output", "Final")
 

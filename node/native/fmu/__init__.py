@@ -1,0 +1,1 @@
+"""Models that arrive as FMUs: unpacked, described, and driven through a shim of ours."""

@@ -1,0 +1,1 @@
+"""Models that arrive as code that 20-sim generated: read, described, compiled with a shim of ours."""
