@@ -1,6 +1,6 @@
 /* The interface of node/native/library.py over code that 20-sim generated.
 
-   Compiled with the model, as C or as C++, together with an ecc_model.h that is written for it (node/native/shim.py). */
+   Compiled with the model, as C or as C++, together with an ecc_model.h that is written for it (node/native/twenty_sim/shim.py). */
 
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE
