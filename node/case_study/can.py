@@ -54,7 +54,7 @@ class RealTimeCanSeat:
         ):
             played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
         # The plant has ended too by now, so its file is whole.
-        points = _resample(_read_truth(truth), played["start_ns"], played["end_ns"])
+        points = _resample(_read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
         return Run(trajectory(Seat.CAN, points))
 
 
@@ -78,10 +78,10 @@ class LockstepCanSeat:
         rig.attach_board(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
         robot = build_robot(file, rig, rig.bus.attach("node"))
         player = Player(manoeuvre)
-        stage = ManoeuvreStage(player, list(robot.wiring.published))
+        stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
         recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
         robot.loop(stage, recorder).run()
-        return Run(trajectory(Seat.CAN, _resample(points, player.start_ns or 0, player.end_ns or 0)))
+        return Run(trajectory(Seat.CAN, _resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
 
 
 class _TruthReader:
@@ -101,10 +101,10 @@ def _read_truth(path: Path) -> list[Odometry]:
         return [truth.read(int(wall_ns), [float(value) for value in values]) for wall_ns, *values in rows]
 
 
-def _resample(points: Sequence[Odometry], start_ns: int, end_ns: int) -> list[Odometry]:
-    """The truth at regular times from start to end, each between the two ticks around it."""
+def _resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
+    """The truth at regular times from the start on, on the wall clock, each between the two ticks around it."""
     stamps = [point.stamp_ns for point in points]
-    return [_between(points, stamps, stamp_ns) for stamp_ns in range(start_ns, end_ns + 1, _POINT_NS)]
+    return [_between(points, stamps, start_ns + offset_ns) for offset_ns in range(0, duration_ns + 1, _POINT_NS)]
 
 
 def _between(points: Sequence[Odometry], stamps: Sequence[int], stamp_ns: int) -> Odometry:

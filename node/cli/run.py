@@ -78,7 +78,7 @@ def _cycles(duration_s: float | None, robot: Robot) -> int | None:
 def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
     signals = list(robot.wiring.published)
     if options.sequence is not None:
-        yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals)
+        yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals, robot.clock)
     elif _with_ros(wanted=options.ros):
         ros = robot.file.ros
         with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
@@ -107,7 +107,8 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
 def _played(stage: Stage) -> dict[str, int | None] | None:
     if not isinstance(stage, ManoeuvreStage):
         return None
-    return {"start_ns": stage.player.start_ns, "end_ns": stage.player.end_ns}
+    player = stage.player
+    return {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": stage.started_wall_ns}
 
 
 def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:

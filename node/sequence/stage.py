@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
+from node.cycle.clock import Clock
 from node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
 from node.safety.modes import ACTIVE
 from node.sequence.player import Odometry, Player, Progress
@@ -15,14 +16,18 @@ class ManoeuvreStage(NoStage):
 
     Attributes:
         is_broken_off: Whether the robot disarmed before the end.
+        started_wall_ns: The wall clock in the cycle that bears the stamp of the start; None until then. The stamps
+            count model time: where deadlines were skipped before the start, they are behind the wall clock.
     """
 
-    def __init__(self, player: Player, signals: Sequence[str]) -> None:
+    def __init__(self, player: Player, signals: Sequence[str], clock: Clock) -> None:
         """Play to a robot that publishes `signals`; those of the odometry that it lacks count as zero."""
         self.player = player
         self._indices = [_index(signals, f"odometry.{part}") for part in _ODOMETRY]
         self.over: str | None = None
         self.is_broken_off = False
+        self.started_wall_ns: int | None = None
+        self._clock = clock
 
     def take(self) -> Inbox:
         """The set-points that are to be sent now."""
@@ -41,6 +46,8 @@ class ManoeuvreStage(NoStage):
             values = [0.0 if index is None else report.values[index] for index in self._indices]
             if self.player.hear(Odometry(report.stamp_ns, *values)) is Progress.DONE:
                 self.over = "the sequence is over"
+            if self.started_wall_ns is None and self.player.heard:
+                self.started_wall_ns = self._clock.wall_ns()
 
 
 def _index(signals: Sequence[str], signal: str) -> int | None:

@@ -179,7 +179,8 @@ def test_plant_and_controller_over_vcan_end_where_the_model_does(tmp_path: Path)
     rows = [line.split(",") for line in truth.read_text("utf-8").splitlines()]
     x, y = rows[0].index("truth.x"), rows[0].index("truth.y")
     # The last tick not after the end: a tick of 5 ms at 1 m/s is far less than what is allowed.
-    end = [row for row in rows[1:] if int(row[0]) <= result["sequence"]["end_ns"]][-1]
+    end_ns = result["sequence"]["started_wall_ns"] + manoeuvre.duration_ns
+    end = [row for row in rows[1:] if int(row[0]) <= end_ns][-1]
     assert (float(end[x]), float(end[y])) == pytest.approx(offline.position, abs=0.05)
 
 
@@ -198,7 +199,7 @@ def test_frames_over_vcan_drive_the_cart_as_those_of_the_simulated_bus_do() -> N
         rig.board = SimulatedWheelBoard(board_link, plant)
         robot_link = CanLink("socketcan", "vcan0", BITRATE, rig.now_ns, rig.wall_ns)
         robot = build_robot(file, rig, robot_link)
-        loop = robot.loop(ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published)), NoRecorder())
+        loop = robot.loop(ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published), rig), NoRecorder())
         loop.run(1000)
     end = (rig.board.outputs[names.index("truth.x")], rig.board.outputs[names.index("truth.y")])
 

@@ -147,7 +147,9 @@ def test_the_log_of_a_run_holds_the_numbers_of_the_run(tmp_path: Path) -> None:
     robot = build_robot(load_robot("cart"), LockstepRig(500_000))
     layout = layout_of(robot)
     keeper = Keeper(CycleLog(path, layout))
-    stage = ManoeuvreStage(Player(single_segment(2.0, 2.0, 0.2), lead_ns=50_000_000), list(robot.wiring.published))
+    stage = ManoeuvreStage(
+        Player(single_segment(2.0, 2.0, 0.2), lead_ns=50_000_000), list(robot.wiring.published), robot.clock
+    )
     robot.loop(stage, keeper).run(30)
     types, messages = read(path)
 

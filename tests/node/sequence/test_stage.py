@@ -8,6 +8,7 @@ from node.safety.modes import Mode
 from node.sequence.manoeuvre import single_segment
 from node.sequence.player import Odometry, Player
 from node.sequence.stage import ManoeuvreStage
+from node.testing import WALL_START_NS, ScriptedClock
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
@@ -16,8 +17,13 @@ SIGNALS = ("odometry.y", "left.angle", "odometry.x", "odometry.heading", "odomet
 
 
 @pytest.fixture
-def stage() -> ManoeuvreStage:
-    return ManoeuvreStage(Player(single_segment(1.0, 0.5, 0.15), lead_ns=50 * MS), SIGNALS)
+def clock() -> ScriptedClock:
+    return ScriptedClock()
+
+
+@pytest.fixture
+def stage(clock: ScriptedClock) -> ManoeuvreStage:
+    return ManoeuvreStage(Player(single_segment(1.0, 0.5, 0.15), lead_ns=50 * MS), SIGNALS, clock)
 
 
 def report(ms: int, mode: Mode = Mode.ARMED, values: Sequence[float] = (0.0,) * 5) -> Report:
@@ -51,6 +57,18 @@ def test_it_plays_with_stamps_in_the_robot_s_time_and_then_is_over(stage: Manoeu
     ]
     assert over == [200, 210, 220, 230]
     assert stage.over == "the sequence is over"
+
+
+def test_the_start_is_told_on_the_wall_clock_which_skipped_deadlines_leave_behind(
+    stage: ManoeuvreStage, clock: ScriptedClock
+) -> None:
+    told = []
+    for ms in range(0, 100, 10):
+        # Three deadlines are skipped before the start, which the stamps do not count.
+        clock.spend((40 if ms == 20 else 10) * MS)
+        stage.publish(report(ms))
+        told.append(stage.started_wall_ns)
+    assert told == [None] * 5 + [WALL_START_NS + 90 * MS] * 5
 
 
 def test_what_is_published_reaches_the_player_in_its_order_and_what_is_not_counts_as_zero(
