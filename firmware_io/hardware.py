@@ -16,12 +16,16 @@ class Sensors:
         ages: Time since each value was received, s; infinite where none has arrived yet.
         valid: Whether each value is fresh enough to be used.
         faults: What the drives report against themselves; empty while all is well.
+        ready: Whether every motor follows commands; False while the drives are off or pass through their states.
+        events: What happened to the links since the last snapshot, for people.
     """
 
     values: tuple[float, ...] = ()
     ages: tuple[float, ...] = ()
     valid: tuple[bool, ...] = ()
     faults: tuple[str, ...] = ()
+    ready: bool = True
+    events: tuple[str, ...] = ()
 
 
 class Hardware(Protocol):
@@ -48,7 +52,7 @@ class Hardware(Protocol):
         """Send `commands` (None sends nothing, for a second exchange in a cycle) and return the newest snapshot."""
 
     def arm(self) -> None:
-        """Let commands reach the motors.
+        """Begin to let commands reach the motors; they do once `Sensors.ready` says so.
 
         Raises:
             ArmingRefusedError: The drive is not fit; the reasons say why.

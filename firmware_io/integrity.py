@@ -5,6 +5,7 @@ Specification"): polynomial 0x2F, initial value 0xFF, final XOR 0xFF. The identi
 that arrives under another identifier is refused.
 """
 
+import binascii
 import enum
 from typing import Final
 
@@ -35,6 +36,11 @@ def crc8(data: bytes, crc: int = 0xFF) -> int:
 def frame_crc(arbitration_id: int, data: bytes) -> int:
     """CRC of a frame: its data without the CRC byte, then its identifier, low byte first."""
     return crc8(data + arbitration_id.to_bytes(2, "little"))
+
+
+def crc16_xmodem(data: bytes) -> int:
+    """CRC-16/XMODEM of `data`: polynomial 0x1021, initial value 0, nothing reflected or inverted."""
+    return binascii.crc_hqx(data, 0)
 
 
 @enum.unique

@@ -1,23 +1,14 @@
 """A CAN bus in simulated time: frames take their time on the wire, and the lowest identifier wins it."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
-from firmware_io.links.link import Frame, LinkCounters
+from firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
 
 NowNs = Callable[[], int]
 
 _NS_PER_S: Final = 1_000_000_000
-
-
-def worst_case_bits(frame: Frame) -> int:
-    """Bits of a data frame with the most stuffing possible and the space after it.
-
-    Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis", Real-Time Systems 35
-    (2007), equations 1 and 2: 55 + 10 n bits for 11-bit identifiers, 80 + 10 n for 29-bit ones, n bytes of data.
-    """
-    return (80 if frame.is_extended else 55) + 10 * len(frame.data)
 
 
 class SimulatedBus:
@@ -84,6 +75,16 @@ class SimulatedLink:
     def description(self) -> str:
         """Which bus this is."""
         return f"simulated bus, {self._name}"
+
+    @property
+    def state(self) -> LinkState:
+        """The simulated bus is always well."""
+        return LinkState.ACTIVE
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The counts so far."""
+        return self.counters.as_text()
 
     def open(self) -> None:
         """Forget what passed before."""

@@ -2,24 +2,47 @@
 
 from collections.abc import Callable, Sequence
 
+from firmware_io.build import HardwareSettings, serial_of
+from firmware_io.drives.cia402.settings import Cia402Settings
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.links.link import Link
+from firmware_io.links.serial_link import Port
+from firmware_io.settings import CanSettings, SerialSettings
+from hil.devices import cia402, odrive, vesc, wheel_board
+from hil.devices.cia402 import SimulatedCia402
+from hil.devices.device import Device
+from hil.devices.odrive import SimulatedOdrive
+from hil.devices.vesc import SimulatedVesc
+from hil.devices.wheel_board import SimulatedWheelBoard
+from hil.devices.xsens_mti import SimulatedXsensMti
 from hil.errors import NoSimulationError
-from node.config import CanSection, RobotFile, WheelBoardSection
+from hil.simulated_robot import SimulatedRobot
+from node.config import NoHardwareSection, RobotFile
 from node.model.load import load_model
 from node.model.model import Model
 
 Observer = Callable[[int, Sequence[float]], None]
-"""Called after each tick of a device with the wall-clock time, ns, and the plant's outputs."""
+"""Called after each tick of the devices with the wall-clock time, ns, and the plant's outputs."""
 
 
-def simulated_bus(file: RobotFile) -> CanSection:
-    """The bus that the simulated device shares with the robot.
+def simulated_bus(file: RobotFile) -> CanSettings:
+    """The bus that the simulated devices share with the robot.
 
     Raises:
         NoSimulationError: The robot is on none.
     """
-    if not isinstance(file.hardware, WheelBoardSection):
-        raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
-    return file.hardware.can
+    return _hardware(file).can
+
+
+def simulated_serial(file: RobotFile) -> SerialSettings | None:
+    """The serial line to the simulated drives, if the robot has one.
+
+    Raises:
+        NoSimulationError: The robot has no hardware.
+    """
+    return serial_of(_hardware(file))
 
 
 def simulated_plant(file: RobotFile) -> Model:
@@ -32,3 +55,51 @@ def simulated_plant(file: RobotFile) -> Model:
     if file.simulation is None:
         raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
     return load_model(file.simulation.plant)
+
+
+def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:
+    """The devices that the robot file describes, with the plant that it names, at the other end of `link`.
+
+    Args:
+        file: The robot file.
+        link: The devices' end of the bus.
+        port: The drives' end of the serial line, where there is one.
+
+    Raises:
+        NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
+        PlantMismatchError: The plant does not fit the drives.
+    """
+    devices, tick_ns = _devices(_hardware(file), link, port)
+    devices = [*devices, *_external_imu(_hardware(file), link, tick_ns)]
+    return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
+
+
+def _external_imu(settings: HardwareSettings, link: Link, tick_ns: int) -> Sequence[Device]:
+    imu = settings.external_imu
+    if imu is None:
+        return []
+    if round(imu.period_s * 1e9) % tick_ns != 0:
+        raise NoSimulationError(
+            f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
+            "a multiple of that"
+        )
+    return [SimulatedXsensMti(link, imu)]
+
+
+def _hardware(file: RobotFile) -> HardwareSettings:
+    if isinstance(file.hardware, NoHardwareSection):
+        raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
+    return file.hardware
+
+
+def _devices(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Sequence[Device], int]:
+    """The devices, and the period of their firmware's loops, ns."""
+    match settings:
+        case WheelBoardSettings():
+            return [SimulatedWheelBoard(link, settings, port)], wheel_board.TICK_NS
+        case VescSettings():
+            return [SimulatedVesc(link, settings, port)], vesc.TICK_NS
+        case OdriveSettings():
+            return [SimulatedOdrive(link, settings, port)], odrive.TICK_NS
+        case Cia402Settings():
+            return [SimulatedCia402(link, settings, port)], cia402.TICK_NS

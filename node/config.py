@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from firmware_io.build import HardwareSettings
+from firmware_io.section import Section
 from node.documents import decode_yaml
 from node.errors import ConfigurationError
 
@@ -15,11 +17,7 @@ SecondsOrNone = Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)]
 _PACKAGED = importlib.resources.files("node") / "robots"
 
 
-class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A part of the robot file; a key that it does not have is refused."""
-
-
-class ModelSection(_Section, frozen=True, kw_only=True):
+class ModelSection(Section, frozen=True, kw_only=True):
     """Which model runs.
 
     Attributes:
@@ -32,40 +30,14 @@ class ModelSection(_Section, frozen=True, kw_only=True):
     source: str
     method: Literal["Discrete", "Euler", "RungeKutta2", "RungeKutta4"] | None = None
     step_size: Seconds | None = None
-    parameters: dict[str, float] = {}
+    parameters: dict[str, float] = msgspec.field(default_factory=dict)
 
 
-class CanSection(_Section, frozen=True, kw_only=True):
-    """A CAN bus.
-
-    Attributes:
-        interface: A python-can interface, or `auto`: SocketCAN where the channel exists, else a virtual bus.
-        channel: The channel, or `auto`: the first SocketCAN interface.
-        bitrate: bit/s, for interfaces that set it themselves and for the simulated bus.
-    """
-
-    interface: str = "auto"
-    channel: str = "auto"
-    bitrate: Annotated[int, msgspec.Meta(ge=10_000, le=1_000_000)] = 500_000
-
-
-class NoHardwareSection(_Section, frozen=True, kw_only=True, tag="none"):
+class NoHardwareSection(Section, frozen=True, kw_only=True, tag="none"):
     """The robot is all model."""
 
 
-class WheelBoardSection(_Section, frozen=True, kw_only=True, tag="wheel_board"):
-    """Our own wheel board.
-
-    Attributes:
-        can: The bus it is on.
-        watchdog_s: How long the board waits for a command before it switches its motors off, s.
-    """
-
-    can: CanSection = CanSection()
-    watchdog_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.05)] = 0.05
-
-
-class SetpointSection(_Section, frozen=True, kw_only=True):
+class SetpointSection(Section, frozen=True, kw_only=True):
     """How set-points are taken.
 
     Attributes:
@@ -79,13 +51,14 @@ class SetpointSection(_Section, frozen=True, kw_only=True):
     horizon_s: Seconds = 30.0
 
 
-class RosSection(_Section, frozen=True, kw_only=True):
+class RosSection(Section, frozen=True, kw_only=True):
     """Names under which ROS knows the robot.
 
     Attributes:
         node_name: Name of the model node.
         odometry_frame: Frame of the pose (REP-105).
         base_frame: Frame of the velocities (REP-105).
+        imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
         left_joint: Name of the left wheel's joint.
         right_joint: Name of the right wheel's joint.
     """
@@ -93,11 +66,12 @@ class RosSection(_Section, frozen=True, kw_only=True):
     node_name: str = "model"
     odometry_frame: str = "odom"
     base_frame: str = "base_link"
+    imu_frame: str = "imu_link"
     left_joint: str = "left_wheel_joint"
     right_joint: str = "right_wheel_joint"
 
 
-class SimulationSection(_Section, frozen=True, kw_only=True):
+class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
     Attributes:
@@ -107,7 +81,7 @@ class SimulationSection(_Section, frozen=True, kw_only=True):
     plant: str
 
 
-class RobotFile(_Section, frozen=True, kw_only=True):
+class RobotFile(Section, frozen=True, kw_only=True):
     """A whole robot.
 
     Attributes:
@@ -125,7 +99,7 @@ class RobotFile(_Section, frozen=True, kw_only=True):
     name: str
     model: ModelSection
     wiring: dict[str, str]
-    hardware: NoHardwareSection | WheelBoardSection = NoHardwareSection()
+    hardware: NoHardwareSection | HardwareSettings = NoHardwareSection()
     arming: Literal["at_start", "on_request"] = "on_request"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
     setpoint: SetpointSection = SetpointSection()

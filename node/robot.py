@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-from firmware_io.drives.wheel_board.driver import WheelBoard
+from firmware_io.build import Clocks, build_hardware
 from firmware_io.hardware import Hardware, NoHardware
-from firmware_io.links.can_link import CanLink
 from firmware_io.links.link import Link
-from node.config import CanSection, NoHardwareSection, RobotFile, WheelBoardSection
+from node.config import NoHardwareSection, RobotFile
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
 from node.cycle.loop import Loop
@@ -14,6 +13,7 @@ from node.cycle.seams import Recorder, Stage
 from node.cycle.setpoints import SetpointSchedule
 from node.cycle.time_base import TimeBase
 from node.cycle.wiring import Wiring, wire
+from node.errors import ConfigurationError
 from node.model.load import load_model
 from node.model.model import Model
 
@@ -83,14 +83,15 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
     return Robot(file, model, hardware, wire(model, hardware, file.wiring), clock)
 
 
-def can_link(section: CanSection, clock: Clock) -> CanLink:
-    """The link that a robot file describes."""
-    return CanLink(section.interface, section.channel, section.bitrate, clock.now_ns, clock.wall_ns)
+def clocks_of(clock: Clock) -> Clocks:
+    """A clock of the node as the hardware layer takes it."""
+    return Clocks(clock.now_ns, clock.wall_ns, clock.sleep_until_ns)
 
 
 def _hardware(file: RobotFile, period_s: float, clock: Clock, link: Link | None) -> Hardware:
-    match file.hardware:
-        case NoHardwareSection():
-            return NoHardware()
-        case WheelBoardSection(can=can, watchdog_s=watchdog_s):
-            return WheelBoard(link or can_link(can, clock), watchdog_s, period_s, clock.now_ns)
+    if isinstance(file.hardware, NoHardwareSection):
+        return NoHardware()
+    try:
+        return build_hardware(file.hardware, period_s, clocks_of(clock), link)
+    except ValueError as error:  # devices that cannot be on one bus
+        raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import settings
 
-from hil.kernels.uml import available
+from hil.kernels import qemu, uml
 from node.ros.runtime import missing_packages
 
 # A run is the same every time; how long an example takes says more of the machine than of us.
@@ -21,7 +21,11 @@ def missing_compiler() -> str | None:
 
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "compiler": (missing_compiler, "sudo apt-get install g++"),
-    "kernel": (available, "sudo apt-get install user-mode-linux"),
+    "kernel": (uml.available, "sudo apt-get install user-mode-linux"),
+    "rt_kernel": (
+        qemu.available,
+        "sudo apt-get install --no-install-recommends qemu-system-x86 linux-image-rt-amd64 busybox-static",
+    ),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }
 

@@ -194,6 +194,7 @@ def test_there_are_drive_families() -> None:
         "firmware_io/drives/{}/frames.py",
         "firmware_io/drives/{}/driver.py",
         "firmware_io/drives/{}/limits.py",
+        "firmware_io/drives/{}/settings.py",
         "hil/devices/{}.py",
     ],
 )
@@ -201,6 +202,29 @@ def test_a_drive_family_has_all_its_parts(family: str, path: str) -> None:
     assert (ROOT / path.format(family)).is_file(), f"drive family {family} lacks {path.format(family)}"
 
 
-def test_every_simulated_device_stands_in_for_a_drive_family() -> None:
-    devices = {path.stem for path in (ROOT / "hil" / "devices").glob("*.py")} - {"__init__"}
-    assert devices == set(FAMILIES)
+IMUS = sorted(path.name for path in (ROOT / "firmware_io" / "imus").iterdir() if (path / "__init__.py").exists())
+
+
+def test_there_are_imus() -> None:
+    assert "xsens_mti" in IMUS
+
+
+@pytest.mark.parametrize("imu", IMUS)
+@pytest.mark.parametrize(
+    "path",
+    [
+        "firmware_io/imus/{}/frames.py",
+        "firmware_io/imus/{}/driver.py",
+        "firmware_io/imus/{}/limits.py",
+        "firmware_io/imus/{}/settings.py",
+        "hil/devices/{}.py",
+    ],
+)
+def test_an_imu_has_all_its_parts(imu: str, path: str) -> None:
+    assert (ROOT / path.format(imu)).is_file(), f"IMU {imu} lacks {path.format(imu)}"
+
+
+def test_every_simulated_device_stands_in_for_a_drive_family_or_an_imu() -> None:
+    # What begins with an underscore is a part of one of them.
+    devices = {path.stem for path in (ROOT / "hil" / "devices").glob("[!_]*.py")} - {"device"}
+    assert devices == {*FAMILIES, *IMUS}

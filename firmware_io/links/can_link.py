@@ -1,173 +1,139 @@
-"""A CAN bus through python-can, on any interface it offers."""
+"""A CAN bus through python-can, on any interface it offers, and the choice of link for a bus."""
 
 import contextlib
-import errno
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Final
+from collections.abc import Iterator
+from typing import Any, Final
 
 import can
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links.link import Frame, LinkCounters
+from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe, resolve, socketcan_interfaces
+from firmware_io.links.can_port import (
+    ERROR,
+    EXTENDED,
+    EXTENDED_IDENTIFIER,
+    GONE,
+    MAX_DATA,
+    MAX_FRAMES,
+    REMOTE,
+    STANDARD_IDENTIFIER,
+    Arrival,
+    PortError,
+    wire_length,
+)
+from firmware_io.links.link import Frame, Link, LinkCounters
+from firmware_io.links.socketcan_link import SocketCanLink
 
-NowNs = Callable[[], int]
+__all__ = ["CanLink", "PythonCanPort", "make_can_link", "resolve", "socketcan_interfaces", "wall_ns"]
 
-_CAN_HARDWARE_TYPE: Final = "280"
-"""ARPHRD_CAN of linux/if_arp.h, as sysfs prints it."""
-_NETWORK_DEVICES: Final = Path("/sys/class/net")
-_MAX_FRAMES: Final = 512
-"""Taken in one drain, so that a flooded bus cannot hold up the loop; the rest waits for the next."""
-_GONE: Final = {errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF}
-
-
-def socketcan_interfaces(devices: Path = _NETWORK_DEVICES) -> list[str]:
-    """The names of this machine's CAN network interfaces, up or down."""
-    names = []
-    for device in sorted(devices.glob("*")):
-        with contextlib.suppress(OSError):
-            if (device / "type").read_text().strip() == _CAN_HARDWARE_TYPE:
-                names.append(device.name)
-    return names
+_KERNEL_ERROR_FRAMES: Final = frozenset({"socketcan", "socketcand", "gs_usb", "local", "virtual"})
+"""Interfaces whose error frames are those of linux/can/error.h; those of others are counted, and not understood."""
+_OPTIONS: Final[dict[str, dict[str, Any]]] = {"slcan": {"timeout": 0.0}}
+"""What an interface must be told so that it does not wait for a frame that is not there."""
+_NS_PER_S: Final = 1e9
 
 
-def resolve(interface: str, channel: str) -> tuple[str, str]:
-    """Choose the python-can interface and channel that a configuration means.
+def make_can_link(
+    interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
+) -> Link:
+    """The link for a bus: over a raw socket where it is the kernel's own CAN, else through python-can.
 
     Args:
-        interface: A python-can interface, or `auto`: SocketCAN where the channel exists, else the virtual bus.
-        channel: The channel, or `auto`: the first SocketCAN interface, else `robot`.
+        interface: A python-can interface, or `auto`; see `resolve`.
+        channel: Its channel, or `auto`.
+        bitrate: In bit/s.
+        now_ns: The clock of the loop.
+        wall_ns: The clock of receive stamps.
     """
-    present = socketcan_interfaces()
-    if interface not in ("auto", "socketcan"):
-        return interface, "robot" if channel == "auto" else channel
-    if channel == "auto" and present:
-        return "socketcan", present[0]
-    if interface == "socketcan" or channel in present:
-        return "socketcan", channel
-    return "local", "robot" if channel == "auto" else channel
+    chosen, name = resolve(interface, channel)
+    if chosen == "socketcan":
+        return SocketCanLink(name, bitrate, now_ns, wall_ns, asked=(interface, channel))
+    return CanLink(interface, channel, bitrate, now_ns, wall_ns)
 
 
-def wall_ns() -> int:
-    """The wall clock, ns: what SocketCAN stamps received frames with."""
-    return time.clock_gettime_ns(time.CLOCK_REALTIME)
-
-
-class CanLink:
-    """A link over one python-can bus.
-
-    A frame's `received_ns` is the kernel's own receive stamp moved to the loop's clock, kept between the last drain and
-    now, so that neither a step of the wall clock nor a backend with a clock of its own can make a frame look fresh
-    or old.
-    """
+class CanLink(BaseCanLink):
+    """A link over one python-can bus."""
 
     def __init__(
         self, interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
     ) -> None:
         """Describe the bus; `open` opens it. `bitrate` in bit/s is used by backends that set it themselves."""
-        self.counters = LinkCounters()
-        self._interface, self._channel = resolve(interface, channel)
-        self._asked = f"{interface} {channel}"
-        self._bitrate = bitrate
-        self._now_ns = now_ns
-        self._wall_ns = wall_ns
-        self._drained_ns = 0
-        self._bus: can.BusABC | None = None
+        chosen, name = resolve(interface, channel)
+        description = describe((interface, channel), (chosen, name))
 
-    @property
-    def description(self) -> str:
-        """The interface in use, and what was asked for where that was left open."""
-        chosen = f"{self._interface} {self._channel}"
-        return f"{chosen} (chosen by '{self._asked}')" if "auto" in self._asked else chosen
+        def open_port(counters: LinkCounters) -> PythonCanPort:
+            if chosen == "socketcan":
+                check_socketcan(name, bitrate)
+            try:
+                return PythonCanPort(chosen, name, bitrate, counters)
+            except (can.CanError, OSError, ValueError, ImportError) as error:
+                raise cannot_open(description, error) from error
 
-    def open(self) -> None:
-        """Open the bus; see `Link.open`."""
-        if self._interface == "socketcan":
-            self._check_socketcan()
-        try:
-            self._bus = can.Bus(channel=self._channel, interface=self._interface, bitrate=self._bitrate)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise BusNotFoundError(
-                f"cannot open CAN bus {self.description}: {error}; check interface and channel"
-            ) from error
-        self._drained_ns = self._now_ns()
+        kernel_name = name if chosen == "socketcan" else None
+        super().__init__(CanSettings(description, bitrate, kernel_name), open_port, now_ns, wall_ns)
 
-    def send(self, frame: Frame) -> bool:
-        """Queue a frame; see `Link.send`. A full queue drops it: an old command is worse than none."""
+
+class PythonCanPort:
+    """An open python-can bus; see `CanPort`."""
+
+    def __init__(self, interface: str, channel: str, bitrate: int, counters: LinkCounters) -> None:
+        """Open it, or raise what the backend raises."""
+        self._counters = counters
+        self._understands_errors = interface in _KERNEL_ERROR_FRAMES
+        self._bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate, **_OPTIONS.get(interface, {}))
+
+    def send(self, frame: Frame) -> None:
+        """Queue a frame; see `CanPort.send`."""
         message = can.Message(
-            arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=frame.is_extended, check=False
+            arbitration_id=frame.arbitration_id,
+            data=None if frame.is_remote else frame.data,
+            dlc=wire_length(frame),
+            is_extended_id=frame.is_extended,
+            is_remote_frame=frame.is_remote,
+            check=False,
         )
         try:
-            self._open_bus().send(message, timeout=0)
-        except (can.CanError, OSError, LinkLostError):
-            # On the way out there may be no bus left; what matters is that the loss is counted and nothing waits.
-            self.counters.send_dropped += 1
-            return False
-        self.counters.sent += 1
-        return True
+            self._bus.send(message, timeout=0)
+        except Exception as error:
+            raise _port_error(error) from error
 
-    def receive(self) -> list[Frame]:
-        """Take what has arrived; see `Link.receive`."""
-        bus = self._open_bus()
-        frames: list[Frame] = []
-        now_ns = self._now_ns()
-        offset_ns = now_ns - self._wall_ns()
-        try:
-            for _ in range(_MAX_FRAMES):
-                message = bus.recv(0)
-                if message is None:
-                    break
-                self._take(message, offset_ns, now_ns, frames)
-        except (can.CanError, OSError) as error:
-            code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-            if code in _GONE:
-                raise LinkLostError(f"CAN bus {self.description} is gone: {error}") from error
-            self.counters.undecodable += 1
-        self._drained_ns = now_ns
-        return frames
+    def drain(self) -> Iterator[Arrival]:
+        """What has arrived; see `CanPort.drain`."""
+        for _ in range(MAX_FRAMES):
+            # Whatever it raises: on a damaged line, that is often what came of decoding it.
+            try:
+                message = self._bus.recv(0)
+                arrival = None if message is None else self._arrival(message)
+            except Exception as error:
+                raise _port_error(error) from error
+            if message is None:
+                return
+            if arrival is None:
+                self._counters.undecodable += 1
+            else:
+                yield arrival
 
     def close(self) -> None:
-        """Close the bus."""
-        if self._bus is not None:
+        """Shut the bus down."""
+        with contextlib.suppress(Exception):  # one that is gone cannot be told so
             self._bus.shutdown()
-            self._bus = None
 
-    def _take(self, message: can.Message, offset_ns: int, now_ns: int, frames: list[Frame]) -> None:
-        # Error frames first: their identifier is a bit field that can equal a data frame's.
+    def _arrival(self, message: can.Message) -> Arrival | None:
+        """A message as it would be on a raw socket; None where it is no classic CAN frame."""
+        stamp_ns = int(message.timestamp * _NS_PER_S)
         if message.is_error_frame:
-            self.counters.error_frames += 1
-        elif message.is_remote_frame:
-            self.counters.remote_frames += 1
-        else:
-            self.counters.received += 1
-            stamp_ns = int(message.timestamp * 1e9) + offset_ns
-            received_ns = min(max(stamp_ns, self._drained_ns), now_ns)
-            frames.append(Frame(message.arbitration_id, bytes(message.data), received_ns, message.is_extended_id))
-
-    def _open_bus(self) -> can.BusABC:
-        if self._bus is None:
-            raise LinkLostError(f"CAN bus {self.description} is not open")
-        return self._bus
-
-    def _check_socketcan(self) -> None:
-        present = socketcan_interfaces()
-        if self._channel not in present:
-            there = f"there is {', '.join(present)}" if present else "this machine has no CAN interface"
-            raise BusNotFoundError(
-                f"no CAN interface is called '{self._channel}'; {there}. "
-                "Use interface: auto for a virtual bus, or set the interface up first"
-            )
-        if not _is_up(self._channel):
-            raise BusNotFoundError(
-                f"CAN interface {self._channel} is down; "
-                f"set it up: sudo ip link set {self._channel} up type can bitrate {self._bitrate}"
-            )
+            classes = message.arbitration_id & EXTENDED_IDENTIFIER if self._understands_errors else 0
+            return classes | ERROR, bytes(message.data), stamp_ns
+        identifier, data = message.arbitration_id, bytes(message.data)
+        largest = EXTENDED_IDENTIFIER if message.is_extended_id else STANDARD_IDENTIFIER
+        is_whole = message.is_remote_frame or len(data) == message.dlc
+        if not (is_whole and message.dlc <= MAX_DATA and 0 <= identifier <= largest):
+            return None
+        flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
+        return identifier | flags, data, stamp_ns
 
 
-def _is_up(name: str) -> bool:
-    try:
-        flags = int((_NETWORK_DEVICES / name / "flags").read_text(), 16)
-    except OSError:  # it has gone since it was listed
-        return False
-    return bool(flags & 1)
+def _port_error(error: Exception) -> PortError:
+    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    return PortError(str(error), is_gone=code in GONE)

@@ -1,24 +1,51 @@
-"""The seam between a drive and the wire, and what is counted there."""
+"""The seam between a device and the wire, and what is counted there."""
 
+import enum
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import NamedTuple, Protocol
 
 
 class Frame(NamedTuple):
-    """A classic CAN data frame.
+    """A classic CAN frame; on a serial line, what the line carries in place of one.
 
     Attributes:
         arbitration_id: 11 bits, or 29 where `is_extended`.
         data: 0 to 8 bytes.
         received_ns: When it arrived, on the clock of the loop, ns; 0 for a frame to be sent.
         is_extended: Whether the identifier is a 29-bit one.
+        is_remote: Whether it asks for the data instead of carrying it; such a frame is sent, but never received.
     """
 
     arbitration_id: int
     data: bytes
     received_ns: int = 0
     is_extended: bool = False
+    is_remote: bool = False
+
+
+def worst_case_bits(frame: Frame) -> int:
+    """Bits of a data frame with the most stuffing possible and the space after it.
+
+    Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis", Real-Time Systems 35
+    (2007), equations 1 and 2: 55 + 10 n bits for 11-bit identifiers, 80 + 10 n for 29-bit ones, n bytes of data.
+    """
+    return (80 if frame.is_extended else 55) + 10 * len(frame.data)
+
+
+@enum.unique
+class LinkState(enum.StrEnum):
+    """What a link can still do: the states of a CAN controller (ISO 11898-1), and gone."""
+
+    ACTIVE = "active"
+    WARNING = "warning"
+    """An error counter has reached 96."""
+    PASSIVE = "passive"
+    """An error counter has reached 128: nobody acknowledges, or the bus is disturbed."""
+    BUS_OFF = "bus-off"
+    """The controller has left the bus."""
+    GONE = "gone"
+    """The interface, adapter or port is down or not there."""
 
 
 @dataclass(slots=True)
@@ -27,12 +54,20 @@ class LinkCounters:
 
     sent: int = 0
     received: int = 0
+    bits: int = 0
+    """Of the frames sent and received, with the most stuffing possible."""
     send_dropped: int = 0
     """Frames the transmit queue had no room for."""
     error_frames: int = 0
     remote_frames: int = 0
+    echoes: int = 0
+    """Frames that came back from ourselves, ignored."""
     undecodable: int = 0
     """Received data that was no frame at all."""
+    overflows: int = 0
+    """Frames that arrived while the receive queue was full, and were lost there."""
+    reopened: int = 0
+    """Times that the interface went and came back."""
 
     def as_text(self) -> Mapping[str, str]:
         """Every count by name."""
@@ -40,13 +75,22 @@ class LinkCounters:
 
 
 class Link(Protocol):
-    """A bus as the loop uses it: nothing here waits, except `open`."""
+    """A bus as the loop uses it: nothing here waits, except `open`.
 
-    counters: LinkCounters
+    A link that is lost tries by itself to come back, off the loop where that takes time.
+    """
+
+    @property
+    def counters(self) -> LinkCounters:
+        """What passed over it, and what did not."""
 
     @property
     def description(self) -> str:
         """Which bus this is, for people."""
+
+    @property
+    def state(self) -> LinkState:
+        """What the link can still do, as far as it knows."""
 
     def open(self) -> None:
         """Open the bus.
@@ -62,8 +106,12 @@ class Link(Protocol):
         """Take every data frame that has arrived, oldest first; anything else is counted.
 
         Raises:
-            LinkLostError: The bus is gone.
+            LinkLostError: The bus is gone, and is not back yet.
         """
 
     def close(self) -> None:
         """Close the bus; a closed link may be closed again."""
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The link's state, counts and rates as text, for diagnostics; called about once a second."""

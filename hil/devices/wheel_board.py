@@ -1,121 +1,179 @@
-"""A wheel board with a plant behind it, as its firmware would behave."""
+"""A wheel board as its firmware behaves; docs/drives/wheel_board.md tells firmware authors the same."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
 from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
+    MAX_ACCELERATION,
     MAX_ANGLE,
+    MAX_TURN_RATE,
     MAX_VELOCITY,
+    AngularVelocity,
     BoardSetup,
     BoardState,
     BoardStatus,
     FrameId,
+    LinearAcceleration,
+    Payload,
     Wheel,
     WheelCommand,
 )
-from firmware_io.links.link import Link
-from hil.errors import PlantMismatchError
-from node.model.model import Model
+from firmware_io.drives.wheel_board.serial_line import BoardLine
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.links.link import Frame, Link
+from firmware_io.links.serial_link import LOST, Port
 
 TICK_NS: Final = 5_000_000
-"""Period of the firmware's loop, and of the wheel frames."""
+"""Period of the firmware's loop, and of the wheel and IMU frames."""
 SUPPLY_VOLTAGE: Final = 36.0
 """Above the range of commands, so that the motors get what they are told."""
 _DEFAULT_WATCHDOG_S: Final = 0.05
 _STATUS_TICKS: Final = round(CYCLE_TIME_S[FrameId.BOARD_STATUS] * 1e9 / TICK_NS)
-_COMMANDS: Final = ("left.voltage", "right.voltage")
-_SIGNALS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 _OFF: Final = (0.0, 0.0)
+_COMMANDS: Final = frozenset({FrameId.WHEEL_COMMAND, FrameId.BOARD_SETUP})
+_WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+_GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
+_ACCELERATION: Final = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
+_DEFAULTS: Final = WheelBoardSettings()
 
 
 class SimulatedWheelBoard:
-    """Takes commands, runs its watchdog, steps its plant and sends telemetry, one tick at a time.
+    """Takes commands, runs its watchdog and sends telemetry; see `Device`.
+
+    Each line has its own counters. The owner is the line over which a command that does not enable came last; commands
+    that enable are taken from the owner alone. So torque never comes from two lines, either one can always stop it, and
+    a board that was just switched on does nothing before it was told to be off.
 
     Attributes:
         state: What the board is doing.
         voltages: What its motors are given, V.
-        outputs: The plant's newest outputs, in the plant's order.
+        is_broken: Set it to have the board find a fault, clear it to have the cause gone.
     """
 
-    def __init__(self, link: Link, plant: Model) -> None:
-        """Put a plant behind a board on `link`.
+    inputs: Sequence[str] = ("left.voltage", "right.voltage")
 
-        Raises:
-            PlantMismatchError: The plant lacks a port, or its step does not divide the board's tick.
-        """
-        _check(plant)
+    def __init__(self, link: Link, settings: WheelBoardSettings = _DEFAULTS, port: Port | None = None) -> None:
+        """Switch a board on, which sends over `link` and answers at `port`, its end of a serial line."""
+        self.needs: Sequence[str] = (*_WHEELS, *_GYRO, *_ACCELERATION) if settings.imu else _WHEELS
         self.state = BoardState.DISABLED
         self.voltages: Sequence[float] = _OFF
-        self.outputs = plant.initialize(_OFF)
-        self._plant = plant
-        self._signals = [[v.name for v in plant.outputs].index(name) for name in _SIGNALS]
-        self._steps = round(TICK_NS * 1e-9 / plant.step_size)
-        self._endpoint = Endpoint(link, frozenset({FrameId.WHEEL_COMMAND, FrameId.BOARD_SETUP}))
+        self.is_broken = False
+        self._has_imu = settings.imu
+        self._bus = Endpoint(link, _COMMANDS)
+        self._serial = None if port is None else _SerialEnd(port)
+        self._owner: Endpoint | None = None
+        self._strange_commands = 0
         self._watchdog_s = _DEFAULT_WATCHDOG_S
-        self._last_command_ns: int | None = None
+        self._last_command_ns = 0
+        self._told_state = self.state
         self._ticks = 0
 
     @property
     def refused_frames(self) -> int:
-        """Frames refused since power-on."""
-        return sum(self._endpoint.refused.values())
+        """Frames refused since power-on, on both lines; commands that enable from a line that may not among them."""
+        refused = self._bus.refused.total() + self._strange_commands
+        return refused if self._serial is None else refused + self._serial.refused_frames
 
-    def tick(self, now_ns: int) -> None:
-        """One pass of the firmware's loop at time `now_ns`, on the clock that stamps the link's frames."""
-        for received in self._endpoint.receive():
-            self._obey(received, now_ns)
+    def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
+        """Take commands, answer requests on the serial line and run the watchdog; see `Device.obey`."""
+        for frame in frames:
+            self._take(self._bus, frame, now_ns)
+        if self._serial is not None:
+            self._serve(self._serial, now_ns, outputs)
         self._watch(now_ns)
-        for _ in range(self._steps):
-            self.outputs = self._plant.step(self.voltages)
-        self._tell()
+        return self.voltages
+
+    def tell(self, _now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send what is measured each time, and the status now and then and whenever the state changes."""
+        for frame_id, payload in self._measure(outputs):
+            self._bus.send(frame_id, payload)
+        if self._ticks % _STATUS_TICKS == 0 or self.state is not self._told_state:
+            self._bus.send(FrameId.BOARD_STATUS, self._status())
+            self._told_state = self.state
         self._ticks += 1
 
-    def _obey(self, received: Received, now_ns: int) -> None:
+    def _serve(self, serial: "_SerialEnd", now_ns: int, outputs: Mapping[str, float]) -> None:
+        frames, is_asked = serial.receive(now_ns)
+        for frame in frames:
+            self._take(serial.endpoint, frame, now_ns)
+        if is_asked:
+            for frame_id, payload in self._measure(outputs):
+                serial.endpoint.send(frame_id, payload)
+            serial.endpoint.send(FrameId.BOARD_STATUS, self._status())
+
+    def _take(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
+        received = line.check(frame)
+        if received is not None:
+            self._obey(line, received, now_ns)
+
+    def _obey(self, line: Endpoint, received: Received, now_ns: int) -> None:
         match received.payload:
-            case WheelCommand(left, right, enable):
+            case WheelCommand(enable=False):
+                self._owner = line
+                self._switch_off(BoardState.DISABLED)
+            case WheelCommand() if line is not self._owner:
+                self._strange_commands += 1
+            case WheelCommand(left, right) if self.state in (BoardState.DISABLED, BoardState.ENABLED):
+                self.state = BoardState.ENABLED
+                self.voltages = (left, right)
                 self._last_command_ns = now_ns
-                if not enable:
-                    self._switch_off(BoardState.DISABLED)
-                elif self.state in (BoardState.DISABLED, BoardState.ENABLED):
-                    self.state = BoardState.ENABLED
-                    self.voltages = (left, right)
             case BoardSetup(watchdog_s) if self.state is not BoardState.ENABLED:
                 self._watchdog_s = watchdog_s
 
     def _watch(self, now_ns: int) -> None:
-        if self.state is not BoardState.ENABLED or self._last_command_ns is None:
-            return
-        if now_ns - self._last_command_ns > self._watchdog_s * 1e9:
+        if self.is_broken:
+            self._switch_off(BoardState.FAULT)
+        if self.state is BoardState.ENABLED and now_ns - self._last_command_ns > self._watchdog_s * 1e9:
             self._switch_off(BoardState.WATCHDOG)
 
     def _switch_off(self, state: BoardState) -> None:
         self.state = state
         self.voltages = _OFF
 
-    def _tell(self) -> None:
-        left_angle, left_velocity, right_angle, right_velocity = (self.outputs[index] for index in self._signals)
-        self._endpoint.send(FrameId.LEFT_WHEEL, _measured(left_angle, left_velocity))
-        self._endpoint.send(FrameId.RIGHT_WHEEL, _measured(right_angle, right_velocity))
-        if self._ticks % _STATUS_TICKS == 0:
-            status = BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, self.refused_frames)
-            self._endpoint.send(FrameId.BOARD_STATUS, status)
+    def _status(self) -> BoardStatus:
+        return BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, self.refused_frames)
+
+    def _measure(self, outputs: Mapping[str, float]) -> Iterator[tuple[FrameId, Payload]]:
+        """What the board measures; its counters stop at the ends of their range."""
+        left_angle, left_velocity, right_angle, right_velocity = (outputs[name] for name in _WHEELS)
+        yield FrameId.LEFT_WHEEL, _wheel(left_angle, left_velocity)
+        yield FrameId.RIGHT_WHEEL, _wheel(right_angle, right_velocity)
+        if self._has_imu:
+            yield FrameId.IMU_GYRO, AngularVelocity(*(_within(outputs[name], MAX_TURN_RATE) for name in _GYRO))
+            acceleration = (_within(outputs[name], MAX_ACCELERATION) for name in _ACCELERATION)
+            yield FrameId.IMU_ACCELERATION, LinearAcceleration(*acceleration)
 
 
-def _measured(angle: float, velocity: float) -> Wheel:
-    """What the board tells of a wheel: its counters stop at the ends of their range."""
-    return Wheel(min(max(angle, -MAX_ANGLE), MAX_ANGLE), min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY))
+class _SerialEnd:
+    """The board's end of its serial line."""
+
+    def __init__(self, port: Port) -> None:
+        self.endpoint = Endpoint(self, _COMMANDS)
+        self._line = BoardLine()
+        self._port = port
+
+    @property
+    def refused_frames(self) -> int:
+        """Packets and frames refused on this line; what was lost on the way is not refused."""
+        return self.endpoint.refused.total() + self._line.refused.total() - self._line.refused[LOST]
+
+    def send(self, frame: Frame) -> bool:
+        """Write a frame as a packet; see `Sender.send`."""
+        self._port.write(self._line.encode(frame) or b"")  # there are words for each of our frames
+        return True
+
+    def receive(self, now_ns: int) -> tuple[list[Frame], bool]:
+        """The frames that have arrived, and whether telemetry was asked for."""
+        requests = self._line.requests
+        frames = self._line.decode(self._port.read(self._port.in_waiting), now_ns)
+        return frames, self._line.requests > requests
 
 
-def _check(plant: Model) -> None:
-    if tuple(v.name for v in plant.inputs) != _COMMANDS:
-        raise PlantMismatchError(f"the inputs of plant '{plant.name}' must be {', '.join(_COMMANDS)}, in this order")
-    names = [v.name for v in plant.outputs]
-    missing = [name for name in _SIGNALS if name not in names]
-    if missing:
-        raise PlantMismatchError(f"plant '{plant.name}' has no output {', '.join(missing)}; it has {', '.join(names)}")
-    if TICK_NS % round(plant.step_size * 1e9) != 0:
-        raise PlantMismatchError(
-            f"the step of plant '{plant.name}', {plant.step_size} s, must divide the board's tick, {TICK_NS * 1e-9} s"
-        )
+def _wheel(angle: float, velocity: float) -> Wheel:
+    return Wheel(_within(angle, MAX_ANGLE), _within(velocity, MAX_VELOCITY))
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

@@ -1,14 +1,18 @@
-"""The console of a user-mode Linux guest: tells what the command said from what the kernel said."""
+"""The console of a guest: tells what the command said from what the kernel said."""
 
 import codecs
 import os
+import re
 import selectors
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import IO
 
-_LINES_IN_ERROR = 25
+# A kernel that panics says why first, and then writes some fifty lines.
+_LINES_IN_ERROR = 60
+_PANIC = re.compile(r"\[ *\d+\.\d+\] Kernel panic - not syncing")
+_PANIC_TAKES_S = 5.0
 
 
 class Console:
@@ -25,26 +29,34 @@ class Console:
         self._on_output = on_output
         self._in_command = False
         self._partial = ""
+        self._panicked_s: float | None = None
 
     def follow(self, stream: IO[bytes] | None, deadline: float) -> bool:
-        """Read the console until the guest closes it, True, or `time.monotonic()` passes the deadline, False."""
+        """Read the console until the guest has ended, True, or `time.monotonic()` passes the deadline, False.
+
+        It has ended when it closes the console, and some seconds after its kernel panicked: stopping its other
+        processors, such a kernel can come to wait for a lock that one of them held, and never end.
+        """
         decoder = codecs.getincrementaldecoder("utf-8")("replace")
         closed = stream is None
         with selectors.DefaultSelector() as selector:
             if stream is not None:
                 selector.register(stream, selectors.EVENT_READ)
-            while not closed and (left := deadline - time.monotonic()) > 0:
+            while not closed and (left := self._end_s(deadline) - time.monotonic()) > 0:
                 for key, _ in selector.select(left):
                     chunk = os.read(key.fd, 65536)
                     self._feed(decoder.decode(chunk))
                     closed = not chunk
         if self._partial:
             self._take(self._partial)
-        return closed
+        return closed or self._panicked_s is not None
 
     def last_lines(self) -> str:
         """Return the end of an error message: the last lines of the kernel and the command together."""
         return "; the console's last lines:" + "".join(f"\n  {line}" for line in self._tail)
+
+    def _end_s(self, deadline: float) -> float:
+        return deadline if self._panicked_s is None else min(deadline, self._panicked_s + _PANIC_TAKES_S)
 
     def _feed(self, text: str) -> None:
         *lines, self._partial = (self._partial + text).split("\n")
@@ -56,6 +68,8 @@ class Console:
         if self._begin in line:
             self._in_command = True
             return
+        if self._panicked_s is None and _PANIC.search(line):
+            self._panicked_s = time.monotonic()
         # The mark follows the command's last words on the same line where they did not end with a newline.
         said, mark, _ = line.partition(self._end)
         if said.strip():

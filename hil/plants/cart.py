@@ -1,4 +1,9 @@
-"""The cart of the case study as a plant: motors, wheels and the way they roll, without its controller."""
+"""The cart of the case study as a plant: motors, wheels and the way they roll, without its controller.
+
+The equations are those of `node.models.cart`, where they are derived; the frames are its frames. The IMU sits in the
+middle of the axle: it measures the yaw rate, and as specific force (REP-145) what speeds the cart up, what keeps it on
+its curve, and the floor that carries it.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,30 +12,55 @@ from node.model.variables import Variable
 from node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
 
 STEP_SIZE: Final = 0.005
+STANDARD_GRAVITY: Final = 9.80665
+
+_OUTPUTS: Final = (
+    Variable("left.angle", "rad"),
+    Variable("left.velocity", "rad/s"),
+    Variable("right.angle", "rad"),
+    Variable("right.velocity", "rad/s"),
+    Variable("truth.x", "m"),
+    Variable("truth.y", "m"),
+    Variable("truth.heading", "rad"),
+    Variable("truth.linear_velocity", "m/s"),
+    Variable("truth.angular_velocity", "rad/s"),
+    Variable("imu.angular_velocity_x", "rad/s"),
+    Variable("imu.angular_velocity_y", "rad/s"),
+    Variable("imu.angular_velocity_z", "rad/s"),
+    Variable("imu.linear_acceleration_x", "m/s2"),
+    Variable("imu.linear_acceleration_y", "m/s2"),
+    Variable("imu.linear_acceleration_z", "m/s2"),
+)
 
 
-class CartPlant(CartBody):
-    """Two motor voltages in; wheel angles and speeds, and where the cart really is, out.
+class _RollingCart(CartBody):
+    """What both plants have: where the cart is, and what is measured of it."""
 
-    The equations are those of `node.models.cart`, where they are derived; the frames are its frames.
-    """
-
-    name = "cart-plant"
     step_size = STEP_SIZE
     parameters = WHEEL_PARAMETERS
+    outputs = _OUTPUTS
+
+    def measured(
+        self, wheels: Sequence[float], accelerations: Sequence[float], pose: Sequence[float]
+    ) -> Sequence[float]:
+        """The outputs.
+
+        Args:
+            wheels: Left angle and velocity, right angle and velocity; rad, rad/s.
+            accelerations: Left and right angular acceleration, rad/s2.
+            pose: x, y, heading; m, m, rad.
+        """
+        speed, yaw_rate = self.velocities(wheels[1], wheels[3])
+        ahead, _ = self.velocities(*accelerations)
+        return (*wheels, *pose, speed, yaw_rate, 0.0, 0.0, yaw_rate, ahead, speed * yaw_rate, STANDARD_GRAVITY)
+
+
+class CartPlant(_RollingCart):
+    """Two motor voltages in; wheel angles and speeds, the IMU, and where the cart really is, out."""
+
+    name = "cart-plant"
     inputs = (Variable("left.voltage", "V"), Variable("right.voltage", "V"))
     states = (*WHEEL_STATES, *POSE_STATES)
-    outputs = (
-        Variable("left.angle", "rad"),
-        Variable("left.velocity", "rad/s"),
-        Variable("right.angle", "rad"),
-        Variable("right.velocity", "rad/s"),
-        Variable("truth.x", "m"),
-        Variable("truth.y", "m"),
-        Variable("truth.heading", "rad"),
-        Variable("truth.linear_velocity", "m/s"),
-        Variable("truth.angular_velocity", "rad/s"),
-    )
 
     def input(self, u: Sequence[float]) -> None:
         """Take the motor voltages, V."""
@@ -44,6 +74,45 @@ class CartPlant(CartBody):
         return (*left, *right, wl, wr, *self.pose_rates(wl, wr, heading))
 
     def output(self) -> Sequence[float]:
-        """Wheel angles and speeds, and the true pose."""
-        _, wl, _, wr, left, right, x, y, heading = self.s
-        return (left, wl, right, wr, x, y, heading, *self.velocities(wl, wr))
+        """Wheels, pose and IMU."""
+        il, wl, ir, wr, left, right, *pose = self.s
+        accelerations = (
+            self.motor_rates(self.left_voltage, il, wl)[1],
+            self.motor_rates(self.right_voltage, ir, wr)[1],
+        )
+        return self.measured((left, wl, right, wr), accelerations, pose)
+
+
+class CartTorquePlant(_RollingCart):
+    """The same cart behind drives that control torque: two wheel torques in, the same out."""
+
+    name = "cart-torque-plant"
+    inputs = (Variable("left.torque", "N m"), Variable("right.torque", "N m"))
+    states = (
+        Variable("LeftSpeed", "rad/s"),
+        Variable("RightSpeed", "rad/s"),
+        Variable("LeftRotation", "rad"),
+        Variable("RightRotation", "rad"),
+        *POSE_STATES,
+    )
+
+    def input(self, u: Sequence[float]) -> None:
+        """Take the wheel torques, N m."""
+        self.left_torque, self.right_torque = u
+
+    def accelerations(self, left: float, right: float) -> tuple[float, float]:
+        """Angular accelerations of the wheels, rad/s2, at their speeds, rad/s."""
+        return (
+            (self.left_torque - self.friction * left) * self.per_inertia,
+            (self.right_torque - self.friction * right) * self.per_inertia,
+        )
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - autonomous
+        """Rates of wheel speeds, wheel angles and pose."""
+        left, right, _, _, _, _, heading = s
+        return (*self.accelerations(left, right), left, right, *self.pose_rates(left, right, heading))
+
+    def output(self) -> Sequence[float]:
+        """Wheels, pose and IMU."""
+        wl, wr, left, right, *pose = self.s
+        return self.measured((left, wl, right, wr), self.accelerations(wl, wr), pose)

@@ -1,5 +1,6 @@
 """The CAN seat: the controller at one end of a bus, the plant at the other, whose truth is where the cart went."""
 
+import contextlib
 import csv
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -8,10 +9,12 @@ from typing import Final
 
 import msgspec
 
-from firmware_io.links.can_link import socketcan_interfaces
+from firmware_io.links.can_link import make_can_link, socketcan_interfaces
+from firmware_io.links.link import Link
 from hil.lockstep import LockstepRig
+from hil.paced_link import PacedLink
 from hil.processes import command
-from hil.simulation import simulated_bus, simulated_plant
+from hil.simulation import simulated_bus, simulated_robot
 from node.case_study.seats import Run, trajectory
 from node.case_study.study import Seat
 from node.config import load_robot
@@ -33,20 +36,33 @@ class RealTimeCanSeat:
 
     seat = Seat.CAN
 
-    def __init__(self, folder: Path, logs: Path) -> None:
-        """Keep messages in `folder` and logs in `logs`."""
+    def __init__(
+        self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
+    ) -> None:
+        """Run a robot; keep messages in `folder` and logs in `logs`.
+
+        Args:
+            folder: Where messages go.
+            logs: Where the robot's logs go.
+            robot: The robot file, or the name of one that ships with the package.
+            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+                first interface of this machine, and for the robot's own.
+        """
         self._folder = folder
         self._logs = logs
-        self._interfaces = socketcan_interfaces()
-        self.jobs = 1 if self._interfaces else 4
+        self._robot = robot
+        present = socketcan_interfaces()
+        first = channels[0] or (present[0] if present else None)
+        self._channels = (first, channels[1] or first)
+        self.jobs = 4 if first is None else 1
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
         """Play a manoeuvre over the bus; see `SeatRunner.run`."""
         file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
-        bus = ["--channel", self._interfaces[0] if self._interfaces else f"case_study_{name}"]
-        plant = ["plant", ROBOT, *bus, "--truth", str(truth)]
-        node = ["run", ROBOT, *bus, "--no-ros", "--sequence", str(file), "--json"]
+        robot_channel, plant_channel = (channel or f"case_study_{name}" for channel in self._channels)
+        plant = ["plant", self._robot, "--channel", plant_channel, "--truth", str(truth)]
+        node = ["run", self._robot, "--channel", robot_channel, "--no-ros", "--sequence", str(file), "--json"]
         node += ["--log", str(self._logs / f"can_{name}.mcap")]
         with (
             command(plant, self._folder / f"can_{name}.plant.txt"),
@@ -54,34 +70,61 @@ class RealTimeCanSeat:
         ):
             played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
         # The plant has ended too by now, so its file is whole.
-        points = _resample(_read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
+        points = resample(read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
         return Run(trajectory(Seat.CAN, points))
 
 
 class LockstepCanSeat:
-    """Controller, bus and plant in this process, on a simulated clock: the same bits every time."""
+    """Controller, bus and plant in this process, on a simulated clock: the same bits every time.
+
+    The bus is a simulated one; or it is the kernel's own, and time stands still while a frame is on its way through it.
+    """
 
     seat = Seat.CAN
     jobs = 1
 
-    def __init__(self, logs: Path | None) -> None:
-        """Keep the logs of the runs in a folder, or none."""
+    def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
+        """Run a robot.
+
+        Args:
+            logs: Where the logs of its runs go; None for none.
+            robot: The robot file, or the name of one that ships with the package.
+            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+                simulated bus.
+        """
         self._logs = logs
+        self._robot = robot
+        self._channels = channels
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
         """Play a manoeuvre in lock step; see `SeatRunner.run`."""
-        file = load_robot(ROBOT)
+        file = load_robot(self._robot)
         rig = LockstepRig(simulated_bus(file).bitrate)
-        plant = simulated_plant(file)
-        truth = _TruthReader([v.name for v in plant.outputs])
+        robot_link, plant_link = self._links(rig, simulated_bus(file).bitrate)
+        plant = simulated_robot(file, plant_link)
+        truth = _TruthReader(plant.output_names)
         points: list[Odometry] = []
-        rig.attach_board(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
-        robot = build_robot(file, rig, rig.bus.attach("node"))
+        rig.attach(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
+        robot = build_robot(file, rig, robot_link)
         player = Player(manoeuvre)
         stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
         recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
-        robot.loop(stage, recorder).run()
-        return Run(trajectory(Seat.CAN, _resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
+        with contextlib.closing(plant_link):
+            plant_link.open()
+            robot.loop(stage, recorder).run()
+        return Run(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
+
+    def _links(self, rig: LockstepRig, bitrate: int) -> tuple[Link, Link]:
+        """The ends of the bus for robot and plant."""
+        if self._channels is None:
+            return rig.bus.attach("node"), rig.bus.attach("plant")
+        robot, plant = (self._kernels(rig, channel, bitrate) for channel in self._channels)
+        robot.other, plant.other = plant, robot
+        return robot, plant
+
+    @staticmethod
+    def _kernels(rig: LockstepRig, channel: str, bitrate: int) -> PacedLink:
+        return PacedLink(make_can_link("socketcan", channel, bitrate, rig.now_ns, rig.wall_ns))
 
 
 class _TruthReader:
@@ -94,14 +137,15 @@ class _TruthReader:
         return Odometry(wall_ns, *(outputs[index] for index in self._indices))
 
 
-def _read_truth(path: Path) -> list[Odometry]:
+def read_truth(path: Path) -> list[Odometry]:
+    """Where the cart really was at each tick, from the file that `segway-ecc plant --truth` writes."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)
         truth = _TruthReader(next(rows)[1:])
         return [truth.read(int(wall_ns), [float(value) for value in values]) for wall_ns, *values in rows]
 
 
-def _resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
+def resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
     """The truth at regular times from the start on, on the wall clock, each between the two ticks around it."""
     stamps = [point.stamp_ns for point in points]
     return [_between(points, stamps, start_ns + offset_ns) for offset_ns in range(0, duration_ns + 1, _POINT_NS)]

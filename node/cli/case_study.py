@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from firmware_io.build import can_link
 from hil.simulation import simulated_bus
-from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
+from node.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSeat
 from node.case_study.conduct import conduct
 from node.case_study.offline import SUBMODEL_CART, OfflineSeat, has_compiler
 from node.case_study.progress import show_progress
@@ -21,7 +22,7 @@ from node.cli.options import add_json, print_json
 from node.config import load_robot
 from node.cycle.clock import RealClock
 from node.errors import ConfigurationError
-from node.robot import can_link
+from node.robot import clocks_of
 from node.ros.runtime import missing_packages
 
 
@@ -32,6 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_json(parser)
     parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
+    parser.add_argument("--robot", default=ROBOT, help="the robot of the can seat (default: %(default)s)")
+    parser.add_argument(
+        "--channel",
+        help="CAN interface of the can seat (default: the first there is, or a simulated bus)",
+    )
+    parser.add_argument("--plant-channel", metavar="CHANNEL", help="CAN interface of its plant (default: the same)")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
     parser.add_argument("--out", type=Path, default=Path("out/case-study"), help="folder for the report and the logs")
 
@@ -45,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     for number in range(options.repeat):
         folder = options.out if options.repeat == 1 else options.out / f"run_{number + 1}"
         with show_progress() as on_progress:
-            study = conduct(_runners(seats, folder, lock_step=options.lock_step), _facts(folder), on_progress)
+            study = conduct(_runners(seats, folder, options), _facts(folder, options.robot), on_progress)
         _write_report(study, folder)
         studies.append(study)
     if options.json:
@@ -70,7 +77,7 @@ def _seats(asked: str) -> list[Seat]:
     return [seat for seat in Seat if seat not in left_out]
 
 
-def _runners(seats: list[Seat], folder: Path, *, lock_step: bool) -> list[SeatRunner]:
+def _runners(seats: list[Seat], folder: Path, options: argparse.Namespace) -> list[SeatRunner]:
     logs, messages = folder / "logs", folder / "messages"
     try:
         for made in (logs, messages):
@@ -85,18 +92,26 @@ def _runners(seats: list[Seat], folder: Path, *, lock_step: bool) -> list[SeatRu
     if Seat.ROS in seats:
         made_runners[Seat.ROS] = RosSeat(messages, logs)
     if Seat.CAN in seats:
-        made_runners[Seat.CAN] = LockstepCanSeat(logs) if lock_step else RealTimeCanSeat(messages, logs)
+        made_runners[Seat.CAN] = _can_seat(messages, logs, options)
     return list(made_runners.values())
 
 
-def _facts(folder: Path) -> dict[str, str]:
-    bus = can_link(simulated_bus(load_robot("cart-can")), RealClock()).description
+def _can_seat(messages: Path, logs: Path, options: argparse.Namespace) -> SeatRunner:
+    if options.lock_step:
+        on_a_bus = options.channel and (options.channel, options.plant_channel or options.channel)
+        return LockstepCanSeat(logs, options.robot, on_a_bus)
+    return RealTimeCanSeat(messages, logs, options.robot, (options.channel, options.plant_channel))
+
+
+def _facts(folder: Path, robot: str) -> dict[str, str]:
+    bus = can_link(simulated_bus(load_robot(robot)), clocks_of(RealClock())).description
     rclpy = "none" if missing_packages() else _ros_version()
     return {
         "segway-ecc": importlib.metadata.version("segway-ecc"),
         "Python": platform.python_version(),
         "ROS 2": rclpy,
         "Machine": f"{platform.machine()}, {platform.system()} {platform.release()}",
+        "Robot on CAN": robot,
         "CAN bus": bus,
         "Logs (MCAP)": str(folder / "logs"),
     }

@@ -23,6 +23,7 @@ VERBS: Final = {
     "run": "run a robot: the model node",
     "sequence": "drive a robot through a sequence of set-points, over ROS 2",
     "plant": "the simulated plant and drive at the other end of a robot's bus, in real time",
+    "failover": "lose the bus in every way there is, and measure when the serial line carries the robot on",
     "case-study": "the thesis' tables and figures through each seat, side by side",
     "bench": "how fast this machine runs the loop, in lock step and in real time",
 }

@@ -14,8 +14,10 @@ from typing import Final
 
 import msgspec
 
-from node.config import RobotFile, WheelBoardSection, load_robot, packaged_robots
-from node.cycle.real_time import request_real_time
+from firmware_io.build import serial_of
+from firmware_io.settings import SerialSettings
+from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
+from node.cycle.real_time import real_time_priority
 from node.errors import ConfigurationError
 
 _logger = logging.getLogger(__name__)
@@ -27,6 +29,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
     parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
     parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
+    parser.add_argument("--serial", metavar="PORT", help="serial line to fall back on, instead of the robot file's")
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
@@ -38,13 +41,26 @@ def robot_file(options: argparse.Namespace) -> RobotFile:
         if (folder / file.model.source).exists():
             found = msgspec.structs.replace(file.model, source=str(folder / file.model.source))
             file = msgspec.structs.replace(file, model=found)
-    wanted = {name: getattr(options, name) for name in ("interface", "channel") if getattr(options, name) is not None}
+    return _with_lines(file, options)
+
+
+def _with_lines(file: RobotFile, options: argparse.Namespace) -> RobotFile:
+    """The robot file with the bus and the serial line that the command line names."""
+    names = ("interface", "channel", "serial")
+    wanted = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if not wanted:
         return file
-    if not isinstance(file.hardware, WheelBoardSection):
+    if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"--{next(iter(wanted))}: robot '{file.name}' is on no CAN bus")
-    can = msgspec.structs.replace(file.hardware.can, **wanted)
-    return msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, can=can))
+    hardware = file.hardware
+    port = wanted.pop("serial", None)
+    if port is not None:
+        if "serial" not in hardware.__struct_fields__:
+            raise ConfigurationError(f"--serial: the drives of robot '{file.name}' have no serial line")
+        serial = serial_of(hardware) or SerialSettings(port=port)
+        hardware = msgspec.structs.replace(hardware, serial=msgspec.structs.replace(serial, port=port))
+    can = msgspec.structs.replace(hardware.can, **wanted)
+    return msgspec.structs.replace(file, hardware=msgspec.structs.replace(hardware, can=can))
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -82,11 +98,13 @@ def default_log(name: str) -> Path:
     return state / "segway-ecc" / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
 
 
-def ask_for_real_time() -> None:
-    """Ask for real-time scheduling of this thread, and say it once where it is not to be had."""
-    refusal = request_real_time()
-    if refusal is not None:
-        _logger.info(refusal)
+@contextlib.contextmanager
+def real_time() -> Iterator[None]:
+    """Real-time scheduling of this thread while the context lasts; says it once where it is not to be had."""
+    with real_time_priority() as refusal:
+        if refusal is not None:
+            _logger.info(refusal)
+        yield
 
 
 @contextlib.contextmanager

@@ -8,21 +8,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
+from firmware_io.build import can_link
+from hil.pseudo_terminal import PtyPort
 from hil.real_time import RealTimePlant
-from hil.simulation import Observer, simulated_bus, simulated_plant
+from hil.simulation import Observer, simulated_bus, simulated_robot, simulated_serial
 from node.cli.options import (
     add_json,
     add_robot,
-    ask_for_real_time,
     print_json,
     print_table,
+    real_time,
     robot_file,
     stopped_by_signals,
 )
+from node.config import RobotFile
 from node.cycle.clock import RealClock
 from node.errors import ConfigurationError
 from node.logs import messages
-from node.robot import can_link
+from node.robot import clocks_of
 
 _logger = logging.getLogger(__name__)
 
@@ -37,19 +40,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
     file, clock = robot_file(options), RealClock()
-    plant = RealTimePlant(can_link(simulated_bus(file), clock), simulated_plant(file), clock)
-    with messages(), stopped_by_signals(plant.stop), contextlib.ExitStack() as stack:
+    link = can_link(simulated_bus(file), clocks_of(clock))
+    with messages(), contextlib.ExitStack() as stack:
+        plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
+        stack.enter_context(stopped_by_signals(plant.stop))
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
         plant.open()
-        _logger.info("plant of '%s' on %s", options.robot, plant.description)
-        ask_for_real_time()
-        plant.run(observe)
-    result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.refused_frames}
+        _logger.info("plant of '%s' on %s", options.robot, link.description)
+        with real_time():
+            plant.run(observe)
+    result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.robot.refused_frames}
     if options.json:
         print_json(result)
     else:
         print_table({name: str(count) for name, count in result.items()})
     return 0
+
+
+def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None:
+    """The drives' end of the serial line, a pseudo-terminal that the robot finds under the name in its file."""
+    serial = simulated_serial(file)
+    if serial is None:
+        return None
+    try:
+        return stack.enter_context(contextlib.closing(PtyPort(Path(serial.port))))
+    except OSError as error:
+        raise ConfigurationError(f"cannot make a serial line at {serial.port}: {error.strerror}") from error
 
 
 def _open(path: Path) -> IO[str]:
@@ -61,7 +77,7 @@ def _open(path: Path) -> IO[str]:
 
 def _truth_file(file: IO[str], plant: RealTimePlant) -> Observer:
     writer = csv.writer(file)
-    writer.writerow(["wall_ns", *plant.output_names])
+    writer.writerow(["wall_ns", *plant.robot.output_names])
 
     def observe(wall_ns: int, outputs: Sequence[float]) -> None:
         writer.writerow([wall_ns, *outputs])

@@ -12,10 +12,10 @@ from node.cli.options import (
     add_json,
     add_namespace,
     add_robot,
-    ask_for_real_time,
     default_log,
     print_json,
     print_table,
+    real_time,
     robot_file,
     stopped_by_signals,
 )
@@ -60,8 +60,7 @@ def run(options: argparse.Namespace) -> int:
         stage = stack.enter_context(_stage(options, robot))
         recorder = _recorder(options, robot)
         loop = robot.loop(stage, recorder)
-        with stopped_by_signals(loop.stop):
-            ask_for_real_time()
+        with stopped_by_signals(loop.stop), real_time():
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)

@@ -1,6 +1,7 @@
 """What people are told while the loop runs: changes of mode, and what keeps the robot from arming."""
 
 import logging
+from collections import deque
 from typing import Final
 
 from node.cycle.clock import NS_PER_S, Clock
@@ -29,3 +30,8 @@ class Announcer:
             return
         self._told, self._told_ns = text, now_ns
         _logger.info(text)
+
+    def tell_event(self, events: deque[str]) -> None:
+        """Tell the oldest of what happened to the links, if there is any."""
+        if events:
+            _logger.warning("link: %s", events.popleft())

@@ -1,15 +1,19 @@
 """Who may move the motors: the modes, joined to the drives' arming and to the set-points."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from firmware_io.errors import ArmingRefusedError
 from firmware_io.hardware import Hardware
 from node.cycle.setpoints import SetpointSchedule
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
+Reply = Callable[[Answer], None]
+
 
 class Authority:
     """Arms the drives on the way into an active mode; on any way out of one disarms them and forgets the set-points.
+
+    Drives take a while to pass through their states: whoever asks to arm has the answer once they have, or have failed.
 
     Attributes:
         modes: What the robot is allowed to do, and why.
@@ -24,51 +28,84 @@ class Authority:
         self._schedule = schedule
         self._arm_pending = arm_at_start
         self._live = False
+        self._waiting: list[Reply] | None = None
 
     @property
     def is_active(self) -> bool:
         """Whether commands may reach the motors."""
         return self.modes.mode in ACTIVE
 
-    def act(self, action: Action) -> Answer:
-        """Carry out what an operator asks, or refuse it."""
-        if action in (Action.DISARM, Action.STOP):
-            self._arm_pending = False
-        answer = self._arm() if action is Action.ARM else self.modes.ask(action)
+    def act(self, action: Action, reply: Reply) -> None:
+        """Carry out what an operator asks, or refuse it.
+
+        Args:
+            action: What is asked.
+            reply: Called with what came of it; for arming, once the drives have armed or failed to.
+        """
+        if action is Action.ARM:
+            self._arm(reply)
+        else:
+            self._give_up(f"broken off: asked to {action}")
+            if action is not Action.CLEAR_FAULT:
+                self._arm_pending = False
+            reply(self.modes.ask(action))
         self._settle()
-        return answer
 
     def arm_itself(self) -> None:
         """Arm a robot that arms itself and has not yet."""
-        if self._arm_pending:
-            answer = self.act(Action.ARM)
-            self._arm_pending = not answer.accepted
-            self.arming_obstacle = None if answer.accepted else answer.message
+        if self._arm_pending and self._waiting is None:
+            self.act(Action.ARM, self._note)
 
-    def observe(self, faults: Sequence[str], *, setpoints_silent: bool) -> None:
-        """Look at this cycle's faults and set-points."""
+    def observe(self, faults: Sequence[str], *, ready: bool, setpoints_silent: bool) -> None:
+        """Look at this cycle's faults, whether the drives follow commands, and the set-points."""
+        if self._waiting is not None:
+            if faults:
+                self._give_up("; ".join(faults))
+            elif ready:
+                self._answer(self.modes.ask(Action.ARM))
         self.modes.observe(faults, setpoints_silent=setpoints_silent)
         self._settle()
 
     def fail(self, reason: str) -> None:
         """Enter FAULT at once, from any mode."""
+        self._give_up(reason)
         self.modes.fail(reason)
         self._settle()
 
-    def _arm(self) -> Answer:
+    def _arm(self, reply: Reply) -> None:
+        if self._waiting is not None:
+            self._waiting.append(reply)
+            return
         if self.modes.mode is not Mode.DISARMED:
-            return self.modes.ask(Action.ARM)
+            reply(self.modes.ask(Action.ARM))
+            return
         try:
             self._hardware.arm()
         except ArmingRefusedError as error:
-            return self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and does not say why",))
+            reply(self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and does not say why",)))
+            return
         self._live = True
-        return self.modes.ask(Action.ARM)
+        self._waiting = [reply]
+
+    def _give_up(self, reason: str) -> None:
+        """Refuse those who wait for the drives to arm, if any."""
+        if self._waiting is not None:
+            self._answer(self.modes.ask(Action.ARM, (reason,)))
+
+    def _answer(self, answer: Answer) -> None:
+        waiting, self._waiting = self._waiting or [], None
+        for reply in waiting:
+            reply(answer)
+
+    def _note(self, answer: Answer) -> None:
+        """The answer to a robot that arms itself."""
+        self._arm_pending = not answer.accepted
+        self.arming_obstacle = None if answer.accepted else answer.message
 
     def _settle(self) -> None:
         if self.modes.mode is Mode.FAULT:
             self._arm_pending = False
-        if self._live and not self.is_active:
+        if self._live and self._waiting is None and not self.is_active:
             self._live = False
             self._schedule.clear()
             self._hardware.disarm()

@@ -3,6 +3,7 @@
 import itertools
 import math
 import traceback
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
@@ -22,6 +23,7 @@ from node.safety.modes import Mode
 
 PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
 WHOLE: Final = "cycle"
+_EVENTS_KEPT: Final = 64
 
 
 class Cycle:
@@ -33,6 +35,8 @@ class Cycle:
         time_base: Which stamp each cycle bears.
         hardware: The drives and sensors.
         histograms: Duration of each phase, by name, and of the whole cycle.
+        sensors: The newest snapshot of the hardware.
+        events: What happened to the links and has not been told yet; the oldest is forgotten where nobody tells it.
     """
 
     def __init__(  # noqa: PLR0913 - the six seams of the robot, each named at the one place that joins them
@@ -55,6 +59,8 @@ class Cycle:
         self.time_base = time_base
         self.hardware = hardware
         self.histograms = {name: Histogram() for name in (*PHASES, WHOLE)}
+        self.sensors = Sensors()
+        self.events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._model = model
         self._wiring = wiring
         self._clock = clock
@@ -83,6 +89,8 @@ class Cycle:
         marks = [now_ns()]
         sensors = self._exchange(None if self._immediately else self._commands)
         marks.append(now_ns())
+        self.sensors = sensors
+        self.events.extend(sensors.events)
         inbox = self._stage.take()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
@@ -149,7 +157,7 @@ class Cycle:
         except LinkLostError as error:
             self.authority.fail(str(error))
             count = len(self._signal_names)
-            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),))
+            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False)
 
     def _receive(self, setpoint: Setpoint, for_cycle: int, cycle: int) -> None:
         if self.authority.is_active:
@@ -165,14 +173,14 @@ class Cycle:
 
     def _decide(self, cycle: int, requests: Sequence[Request], sensors: Sensors) -> Setpoint:
         for request in requests:
-            request.answer(self.authority.act(request.action))
+            self.authority.act(request.action, request.answer)
         if not_finite(self._y) is not None and self.authority.modes.mode is Mode.DISARMED:
             # The fault was cleared; what is not finite stays so until the model starts anew.
             self._initialize(sensors)
         self.authority.arm_itself()
         setpoint = self.schedule.due(cycle)
         silent = self.schedule.is_silent(cycle) and setpoint != REST
-        self.authority.observe(self._faults(sensors), setpoints_silent=silent)
+        self.authority.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent)
         return setpoint if self.authority.modes.mode is Mode.ARMED else REST
 
     def _faults(self, sensors: Sensors) -> list[str]:

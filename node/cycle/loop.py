@@ -182,6 +182,7 @@ class Loop:
     def _use_slack(self, deadline_ns: int) -> None:
         """Slow work in small pieces while there is time; one even where there is none, so that a busy robot reports."""
         self._announcer.tell(self._cycle.authority.modes, self._cycle.authority.arming_obstacle)
+        self._announcer.tell_event(self._cycle.events)
         if self.counters.cycles % self._diagnostics_every == 0:
             self._diagnostics.begin()
             self._collect_due = True

@@ -1,9 +1,10 @@
 """The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
 
-from firmware_io.hardware import Hardware
+from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.setpoints import SetpointSchedule
 from node.cycle.status import Level, Status
@@ -15,6 +16,9 @@ MODE_SUFFIX: Final = ": mode"
 """How the name of the status ends that tells the robot's mode; its values are `mode` and `reason`."""
 
 
+_LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
+
+
 class Observed(Protocol):
     """What the report reads of a cycle."""
 
@@ -22,6 +26,7 @@ class Observed(Protocol):
     schedule: SetpointSchedule
     time_base: TimeBase
     hardware: Hardware
+    sensors: Sensors
     histograms: dict[str, Histogram]
 
 
@@ -116,9 +121,17 @@ class DiagnosticReport:
         health: Mapping[str, str] = self._cycle.hardware.health
         if not health:
             return Status(Level.OK, f"{self._robot_name}: hardware", "none: the robot is all model", {})
-        refused = self._new("frames", sum(int(v) for k, v in health.items() if k.startswith("refused.")))
-        message = f"{refused} frames refused since the last report" if refused else health.get("link", "")
-        return Status(Level.WARN if refused else Level.OK, f"{self._robot_name}: hardware", message, dict(health))
+        refused = self._new("frames", sum(int(v) for k, v in health.items() if "refused." in k))
+        states = {name: health[name] for name in health if _LINK_STATE.fullmatch(name) and health[name] != "active"}
+        trouble = [f"{name}: {state}" for name, state in states.items()]
+        trouble += [f"{refused} frames refused since the last report"] if refused else []
+        level, message = (Level.WARN, "; ".join(trouble)) if trouble else (Level.OK, health.get("link", ""))
+        return Status(level, f"{self._robot_name}: hardware", message, {**health, **self._ages()})
+
+    def _ages(self) -> dict[str, str]:
+        """How old each signal was at the newest exchange."""
+        names, ages = self._cycle.hardware.signals, self._cycle.sensors.ages
+        return {f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in zip(names, ages, strict=False)}
 
     def _new(self, what: str, count: int) -> int:
         """How much a count grew since the last set."""

@@ -1,6 +1,7 @@
 """Model ports and states joined to the robot's signals, by name, once, before the first cycle."""
 
 import enum
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,18 +15,30 @@ from node.model.variables import Variable, Write
 SETPOINT_SIGNALS: Final = ("setpoint.linear_velocity", "setpoint.angular_velocity")
 """In the order of `Setpoint`: m/s, rad/s."""
 
-PUBLISHED_SIGNALS: Final = (
+ODOMETRY_SIGNALS: Final = (
     "odometry.x",
     "odometry.y",
     "odometry.heading",
     "odometry.linear_velocity",
     "odometry.angular_velocity",
-    "left.angle",
-    "right.angle",
-    "left.velocity",
-    "right.velocity",
 )
-"""What the robot can tell the world: m, m, rad, m/s, rad/s, rad, rad, rad/s, rad/s."""
+"""Where the robot is and how it moves: m, m, rad, m/s, rad/s."""
+
+JOINT_SIGNALS: Final = ("left.angle", "right.angle", "left.velocity", "right.velocity")
+"""The wheels: rad, rad, rad/s, rad/s."""
+
+IMU_SIGNALS: Final = (
+    "imu.angular_velocity_x",
+    "imu.angular_velocity_y",
+    "imu.angular_velocity_z",
+    "imu.linear_acceleration_x",
+    "imu.linear_acceleration_y",
+    "imu.linear_acceleration_z",
+)
+"""Angular velocity, rad/s, and specific force, m/s2, in the robot's axes."""
+
+PUBLISHED_SIGNALS: Final = (*ODOMETRY_SIGNALS, *JOINT_SIGNALS, *IMU_SIGNALS)
+"""What the robot can tell the world."""
 
 SET: Final = "set."
 """Begins the name of a value that anybody may set: `set.force` is the topic `set/force`."""
@@ -91,8 +104,13 @@ class Wiring:
         return [y[index] for index in self.outputs]
 
     def publish(self, sensors: Sensors, y: Sequence[float]) -> list[float]:
-        """The published signals that are wired, in the order of `published`."""
-        return [(sensors.values if s.origin is Origin.SENSOR else y)[s.index] for s in self.published.values()]
+        """The published signals that are wired, in the order of `published`; what was measured too long ago is NaN."""
+        sources = self.published.values()
+        return [_measured(sensors, s.index) if s.origin is Origin.SENSOR else y[s.index] for s in sources]
+
+
+def _measured(sensors: Sensors, index: int) -> float:
+    return sensors.values[index] if sensors.valid[index] else math.nan
 
 
 def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:

@@ -22,7 +22,7 @@ Frames: x ahead at the start, y to the left, heading counter-clockwise from x (R
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 from node.model.methods import Method
 from node.model.sectioned import SectionedModel
@@ -163,8 +163,8 @@ class CartController(_ControlledCart):
     """The cart's controller alone, for a cart whose wheels are hardware, with its pose by dead reckoning."""
 
     name = "cart-controller"
-    parameters = (*WHEEL_PARAMETERS, *CONTROLLER_PARAMETERS)
-    states = (*SETPOINT_STATES, *POSE_STATES)
+    parameters: ClassVar[tuple[Variable, ...]] = (*WHEEL_PARAMETERS, *CONTROLLER_PARAMETERS)
+    states: ClassVar[tuple[Variable, ...]] = (*SETPOINT_STATES, *POSE_STATES)
     inputs = (Variable("LeftVelocity", "rad/s"), Variable("RightVelocity", "rad/s"))
     outputs = (*POSE_OUTPUTS, Variable("LeftVoltage", "V"), Variable("RightVoltage", "V"))
 
@@ -181,3 +181,45 @@ class CartController(_ControlledCart):
         linear, angular, x, y, heading = self.s
         velocities = self.velocities(self.left, self.right)
         return (x, y, heading, *velocities, *self.voltages(linear, angular, self.left, self.right))
+
+
+class CartTorqueController(CartController):
+    """The same controller for drives that take torque: it computes the current that its voltage would give.
+
+    Each motor's current follows L di/dt = V - R i - K w, and the torque asked for is K i, so that the wheels move as
+    they do behind a voltage. A real motor's K w acts at once; here w is measured in one exchange, and the torque leaves
+    in the next and acts until the one after: w is carried on to the middle of that by J dw/dt = K i - b w.
+    """
+
+    name = "cart-torque-controller"
+    parameters = (*CartController.parameters, Variable("Delay", "s", 1.5 * STEP_SIZE, Write.STATIC))
+    states = (*SETPOINT_STATES, *POSE_STATES, Variable("LeftCurrent", "A"), Variable("RightCurrent", "A"))
+    outputs = (*POSE_OUTPUTS, Variable("LeftTorque", "N m"), Variable("RightTorque", "N m"))
+
+    def static(self) -> None:
+        """Gather the delay too."""
+        super().static()
+        self.delay = self.p["Delay"]
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - autonomous
+        """Rates of set-points (zero), pose and currents."""
+        linear, angular, _, _, heading, left_current, right_current = s
+        left_voltage, right_voltage = self.voltages(linear, angular, self.left, self.right)
+        return (
+            0.0,
+            0.0,
+            *self.pose_rates(self.left, self.right, heading),
+            self.current_rate(left_voltage, left_current, self.left),
+            self.current_rate(right_voltage, right_current, self.right),
+        )
+
+    def current_rate(self, voltage: float, current: float, speed: float) -> float:
+        """Rate of a motor's current (A/s) at a wheel speed that was measured a while ago (rad/s)."""
+        when_it_acts = speed + self.delay * self.motor_rates(voltage, current, speed)[1]
+        return self.motor_rates(voltage, current, when_it_acts)[0]
+
+    def output(self) -> Sequence[float]:
+        """Pose, velocities, and the torques."""
+        _, _, x, y, heading, left_current, right_current = self.s
+        torques = (self.motor_constant * left_current, self.motor_constant * right_current)
+        return (x, y, heading, *self.velocities(self.left, self.right), *torques)

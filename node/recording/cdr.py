@@ -30,6 +30,10 @@ _NS_PER_S: Final = 1_000_000_000
 _STAMP_LIMIT_NS: Final = 2**31 * _NS_PER_S
 _COVARIANCE_LENGTH: Final = 36
 
+# A 3 by 3 covariance of zeros is one that is not known; one that begins with -1 belongs to what is not measured.
+_NO_COVARIANCE: Final = (0.0,) * 9
+_NO_ORIENTATION: Final = (0.0, 0.0, 0.0, 1.0, -1.0, *_NO_COVARIANCE[1:])
+
 # A run has a handful of frames and joint sets; the bound only keeps a mistaken caller from growing memory.
 _LAYOUTS_KEPT: Final = 64
 
@@ -163,6 +167,28 @@ def joint_state(
     counts = (len(positions), len(velocities))
     layout, prefix = _joint_layout(frame_id, names, *counts)
     return layout.pack(_ENCAPSULATION, *split_stamp(stamp_ns), prefix, counts[0], *positions, counts[1], *velocities, 0)
+
+
+def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_acceleration: Vector) -> bytes:
+    """Returns a sensor_msgs/Imu that tells no orientation, which the -1 in its covariance says, and no covariances.
+
+    Args:
+        stamp_ns: Time in ns.
+        frame_id: The frame that both vectors are in.
+        angular_velocity: About x, y, z in rad/s.
+        linear_acceleration: Along x, y, z in m/s2, with what carries it against gravity.
+    """
+    layout, prefix = _stamped_layout((frame_id,), len(_NO_ORIENTATION) + 2 * (3 + len(_NO_COVARIANCE)))
+    return layout.pack(
+        _ENCAPSULATION,
+        *split_stamp(stamp_ns),
+        prefix,
+        *_NO_ORIENTATION,
+        *angular_velocity,
+        *_NO_COVARIANCE,
+        *linear_acceleration,
+        *_NO_COVARIANCE,
+    )
 
 
 def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFields]) -> bytes:

@@ -65,7 +65,7 @@ class CycleCodec:
         return FRAME_HEADER.pack(CYCLE, len(body)) + body
 
     def unpack(self, body: bytes) -> CycleRecord:
-        """The cycle in the body of a frame; which sensors were valid, and their faults, are not kept."""
+        """The cycle in the body of a frame; which sensors were valid, faults, readiness and events are not kept."""
         cycle, stamp_ns, mode, lateness_ns, *rest = self._struct.unpack(body)
         numbers = iter(rest)
         durations_ns = list(islice(numbers, len(PHASES) - 1))

@@ -1,20 +1,18 @@
 """Cycles as messages: what each topic of a run's log holds."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
 import msgspec
 
 from node.cycle.cycle import PHASES
 from node.cycle.seams import CycleRecord
 from node.cycle.status import Status
+from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from node.recording.mcap_log import McapLog
 from node.recording.topics import topic
 from node.robot import Robot
-
-_ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
-_JOINTS: Final = ("left.angle", "right.angle", "left.velocity", "right.velocity")
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
@@ -28,6 +26,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
     commands: tuple[str, ...]
     odometry_frame: str
     base_frame: str
+    imu_frame: str
     joints: tuple[str, str]
 
 
@@ -43,6 +42,7 @@ def layout_of(robot: Robot) -> Layout:
         commands=tuple(robot.hardware.commands),
         odometry_frame=ros.odometry_frame,
         base_frame=ros.base_frame,
+        imu_frame=ros.imu_frame,
         joints=(ros.left_joint, ros.right_joint),
     )
 
@@ -65,8 +65,10 @@ class CycleLog:
         )
         self._log.metadata("robot", {"name": layout.robot})
         published = {signal: index for index, signal in enumerate(layout.published)}
-        self._odometry = _indices(published, [f"odometry.{part}" for part in _ODOMETRY])
-        self._joints = _indices(published, _JOINTS)
+        self._odometry = _indices(published, ODOMETRY_SIGNALS)
+        self._joints = _indices(published, JOINT_SIGNALS)
+        self._imu = _indices(published, IMU_SIGNALS)
+        self._imu_frame = layout.imu_frame
         self._ports = [topic("model", port) for port in (*layout.inputs, *layout.outputs)]
         self._commands = [topic("command", command) for command in layout.commands]
         self._sensors = [topic("sensor", sensor) for sensor in layout.sensors]
@@ -84,8 +86,13 @@ class CycleLog:
             log.float64("/angular_velocity", stamp_ns, angular)
             log.odometry("/odom", stamp_ns, x, y, heading, linear, angular)
         if self._joints is not None:
-            left, right, left_velocity, right_velocity = (record.published[index] for index in self._joints)
-            log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
+            left, right, left_velocity, right_velocity = measured = [record.published[i] for i in self._joints]
+            if all(map(math.isfinite, measured)):
+                log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
+        if self._imu is not None:
+            wx, wy, wz, ax, ay, az = measured = [record.published[index] for index in self._imu]
+            if all(map(math.isfinite, measured)):
+                log.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
         log.twist("/setpoint", stamp_ns, record.setpoint.linear_velocity, record.setpoint.angular_velocity)
         self._scalars(self._ports, stamp_ns, (*record.u, *record.y))
         self._scalars(self._commands, stamp_ns, record.commands)

@@ -20,6 +20,7 @@ from node.recording import cdr
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
+    IMU,
     JOINT_STATE,
     ODOMETRY,
     POINT,
@@ -134,6 +135,12 @@ class McapLog:
                 f"{len(names)} joints: pass one value per name in joint_names, or none."
             )
         self._write(topic, JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+
+    def imu(
+        self, topic: str, stamp_ns: int, frame_id: str, angular_velocity: cdr.Vector, linear_acceleration: cdr.Vector
+    ) -> None:
+        """Logs a sensor_msgs/Imu without orientation: rad/s and m/s2 in `frame_id`, with covariances not known."""
+        self._write(topic, IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
 
     def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.StatusFields]) -> None:
         """Logs a diagnostic_msgs/DiagnosticArray of (level, name, message, hardware_id, pairs), as `cdr.Status`."""

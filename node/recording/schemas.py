@@ -12,6 +12,7 @@ FLOAT64: Final = "std_msgs/msg/Float64"
 POINT: Final = "geometry_msgs/msg/Point"
 TWIST_STAMPED: Final = "geometry_msgs/msg/TwistStamped"
 ODOMETRY: Final = "nav_msgs/msg/Odometry"
+IMU: Final = "sensor_msgs/msg/Imu"
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 DIAGNOSTIC_ARRAY: Final = "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -35,6 +36,15 @@ _FIELDS: Final[dict[str, tuple[str, ...]]] = {
         "string child_frame_id",
         "geometry_msgs/PoseWithCovariance pose",
         "geometry_msgs/TwistWithCovariance twist",
+    ),
+    "sensor_msgs/Imu": (
+        "std_msgs/Header header",
+        "geometry_msgs/Quaternion orientation",
+        "float64[9] orientation_covariance",
+        "geometry_msgs/Vector3 angular_velocity",
+        "float64[9] angular_velocity_covariance",
+        "geometry_msgs/Vector3 linear_acceleration",
+        "float64[9] linear_acceleration_covariance",
     ),
     "sensor_msgs/JointState": (
         "std_msgs/Header header",
@@ -79,6 +89,6 @@ def _concatenated(type_name: str) -> str:
 
 
 SCHEMAS: Final[dict[str, str]] = {
-    name: _concatenated(name) for name in (FLOAT64, POINT, TWIST_STAMPED, ODOMETRY, JOINT_STATE, DIAGNOSTIC_ARRAY)
+    name: _concatenated(name) for name in (FLOAT64, POINT, TWIST_STAMPED, ODOMETRY, IMU, JOINT_STATE, DIAGNOSTIC_ARRAY)
 }
 """The `ros2msg` text of each message that a log can hold, by its full name, as `std_msgs/msg/Float64`."""

@@ -1,9 +1,11 @@
 """The topics that tell the world of each cycle."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
 from node.config import RosSection
+from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from node.ros.messages import message_type, set_heading, set_stamp
 from node.ros.untyped import RosObject
 
@@ -15,19 +17,24 @@ _SCALARS: Final = {
     "linear_velocity": "odometry.linear_velocity",
     "angular_velocity": "odometry.angular_velocity",
 }
-_ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
-_JOINTS: Final = ("left.angle", "right.angle", "left.velocity", "right.velocity")
+_NOT_MEASURED: Final = -1.0
+"""Where a covariance begins with it, the message does not carry what it belongs to (sensor_msgs/Imu)."""
 
 
 def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) -> list[Publish]:
-    """One callable per topic that these signals suffice for. Messages are made once and filled anew each cycle."""
+    """One callable per topic that these signals suffice for. Messages are made once and filled anew each cycle.
+
+    What was measured too long ago is not published: silence is true, and an old value under a new stamp is not.
+    """
     index = {signal: position for position, signal in enumerate(signals)}
     publishers = [_scalar(node, topic, index[signal]) for topic, signal in _SCALARS.items() if signal in index]
-    if all(f"odometry.{part}" in index for part in _ODOMETRY):
+    if all(signal in index for signal in ODOMETRY_SIGNALS):
         publishers.append(_position(node, index["odometry.x"], index["odometry.y"]))
-        publishers.append(_odometry(node, ros, [index[f"odometry.{part}"] for part in _ODOMETRY]))
-    if all(joint in index for joint in _JOINTS):
-        publishers.append(_joint_states(node, ros, [index[joint] for joint in _JOINTS]))
+        publishers.append(_odometry(node, ros, [index[signal] for signal in ODOMETRY_SIGNALS]))
+    if all(signal in index for signal in JOINT_SIGNALS):
+        publishers.append(_joint_states(node, ros, [index[signal] for signal in JOINT_SIGNALS]))
+    if all(signal in index for signal in IMU_SIGNALS):
+        publishers.append(_imu(node, ros, [index[signal] for signal in IMU_SIGNALS]))
     return publishers
 
 
@@ -90,9 +97,28 @@ def _joint_states(node: RosObject, ros: RosSection, indices: Sequence[int]) -> P
     message.name = [ros.left_joint, ros.right_joint]
 
     def publish(stamp_ns: int, values: Sequence[float]) -> None:
-        left, right, left_velocity, right_velocity = (values[index] for index in indices)
+        left, right, left_velocity, right_velocity = measured = [values[index] for index in indices]
+        if not all(map(math.isfinite, measured)):
+            return
         set_stamp(message.header, stamp_ns)
         message.position, message.velocity = [left, right], [left_velocity, right_velocity]
+        publisher.publish(message)
+
+    return publish
+
+
+def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
+    kind = message_type("sensor_msgs/msg/Imu")
+    message, publisher = kind(), node.create_publisher(kind, "imu/data", _DEPTH)
+    message.header.frame_id = ros.imu_frame
+    message.orientation_covariance[0] = _NOT_MEASURED
+    rate, force = message.angular_velocity, message.linear_acceleration
+
+    def publish(stamp_ns: int, values: Sequence[float]) -> None:
+        rate.x, rate.y, rate.z, force.x, force.y, force.z = measured = [values[index] for index in indices]
+        if not all(map(math.isfinite, measured)):
+            return
+        set_stamp(message.header, stamp_ns)
         publisher.publish(message)
 
     return publish

@@ -1,14 +1,12 @@
 """Sequence control without ROS: the player sits in the loop's own stage."""
 
 from collections.abc import Sequence
-from typing import Final
 
 from node.cycle.clock import Clock
 from node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from node.cycle.wiring import ODOMETRY_SIGNALS
 from node.safety.modes import ACTIVE
 from node.sequence.player import Odometry, Player, Progress
-
-_ODOMETRY: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity")
 
 
 class ManoeuvreStage(NoStage):
@@ -23,7 +21,7 @@ class ManoeuvreStage(NoStage):
     def __init__(self, player: Player, signals: Sequence[str], clock: Clock) -> None:
         """Play to a robot that publishes `signals`; those of the odometry that it lacks count as zero."""
         self.player = player
-        self._indices = [_index(signals, f"odometry.{part}") for part in _ODOMETRY]
+        self._indices = [_index(signals, signal) for signal in ODOMETRY_SIGNALS]
         self.over: str | None = None
         self.is_broken_off = False
         self.started_wall_ns: int | None = None

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.integrity import CounterCheck, crc8, frame_crc
+from firmware_io.integrity import CounterCheck, crc8, crc16_xmodem, frame_crc
 
 Crc = Callable[[bytes], int]
 
@@ -88,3 +88,18 @@ def test_losses_add_up() -> None:
     check = CounterCheck()
     assert [check.accepts(count) for count in (0, 2, 3, 6)] == [True] * 4
     assert check.lost == 1 + 0 + 2
+
+
+def test_the_published_check_value_of_crc16_xmodem_is_met() -> None:
+    """Catalogue of parametrised CRC algorithms: check 0x31C3."""
+    assert crc16_xmodem(b"123456789") == 0x31C3
+
+
+@steady
+@given(st.binary(max_size=64))
+def test_crc16_xmodem_is_the_remainder_of_division_by_its_polynomial(data: bytes) -> None:
+    bits = int.from_bytes(data, "big") << 16
+    for place in reversed(range(8 * len(data))):
+        if bits >> (place + 16) & 1:
+            bits ^= 0x11021 << place  # x^16 + x^12 + x^5 + 1
+    assert crc16_xmodem(data) == bits

@@ -1,12 +1,17 @@
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import pytest
 
+from firmware_io.assembly import Assembly
 from firmware_io.drives.wheel_board.driver import WheelBoard
 from firmware_io.drives.wheel_board.frames import BoardState, FrameId
 from firmware_io.links.link import Frame
+from hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
 from hil.lockstep import LockstepRig
 from hil.plants.cart import CartPlant
+from hil.simulated_bus import SimulatedLink
+from hil.simulated_robot import SimulatedRobot
 from node.case_study.can import LockstepCanSeat
 from node.case_study.study import Cell, difference, thesis_cells
 from node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
@@ -26,6 +31,18 @@ class Log:
         self.stamps.append(wall_ns)
 
 
+class Drive(NamedTuple):
+    """A drive of 300 ms: the board, its state in each cycle, and whether there were faults."""
+
+    board: SimulatedWheelBoard
+    seen: list[tuple[BoardState, bool]]
+
+
+def robot(board: SimulatedWheelBoard, link: SimulatedLink) -> SimulatedRobot:
+    """The cart behind a board."""
+    return SimulatedRobot(link, [board], CartPlant(), TICK_NS)
+
+
 @pytest.fixture
 def rig() -> LockstepRig:
     return LockstepRig(500_000)
@@ -41,8 +58,7 @@ def test_time_passes_only_by_waiting(rig: LockstepRig) -> None:
 
 def test_the_device_runs_up_to_the_moment_waited_for(rig: LockstepRig) -> None:
     log = Log()
-    board = rig.attach_board(CartPlant(), log)
-    assert rig.board is board
+    rig.attach(robot(SimulatedWheelBoard(link := rig.bus.attach("board")), link), log)
 
     rig.sleep_until_ns(10 * MS)
     assert log.stamps == [WALL_NS, WALL_NS + 5 * MS], "the tick at that very moment comes after the node's turn"
@@ -54,15 +70,15 @@ def test_the_device_runs_up_to_the_moment_waited_for(rig: LockstepRig) -> None:
 
 def test_without_a_device_time_passes_all_the_same(rig: LockstepRig) -> None:
     rig.sleep_until_ns(20 * MS)
-    assert rig.board is None
     assert rig.now_ns() == 20 * MS
 
 
-def _drive(rig: LockstepRig, lost: Collection[int], monkeypatch: pytest.MonkeyPatch) -> list[tuple[BoardState, bool]]:
-    """Drive for 300 ms, some of the commands lost on the bus; the board's state and whether there are faults."""
+def _drive(rig: LockstepRig, lost: Collection[int], monkeypatch: pytest.MonkeyPatch) -> Drive:
+    """Drive for 300 ms, some of the commands lost on the bus."""
     link = rig.bus.attach("node")
-    driver = WheelBoard(link, 0.05, loop_period_s=0.01, now_ns=rig.now_ns)
-    board = rig.attach_board(CartPlant())
+    driver = Assembly(link, [WheelBoard(link, 0.05, loop_period_s=0.01, now_ns=rig.now_ns)], now_ns=rig.now_ns)
+    board = SimulatedWheelBoard(board_link := rig.bus.attach("board"))
+    rig.attach(robot(board, board_link))
     cycle = -1
     carry = link.send
 
@@ -74,31 +90,33 @@ def _drive(rig: LockstepRig, lost: Collection[int], monkeypatch: pytest.MonkeyPa
     rig.sleep_until_ns(100 * MS)
     driver.exchange((0.0, 0.0))
     driver.arm()
+    for _ in range(5):
+        ready = driver.exchange((1.0, 1.0)).ready
+        rig.sleep_until_ns(rig.now_ns() + 10 * MS)
+    assert ready
     seen = []
     for cycle in range(30):  # noqa: B007 - the closure looks at it
         sensors = driver.exchange((1.0, 1.0))
         rig.sleep_until_ns(rig.now_ns() + 10 * MS)
         seen.append((board.state, bool(sensors.faults)))
-    return seen
+    return Drive(board, seen)
 
 
 def test_a_single_lost_command_does_not_stop_the_robot(rig: LockstepRig, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = _drive(rig, {5, 9, 14}, monkeypatch)
+    board, seen = _drive(rig, {5, 9, 14}, monkeypatch)
     assert set(seen) == {(BoardState.ENABLED, False)}
-    assert rig.board is not None
-    assert rig.board.refused_frames == 0
+    assert board.refused_frames == 0
 
 
 def test_commands_lost_for_longer_than_the_watchdog_stop_the_motors_for_good(
     rig: LockstepRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = _drive(rig, range(10, 17), monkeypatch)
+    board, seen = _drive(rig, range(10, 17), monkeypatch)
     states = [state for state, _ in seen]
-    # The last command, of the tenth cycle, is read at 195 ms; 50 ms are over at the tick at 250 ms, in the 16th cycle.
+    # The last command, of the tenth cycle, is read at 245 ms; 50 ms are over at the tick at 300 ms, in the 16th cycle.
     assert set(states[:15]) == {BoardState.ENABLED}
     assert set(states[15:]) == {BoardState.WATCHDOG}, "commands that come again do not switch the motors on again"
-    assert rig.board is not None
-    assert tuple(rig.board.voltages) == (0.0, 0.0)
+    assert tuple(board.voltages) == (0.0, 0.0)
     assert seen[-1][1], "the node hears of it"
 
 

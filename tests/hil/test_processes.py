@@ -39,7 +39,7 @@ def test_a_command_that_fails_is_told_in_one_line_with_its_messages(tmp_path: Pa
 
     assert str(caught.value) == (
         "'segway-ecc run no such robot' ended with exit code 2: segway-ecc: cannot read robot file 'no such robot': "
-        "No such file or directory; the packaged robots are cart, cart-can"
+        "No such file or directory; the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc"
     )
 
 

@@ -6,13 +6,16 @@ import pytest
 from can.interfaces import virtual
 from msgspec import structs
 
+from firmware_io.build import can_link
 from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from firmware_io.errors import BusNotFoundError
+from firmware_io.settings import CanSettings
 from hil.real_time import RealTimePlant
-from hil.simulation import simulated_bus, simulated_plant
-from node.config import CanSection, RobotFile, WheelBoardSection, load_robot
+from hil.simulation import simulated_bus, simulated_robot
+from node.config import RobotFile, load_robot
 from node.cycle.clock import Clock
-from node.robot import can_link
+from node.robot import clocks_of
 
 MS = 1_000_000
 START_NS = 777 * MS
@@ -55,7 +58,8 @@ class Watch:
 
 def made(file: RobotFile, clock: Clock) -> RealTimePlant:
     """The plant of a robot file on the robot's own bus."""
-    return RealTimePlant(can_link(simulated_bus(file), clock), simulated_plant(file), clock)
+    link = can_link(simulated_bus(file), clocks_of(clock))
+    return RealTimePlant(simulated_robot(file, link), clock)
 
 
 @pytest.fixture
@@ -65,7 +69,7 @@ def channel(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def file(channel: str) -> RobotFile:
-    hardware = WheelBoardSection(can=CanSection(interface="virtual", channel=channel))
+    hardware = WheelBoardSettings(can=CanSettings(interface="virtual", channel=channel))
     return structs.replace(load_robot("cart-can"), hardware=hardware)
 
 
@@ -116,14 +120,15 @@ def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, c
     plant = made(file, ManualClock())
     watch = Watch(plant, 8)
     plant.open()
-    data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 0)
+    off = encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), 0)
+    data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 1)
     with can.Bus(interface="virtual", channel=channel) as host:
-        for sent in (data, data[:-1] + bytes((data[-1] ^ 1,))):
+        for sent in (off, data, data[:-1] + bytes((data[-1] ^ 1,))):
             host.send(can.Message(arbitration_id=0x110, data=sent, is_extended_id=False))
         plant.run(watch)
 
-    assert plant.refused_frames == 1
-    ahead = [outputs[plant.output_names.index("truth.x")] for outputs in watch.outputs]
+    assert plant.robot.refused_frames == 1
+    ahead = [outputs[plant.robot.output_names.index("truth.x")] for outputs in watch.outputs]
     assert ahead == sorted(ahead)
     assert ahead[-1] > ahead[0] > 0
 
@@ -163,12 +168,12 @@ def test_a_failing_observer_leaves_no_bus_open(file: RobotFile, channel: str) ->
 
 def test_says_where_it_is_and_what_it_tells(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
-    assert plant.description == f"virtual {channel}"
-    assert plant.output_names[:4] == ["left.angle", "left.velocity", "right.angle", "right.velocity"]
+    assert plant.robot.link.description == f"virtual {channel}"
+    assert plant.robot.output_names[:4] == ["left.angle", "left.velocity", "right.angle", "right.velocity"]
 
 
 def test_a_bus_that_is_not_there_is_refused_on_opening(file: RobotFile) -> None:
-    hardware = WheelBoardSection(can=CanSection(interface="slcan", channel="/no/such/port"))
+    hardware = WheelBoardSettings(can=CanSettings(interface="slcan", channel="/no/such/port"))
     plant = made(structs.replace(file, hardware=hardware), ManualClock())
     with pytest.raises(BusNotFoundError, match="/no/such/port"):
         plant.open()

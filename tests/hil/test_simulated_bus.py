@@ -1,7 +1,7 @@
 import pytest
 
-from firmware_io.links.link import Frame, Link
-from hil.simulated_bus import SimulatedBus, worst_case_bits
+from firmware_io.links.link import Frame, Link, worst_case_bits
+from hil.simulated_bus import SimulatedBus
 
 BIT_NS = 2_000
 """At 500 kbit/s."""

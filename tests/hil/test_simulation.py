@@ -1,17 +1,19 @@
 import pytest
 from msgspec import structs
 
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.settings import CanSettings
 from hil.errors import NoSimulationError
 from hil.plants.cart import CartPlant
 from hil.simulation import simulated_bus, simulated_plant
-from node.config import CanSection, SimulationSection, WheelBoardSection, load_robot
+from node.config import SimulationSection, load_robot
 from node.errors import ModelError
 
-CAN = CanSection(interface="virtual", channel="bench", bitrate=250_000)
+CAN = CanSettings(interface="virtual", channel="bench", bitrate=250_000)
 
 
 def test_the_bus_is_the_robots_own() -> None:
-    file = structs.replace(load_robot("cart-can"), hardware=WheelBoardSection(can=CAN))
+    file = structs.replace(load_robot("cart-can"), hardware=WheelBoardSettings(can=CAN))
     assert simulated_bus(file) == CAN
 
 

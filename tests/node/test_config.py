@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from node.config import (
     ModelSection,
     NoHardwareSection,
     RobotFile,
     SetpointSection,
-    WheelBoardSection,
     load_robot,
     packaged_robots,
     read_text,
@@ -17,6 +17,7 @@ from node.errors import ConfigurationError
 from node.robot import build_robot
 from node.testing import ScriptedClock
 
+PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc"
 BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
 
 
@@ -29,8 +30,8 @@ def refusal(text: str) -> str:
     return message.removeprefix("robot.yaml: ")
 
 
-def test_the_packaged_robots_are_the_two_carts() -> None:
-    assert packaged_robots() == ["cart", "cart-can"]
+def test_the_packaged_robots_are_the_cart_alone_and_on_each_drive_family() -> None:
+    assert packaged_robots() == ["cart", "cart-can", "cart-cia402", "cart-odrive", "cart-vesc"]
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -39,7 +40,7 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     assert file.name == name
     robot = build_robot(file, ScriptedClock())
     assert robot.period_ns == 10_000_000
-    assert robot.model.name in ("cart", "cart-controller")
+    assert robot.model.name in ("cart", "cart-controller", "cart-torque-controller")
 
 
 def test_what_a_file_leaves_out_has_its_default() -> None:
@@ -49,7 +50,7 @@ def test_what_a_file_leaves_out_has_its_default() -> None:
     assert file.setpoint == SetpointSection(timeout_s=0.5, stamp_tolerance_s=0.1, horizon_s=30.0)
     assert file.simulation is None
     board = decode_yaml(BASE + "hardware: {type: wheel_board}", RobotFile, "robot.yaml").hardware
-    assert isinstance(board, WheelBoardSection)
+    assert isinstance(board, WheelBoardSettings)
     assert (board.can.interface, board.can.channel, board.can.bitrate, board.watchdog_s) == (
         "auto",
         "auto",
@@ -92,7 +93,7 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         ),
         pytest.param(
             BASE + "hardware: {type: sail}",
-            "Invalid value 'sail' at hardware.type; found 'sail'; allowed is none, wheel_board",
+            "Invalid value 'sail' at hardware.type; found 'sail'; allowed is cia402, none, odrive, vesc, wheel_board",
             id="wrong tag",
         ),
         pytest.param(BASE + "hardware: {can: {}}", "Object missing required field `type` at hardware", id="no tag"),
@@ -169,17 +170,23 @@ def test_what_is_not_yaml_is_said_to_be_so(text: str) -> None:
 def test_a_file_that_is_not_there_is_told_with_the_packaged_robots() -> None:
     with pytest.raises(ConfigurationError) as caught:
         load_robot("carl")
-    text = "cannot read robot file 'carl': No such file or directory; the packaged robots are cart, cart-can"
+    text = f"cannot read robot file 'carl': No such file or directory; {PACKAGED}"
     assert str(caught.value) == text
 
 
 def test_a_folder_is_no_robot_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match=r"Is a directory; the packaged robots are cart, cart-can$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=rf"Is a directory; {PACKAGED}$",
+    ):
         load_robot(str(tmp_path))
 
 
 def test_what_is_not_text_is_no_robot_file(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_bytes(b"name: \xff\xfe")
-    with pytest.raises(ConfigurationError, match=r"not UTF-8 text; the packaged robots are cart, cart-can$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=rf"not UTF-8 text; {PACKAGED}$",
+    ):
         load_robot(str(path))

@@ -1,138 +1,105 @@
-"""The wheel board as `Hardware`: arm, command, disarm."""
+"""The wheel board as a `Drive`: enable, command, disable."""
 
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
-from firmware_io.drives.wheel_board.frames import BoardSetup, BoardState, BoardStatus, FrameId, Wheel, WheelCommand
-from firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S, stale_after_ns
-from firmware_io.errors import ArmingRefusedError
-from firmware_io.hardware import Sensors
-from firmware_io.links.link import Link
+from firmware_io.devices import FrameKey, Readings
+from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.drives.wheel_board.endpoint import Endpoint
+from firmware_io.drives.wheel_board.frames import (
+    CYCLE_TIME_S,
+    AngularVelocity,
+    BoardSetup,
+    BoardState,
+    BoardStatus,
+    FrameId,
+    LinearAcceleration,
+    Wheel,
+    WheelCommand,
+)
+from firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
+from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.links.link import Frame, Link
 
-_TELEMETRY: Final = frozenset({FrameId.LEFT_WHEEL, FrameId.RIGHT_WHEEL, FrameId.BOARD_STATUS})
+_WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
+    FrameId.LEFT_WHEEL: {"left.angle": "rad", "left.velocity": "rad/s"},
+    FrameId.RIGHT_WHEEL: {"right.angle": "rad", "right.velocity": "rad/s"},
+}
+"""What each frame measures, in the order of its payload, with units."""
+_IMU: Final[Mapping[FrameId, Mapping[str, str]]] = {
+    FrameId.IMU_GYRO: {f"imu.angular_velocity_{axis}": "rad/s" for axis in "xyz"},
+    FrameId.IMU_ACCELERATION: {f"imu.linear_acceleration_{axis}": "m/s2" for axis in "xyz"},
+}
 _ZERO: Final = WheelCommand(0.0, 0.0, enable=False)
 _OFF_BY_ITSELF: Final = frozenset({BoardState.WATCHDOG, BoardState.FAULT})
 _WATCHDOG_RESOLUTION_S: Final = 0.000501  # half a step of the frame, and room for what floats add
 
 
 class WheelBoard:
-    """Two voltage-driven wheels behind one board; see `Hardware`."""
+    """Two voltage-driven wheels, and an IMU where there is one, behind one board; see `Drive`."""
 
-    signals: Mapping[str, str] = {
-        "left.angle": "rad",
-        "left.velocity": "rad/s",
-        "right.angle": "rad",
-        "right.velocity": "rad/s",
-    }
+    name = "board"
     commands: Mapping[str, str] = {"left.voltage": "V", "right.voltage": "V"}
     limits: Sequence[float] = tuple(COMMAND_LIMITS.values())
 
     def __init__(
-        self, link: Link, watchdog_s: float, loop_period_s: float, now_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        link: Link,
+        watchdog_s: float,
+        loop_period_s: float,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        *,
+        imu: bool = False,
     ) -> None:
         """Drive the board at the other end of `link`, its watchdog set to `watchdog_s` (0.02 to 0.05 s)."""
+        measured = {**_WHEELS, **_IMU} if imu else _WHEELS
+        telemetry = frozenset({*measured, FrameId.BOARD_STATUS})
+        self.signals: Mapping[str, str] = {k: v for signals in measured.values() for k, v in signals.items()}
+        self.listens_to: Collection[FrameKey] = frozenset(FrameKey(frame_id) for frame_id in telemetry)
         self._link = link
-        self._endpoint = Endpoint(link, _TELEMETRY)
+        self._endpoint = Endpoint(link, telemetry)
         self._watchdog_s = watchdog_s
         self._now_ns = now_ns
-        self._stale_ns = {frame_id: stale_after_ns(frame_id, loop_period_s) for frame_id in _TELEMETRY}
-        self._wheels = {FrameId.LEFT_WHEEL: Wheel(0.0, 0.0), FrameId.RIGHT_WHEEL: Wheel(0.0, 0.0)}
+        stale_ns = {frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry}
+        self._fresh = Freshness(stale_ns, now_ns)
+        self._newest: dict[FrameId, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
-        self._received_ns: dict[FrameId, int] = {}
-        self._enabled = False
+        self._enabling = Enabling()
 
-    def open(self) -> None:
-        """Open the link, send zero, and set the watchdog; see `Hardware.open`."""
-        self._link.open()
+    def start(self) -> None:
+        """Send zero, and set the watchdog."""
         self._send(_ZERO)
-        self._endpoint.send(FrameId.BOARD_SETUP, BoardSetup(self._watchdog_s))
+        self._set_up()
 
-    def exchange(self, commands: Sequence[float] | None) -> Sensors:
-        """Send the voltages and return the newest snapshot; see `Hardware.exchange`."""
-        for received in self._endpoint.receive():
-            self._keep(received)
-        if commands is not None:
-            self._send(WheelCommand(commands[0], commands[1], enable=True) if self._enabled else _ZERO)
-        return self._snapshot()
-
-    def arm(self) -> None:
-        """Enable the motors; see `Hardware.arm`."""
-        reasons = self._obstacles()
-        if reasons:
-            raise ArmingRefusedError(reasons)
-        self._enabled = True
-
-    def disarm(self) -> None:
-        """Send zero with the motors off."""
-        self._enabled = False
-        self._send(_ZERO)
-
-    def close(self) -> None:
-        """Disarm and close the link."""
-        self.disarm()
-        self._link.close()
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        """The link's and the board's state for diagnostics."""
-        counters = {f"link.{name}": text for name, text in self._link.counters.as_text().items()}
-        refused = {f"refused.{cause}": str(count) for cause, count in self._endpoint.refused.items()}
-        return {
-            "link": self._link.description,
-            **counters,
-            **refused,
-            "link.lost": str(self._endpoint.lost),
-            "board.state": self._status.state.name,
-            "board.bus_voltage_v": f"{self._status.bus_voltage:.3f}",
-            "board.watchdog_s": f"{self._status.watchdog_s:.3f}",
-            "board.refused_frames": str(self._status.refused_frames),
-        }
-
-    def _send(self, command: WheelCommand) -> None:
-        self._endpoint.send(FrameId.WHEEL_COMMAND, command)
-
-    def _keep(self, received: Received) -> None:
-        self._received_ns[received.frame_id] = received.received_ns
+    def take(self, frame: Frame) -> bool:
+        """Take one of the board's frames; see `Sensor.take`."""
+        received = self._endpoint.check(frame)
+        if received is None:
+            return False
+        self._fresh.mark(received.frame_id, received.received_ns)
         match received.payload:
-            case Wheel():
-                self._wheels[received.frame_id] = received.payload
-            case BoardStatus(watchdog_s=in_force):
-                self._status = received.payload
-                if abs(in_force - self._watchdog_s) > _WATCHDOG_RESOLUTION_S and not self._enabled:
-                    # The board was switched on after us, or missed the frame.
-                    self._endpoint.send(FrameId.BOARD_SETUP, BoardSetup(self._watchdog_s))
+            case Wheel() | AngularVelocity() | LinearAcceleration():
+                self._newest[received.frame_id] = received.payload
+            case BoardStatus():
+                self._hear(received.payload)
+        return True
 
-    def _snapshot(self) -> Sensors:
-        left, right = self._wheels[FrameId.LEFT_WHEEL], self._wheels[FrameId.RIGHT_WHEEL]
-        left_age, left_valid = self._age(FrameId.LEFT_WHEEL)
-        right_age, right_valid = self._age(FrameId.RIGHT_WHEEL)
-        return Sensors(
-            (left.angle, left.velocity, right.angle, right.velocity),
-            (left_age, left_age, right_age, right_age),
-            (left_valid, left_valid, right_valid, right_valid),
-            self._faults(),
-        )
+    def read(self) -> Readings:
+        """The wheels' angles and velocities, then the IMU's angular velocity and acceleration."""
+        values: list[float] = []
+        ages: list[float] = []
+        valid: list[bool] = []
+        for frame_id, measured in self._newest.items():
+            age, is_fresh = self._fresh.age(frame_id)
+            values += measured
+            ages += [age] * len(measured)
+            valid += [is_fresh] * len(measured)
+        return Readings(tuple(values), tuple(ages), tuple(valid))
 
-    def _faults(self) -> tuple[str, ...]:
-        if not self._enabled:
-            return ()
-        if self._status.state in _OFF_BY_ITSELF:
-            return (f"the wheel board switched its motors off: {self._status.state.name}",)
-        age_s, valid = self._age(FrameId.BOARD_STATUS)
-        return () if valid else (f"the wheel board's status is too old: {age_s * 1e3:.0f} ms",)
-
-    def _age(self, frame_id: FrameId) -> tuple[float, bool]:
-        received_ns = self._received_ns.get(frame_id)
-        if received_ns is None:
-            return math.inf, False
-        age_ns = self._now_ns() - received_ns
-        return age_ns * 1e-9, age_ns <= self._stale_ns[frame_id]
-
-    def _obstacles(self) -> list[str]:
-        if not self._age(FrameId.BOARD_STATUS)[1]:
+    def obstacles(self) -> list[str]:
+        """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""
+        if not self._fresh.age(FrameId.BOARD_STATUS)[1]:
             return [f"the wheel board does not answer on {self._link.description}; is it powered and on this bus?"]
         reasons = []
         low, high = WATCHDOG_ALLOWED_S
@@ -143,4 +110,73 @@ class WheelBoard:
             )
         if self._status.state in _OFF_BY_ITSELF:
             reasons.append(f"the board reports {self._status.state.name}; if it stays, switch it off and on")
+        silent = [frame_id.name for frame_id in self._newest if frame_id in _IMU and not self._fresh.age(frame_id)[1]]
+        if silent:
+            reasons.append(f"the board does not send {' and '.join(silent)}; has it an IMU? if not, set imu: false")
         return reasons
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the board has confirmed that its motors follow commands."""
+        return self._enabling.phase is Phase.ENABLED
+
+    def enable(self) -> None:
+        """Send zero with the motors on from the next cycle, until the board's status confirms it."""
+        self._enabling.begin(self._now_ns())
+
+    def command(self, commands: Sequence[float]) -> None:
+        """Send the voltages, V, where the board is enabled, else zero."""
+        match self._enabling.phase:
+            case Phase.ENABLED:
+                self._send(WheelCommand(commands[0], commands[1], enable=True))
+            case Phase.ENABLING:
+                # A board that switched itself off leaves that state by a command that does not enable.
+                self._send(WheelCommand(0.0, 0.0, enable=self._status.state not in _OFF_BY_ITSELF))
+            case Phase.OFF:
+                self._send(_ZERO)
+
+    def disable(self) -> None:
+        """Send zero with the motors off.
+
+        What is heard from then on may come over another line, where the board counts anew.
+        """
+        self._enabling.end()
+        self._endpoint.restart()
+        self._send(_ZERO)
+
+    def faults(self) -> tuple[str, ...]:
+        """A board that switched its motors off or has restarted, does not switch them on, or has fallen silent."""
+        if self._enabling.is_overdue(self._now_ns()):
+            return (f"the wheel board does not enable its motors: {self._status.state.name}",)
+        if not self.is_enabled:
+            return ()
+        if self._status.state is not BoardState.ENABLED:
+            return (f"the wheel board switched its motors off: {self._status.state.name}",)
+        age_s, valid = self._fresh.age(FrameId.BOARD_STATUS)
+        return () if valid else (f"the wheel board's status is too old: {age_s * 1e3:.0f} ms",)
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the board tells of itself, and what was refused of it."""
+        return {
+            **{f"refused.{cause}": str(count) for cause, count in self._endpoint.refused.items()},
+            "lost": str(self._endpoint.lost),
+            "state": self._status.state.name,
+            "bus_voltage_v": f"{self._status.bus_voltage:.3f}",
+            "watchdog_s": f"{self._status.watchdog_s:.3f}",
+            "refused_frames": str(self._status.refused_frames),
+        }
+
+    def _send(self, command: WheelCommand) -> None:
+        self._endpoint.send(FrameId.WHEEL_COMMAND, command)
+
+    def _set_up(self) -> None:
+        self._endpoint.send(FrameId.BOARD_SETUP, BoardSetup(self._watchdog_s))
+
+    def _hear(self, status: BoardStatus) -> None:
+        self._status = status
+        if status.state is BoardState.ENABLED:
+            self._enabling.confirm()
+        if abs(status.watchdog_s - self._watchdog_s) > _WATCHDOG_RESOLUTION_S and self._enabling.phase is Phase.OFF:
+            # The board was switched on after us, or missed the frame.
+            self._set_up()

@@ -1,12 +1,18 @@
 """Both ends of the wheel board's conversation: counters put on and checked, everything refused counted."""
 
 from collections import Counter
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from firmware_io.drives.wheel_board.frames import FrameId, FrameRefusedError, Payload, decode, encode
 from firmware_io.integrity import CounterCheck, Refusal
-from firmware_io.links.link import Frame, Link
+from firmware_io.links.link import Frame
+
+
+class Sender(Protocol):
+    """What an endpoint needs of a link."""
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame; False where it was dropped."""
 
 
 class Received(NamedTuple):
@@ -18,23 +24,24 @@ class Received(NamedTuple):
 
 
 class Endpoint:
-    """Sends payloads over a link and yields those that arrive intact.
+    """Sends payloads over a link and checks those that arrive.
 
     Attributes:
         refused: Frames refused, by cause.
     """
 
-    def __init__(self, link: Link, listen_to: frozenset[FrameId]) -> None:
+    def __init__(self, link: Sender, listen_to: frozenset[FrameId]) -> None:
         """Speak over `link`; frames with other ids than `listen_to` are somebody else's and are passed over."""
         self.refused: Counter[Refusal] = Counter()
         self._link = link
         self._send_counter = dict.fromkeys(FrameId, 0)
         self._checks = {frame_id: CounterCheck() for frame_id in listen_to}
+        self._lost_before = 0
 
     @property
     def lost(self) -> int:
         """Frames missing between those received, by their counters."""
-        return sum(check.lost for check in self._checks.values())
+        return self._lost_before + sum(check.lost for check in self._checks.values())
 
     def send(self, frame_id: FrameId, payload: Payload) -> bool:
         """Send a payload; False where the link dropped it."""
@@ -42,14 +49,13 @@ class Endpoint:
         self._send_counter[frame_id] = counter + 1
         return self._link.send(Frame(frame_id, encode(frame_id, payload, counter)))
 
-    def receive(self) -> Iterator[Received]:
-        """Everything that has arrived intact, oldest first."""
-        for frame in self._link.receive():
-            received = self._check(frame)
-            if received is not None:
-                yield received
+    def restart(self) -> None:
+        """Take the next frame of each identifier whatever its counter, as after a change to another line."""
+        self._lost_before = self.lost
+        self._checks = {frame_id: CounterCheck() for frame_id in self._checks}
 
-    def _check(self, frame: Frame) -> Received | None:
+    def check(self, frame: Frame) -> Received | None:
+        """A frame that is one of those listened to and intact; None for any other, counted where it was refused."""
         check = None if frame.is_extended else self._checks.get(frame.arbitration_id)  # type: ignore[call-overload]
         if check is None:
             return None

@@ -10,6 +10,8 @@ MAX_VOLTAGE: Final = 30.0
 MAX_ANGLE: Final = 200_000.0
 MAX_VELOCITY: Final = 320.0
 MAX_BUS_VOLTAGE: Final = 60.0
+MAX_TURN_RATE: Final = 32.0
+MAX_ACCELERATION: Final = 160.0
 MIN_WATCHDOG_S: Final = 0.02
 MAX_WATCHDOG_S: Final = 1.0
 
@@ -17,12 +19,15 @@ _VOLT: Final = 0.001
 _RADIAN: Final = 0.0001
 _RADIAN_PER_SECOND: Final = 0.01
 _SECOND: Final = 0.001
+_MILLIRADIAN_PER_SECOND: Final = 0.001
+_METRE_PER_SECOND_SQUARED: Final = 0.005
 
 # Bodies of seven bytes, the counter last; the CRC follows as the eighth.
 _COMMAND: Final = struct.Struct("<hhBxB")
 _SETUP: Final = struct.Struct("<HxxxxB")
 _WHEEL: Final = struct.Struct("<ihB")
 _STATUS: Final = struct.Struct("<BHHBB")
+_AXES: Final = struct.Struct("<hhhB")
 _LENGTH: Final = 8
 _BODY: Final = 7
 _COUNTER_MASK: Final = 0x0F
@@ -36,6 +41,8 @@ class FrameId(enum.IntEnum):
     BOARD_SETUP = 0x111
     LEFT_WHEEL = 0x120
     RIGHT_WHEEL = 0x121
+    IMU_GYRO = 0x122
+    IMU_ACCELERATION = 0x123
     BOARD_STATUS = 0x130
 
 
@@ -43,6 +50,8 @@ CYCLE_TIME_S: Final = {
     FrameId.WHEEL_COMMAND: 0.010,
     FrameId.LEFT_WHEEL: 0.005,
     FrameId.RIGHT_WHEEL: 0.005,
+    FrameId.IMU_GYRO: 0.005,
+    FrameId.IMU_ACCELERATION: 0.005,
     FrameId.BOARD_STATUS: 0.020,
 }
 """How often each cyclic frame is sent."""
@@ -57,6 +66,7 @@ class BoardState(enum.IntEnum):
     WATCHDOG = 2
     """Motors off because commands stopped; left by a command that does not enable."""
     FAULT = 3
+    """Motors off because the board found something wrong; lasts as long as the cause."""
 
 
 class WheelCommand(NamedTuple):
@@ -122,6 +132,50 @@ class Wheel(NamedTuple):
         return cls(angle * _RADIAN, velocity * _RADIAN_PER_SECOND)
 
 
+class AngularVelocity(NamedTuple):
+    """Angular velocity in the frame of the IMU, rad/s, each within +-32; x ahead, y left, z up (REP-103)."""
+
+    x: float
+    y: float
+    z: float
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return all(abs(value) <= MAX_TURN_RATE for value in self)
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        return _AXES.pack(*(round(value / _MILLIRADIAN_PER_SECOND) for value in self), counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame."""
+        *raw, _ = _AXES.unpack(body)
+        return cls(*(value * _MILLIRADIAN_PER_SECOND for value in raw))
+
+
+class LinearAcceleration(NamedTuple):
+    """Specific force in the frame of the IMU, m/s2, each within +-160; +g on z when upright (REP-145)."""
+
+    x: float
+    y: float
+    z: float
+
+    def in_range(self) -> bool:
+        """Whether every value is finite and within the DBC's range."""
+        return all(abs(value) <= MAX_ACCELERATION for value in self)
+
+    def pack(self, counter: int) -> bytes:
+        """The first seven bytes of the frame."""
+        return _AXES.pack(*(round(value / _METRE_PER_SECOND_SQUARED) for value in self), counter)
+
+    @classmethod
+    def unpack(cls, body: bytes) -> Self:
+        """From the first seven bytes of the frame."""
+        *raw, _ = _AXES.unpack(body)
+        return cls(*(value * _METRE_PER_SECOND_SQUARED for value in raw))
+
+
 class BoardStatus(NamedTuple):
     """State, supply voltage (V), the watchdog in force (s, 0 is off), and frames refused since power-on modulo 256."""
 
@@ -146,13 +200,15 @@ class BoardStatus(NamedTuple):
         return cls(BoardState(state & 0x07), volts * _VOLT, seconds * _SECOND, refused)
 
 
-Payload = WheelCommand | BoardSetup | Wheel | BoardStatus
+Payload = WheelCommand | BoardSetup | Wheel | AngularVelocity | LinearAcceleration | BoardStatus
 
-_PAYLOADS: Final[dict[int, type[WheelCommand | BoardSetup | Wheel | BoardStatus]]] = {
+_PAYLOADS: Final[dict[int, type[Payload]]] = {
     FrameId.WHEEL_COMMAND: WheelCommand,
     FrameId.BOARD_SETUP: BoardSetup,
     FrameId.LEFT_WHEEL: Wheel,
     FrameId.RIGHT_WHEEL: Wheel,
+    FrameId.IMU_GYRO: AngularVelocity,
+    FrameId.IMU_ACCELERATION: LinearAcceleration,
     FrameId.BOARD_STATUS: BoardStatus,
 }
 

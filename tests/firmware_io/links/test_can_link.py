@@ -9,7 +9,7 @@ import pytest
 
 from firmware_io.errors import LinkLostError
 from firmware_io.links.can_link import CanLink
-from firmware_io.links.link import Frame
+from firmware_io.links.link import Frame, LinkState
 
 S = 1_000_000_000
 START_NS = 5 * S
@@ -28,6 +28,7 @@ class FakeBus:
         self.sent: list[can.Message] = []
         self.timeouts: set[float | None] = set()
         self.closed = 0
+        self.refusing_to_close: Exception | None = None
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         self.timeouts.add(timeout)
@@ -46,6 +47,8 @@ class FakeBus:
 
     def shutdown(self) -> None:
         self.closed += 1
+        if self.refusing_to_close is not None:
+            raise self.refusing_to_close
 
 
 class Clocks:
@@ -81,6 +84,11 @@ def link(bus: FakeBus, clocks: Clocks) -> CanLink:
 
 def _message(stamp_ns: int, identifier: int = 1, **kind: Any) -> can.Message:
     return can.Message(timestamp=stamp_ns / S, arbitration_id=identifier, is_extended_id=False, **kind)
+
+
+def _kinds(message: can.Message) -> tuple[int, bytes, int, bool, bool]:
+    data = bytes(message.data)
+    return message.arbitration_id, data, message.dlc, message.is_extended_id, message.is_remote_frame
 
 
 def _stamps(link: CanLink) -> list[int]:
@@ -120,7 +128,10 @@ def test_frames_cross_a_real_backend_both_ways(pair: tuple[CanLink, can.BusABC])
     peer.send(can.Message(arbitration_id=0x121, is_extended_id=False, is_remote_frame=True))
     peer.send(can.Message(arbitration_id=0x120, data=b"", is_extended_id=True))
     frames = _receive(link, 2)
-    assert [frame[:2] + frame[3:] for frame in frames] == [(0x120, b"abc", False), (0x120, b"", True)]
+    assert [frame._replace(received_ns=0) for frame in frames] == [
+        Frame(0x120, b"abc"),
+        Frame(0x120, b"", is_extended=True),
+    ]
     assert link.receive() == []
     counters = link.counters
     assert (counters.sent, counters.received, counters.error_frames, counters.remote_frames) == (2, 2, 1, 1)
@@ -190,7 +201,7 @@ def test_a_full_queue_drops_the_frame_at_once(channel: str) -> None:
     assert (link.counters.sent, link.counters.send_dropped) == (1, 1)
 
 
-@pytest.mark.parametrize("failure", [can.CanOperationError("full"), can.CanTimeoutError(), OSError(errno.ENETDOWN, "")])
+@pytest.mark.parametrize("failure", [can.CanOperationError("full"), can.CanTimeoutError(), OSError(errno.ENOBUFS, "")])
 def test_a_failure_to_send_is_counted_and_not_raised(link: CanLink, bus: FakeBus, failure: Exception) -> None:
     bus.refusing = failure
     assert not link.send(Frame(1, b""))
@@ -207,16 +218,17 @@ def test_a_gone_interface_is_a_lost_link(link: CanLink, bus: FakeBus, kind: type
         link.receive()
 
 
-def test_a_bus_that_is_closed_under_a_link_is_a_lost_link(channel: str) -> None:
+def test_a_bus_that_is_closed_under_a_link_is_a_lost_link(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
     link = CanLink("local", channel, 500_000)
-    link.open()
-    assert link._bus is not None
-    link._bus.shutdown()
+    with can.Bus(interface="local", channel=channel) as bus:
+        monkeypatch.setattr(can, "Bus", lambda **_: bus)
+        link.open()
     with pytest.raises(LinkLostError, match="is gone"):
         link.receive()
+    link.close()
 
 
-@pytest.mark.parametrize("hiccup", [can.CanOperationError("odd"), OSError(errno.EIO, "odd")])
+@pytest.mark.parametrize("hiccup", [can.CanOperationError("odd"), OSError(errno.EIO, "odd"), IndexError("t12")])
 def test_any_other_failure_to_receive_is_counted_and_what_arrived_is_kept(
     link: CanLink, bus: FakeBus, hiccup: Exception
 ) -> None:
@@ -233,3 +245,87 @@ def test_a_closed_link_counts_what_is_sent_and_cannot_be_received_from(link: Can
     assert link.counters.send_dropped == 1
     with pytest.raises(LinkLostError, match="CAN bus fake here is not open"):
         link.receive()
+
+
+@pytest.mark.parametrize(
+    ("frame", "expected"),
+    [
+        (Frame(0x123, b"12"), (0x123, b"12", 2, False, False)),
+        (Frame(0x123, b"", is_remote=True), (0x123, b"", 8, False, True)),
+        (Frame(0x123, b"1234", is_remote=True), (0x123, b"", 4, False, True)),
+        (Frame(0x1ABCDEF0, b"", is_extended=True, is_remote=True), (0x1ABCDEF0, b"", 8, True, True)),
+    ],
+)
+def test_a_frame_is_handed_to_python_can_as_it_is(
+    link: CanLink, bus: FakeBus, frame: Frame, expected: tuple[object, ...]
+) -> None:
+    assert link.send(frame)
+    assert [_kinds(message) for message in bus.sent] == [expected]
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        can.Message(arbitration_id=0x800, is_extended_id=False, data=b"1", check=False),
+        can.Message(arbitration_id=0x20000000, is_extended_id=True, data=b"1", check=False),
+        can.Message(arbitration_id=-1, is_extended_id=False, data=b"1", check=False),
+        can.Message(arbitration_id=1, is_extended_id=False, data=b"12", dlc=8, check=False),
+        can.Message(arbitration_id=1, is_extended_id=False, data=bytes(12), is_fd=True),
+        can.Message(arbitration_id=1, is_extended_id=False, dlc=9, is_remote_frame=True, check=False),
+    ],
+    ids=["standard id", "extended id", "negative id", "cut short", "too long", "remote and too long"],
+)
+def test_what_is_no_classic_frame_is_counted_and_what_follows_is_taken(
+    link: CanLink, bus: FakeBus, message: can.Message
+) -> None:
+    bus.arriving += [message, _message(WALL_NS, 0x7FF, data=b"good")]
+    assert [frame[:2] for frame in link.receive()] == [(0x7FF, b"good")]
+    assert (link.counters.undecodable, link.counters.received) == (1, 1)
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf")])
+def test_a_stamp_that_is_no_time_is_counted_like_any_other_failure(link: CanLink, bus: FakeBus, seconds: float) -> None:
+    bus.arriving.append(can.Message(timestamp=seconds, arbitration_id=1, data=b"1", is_extended_id=False))
+    assert link.receive() == []
+    assert link.counters.undecodable == 1
+
+
+BUS_OFF = can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True, is_extended_id=False)
+
+
+@pytest.mark.parametrize(
+    ("interface", "state"),
+    [("local", LinkState.BUS_OFF), ("gs_usb", LinkState.BUS_OFF), ("pcan", LinkState.ACTIVE), ("x", LinkState.ACTIVE)],
+)
+def test_only_error_frames_of_the_kernels_kind_are_understood(
+    monkeypatch: pytest.MonkeyPatch, interface: str, state: LinkState
+) -> None:
+    bus = FakeBus()
+    monkeypatch.setattr(can, "Bus", lambda **_: bus)
+    link = CanLink(interface, "here", 500_000)
+    link.open()
+    bus.arriving.append(BUS_OFF)
+    assert link.receive() == []
+    assert (link.state, link.counters.error_frames) == (state, 1)
+
+
+@pytest.mark.parametrize("interface", ["virtual", "local"])
+def test_our_own_frames_that_come_back_are_no_news(channel: str, interface: str) -> None:
+    """The real backends echo where they are told to; a bus on which somebody repeats us looks the same."""
+    link = CanLink(interface, channel, 500_000)
+    link.open()
+    with can.Bus(interface=interface, channel=channel) as mirror:
+        link.send(Frame(0x110, b"12"))
+        message = mirror.recv(PATIENCE_S)
+        assert message is not None
+        mirror.send(message)
+        mirror.send(can.Message(arbitration_id=0x111, data=b"end", is_extended_id=False))
+        assert [frame[:2] for frame in _receive(link, 1)] == [(0x111, b"end")]
+    assert (link.counters.echoes, link.counters.received) == (1, 1)
+    link.close()
+
+
+def test_a_bus_that_does_not_shut_down_cleanly_is_closed_all_the_same(link: CanLink, bus: FakeBus) -> None:
+    bus.refusing_to_close = can.CanOperationError("the adapter is not there")
+    link.close()
+    assert link.state is LinkState.GONE

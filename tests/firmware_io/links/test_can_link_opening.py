@@ -1,11 +1,14 @@
+from collections.abc import Callable
 from pathlib import Path
 
 import can
 import pytest
 
 from firmware_io.errors import BusNotFoundError
-from firmware_io.links import can_link
-from firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
+from firmware_io.links import can_interfaces
+from firmware_io.links.can_link import CanLink, make_can_link, resolve, socketcan_interfaces
+from firmware_io.links.link import Link
+from firmware_io.links.socketcan_link import SocketCanLink
 
 UP, DOWN = "0x40081", "0x40080"
 """Flags of linux/if.h and if_arp.h as sysfs prints them; the last bit is IFF_UP."""
@@ -17,8 +20,7 @@ def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, kind in (("lo", "772"), ("eth0", "1")):
         _add_device(tmp_path, name, kind)
     (tmp_path / "vanished").mkdir()
-    monkeypatch.setattr(can_link, "_NETWORK_DEVICES", tmp_path)
-    monkeypatch.setattr(socketcan_interfaces, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(can_interfaces, "NETWORK_DEVICES", tmp_path)
     return tmp_path
 
 
@@ -51,6 +53,16 @@ def test_auto_is_a_real_bus_where_there_is_one(
     assert resolve(interface, channel) == expected
 
 
+def test_the_kernels_own_can_goes_over_a_raw_socket_and_all_else_through_python_can(devices: Path) -> None:
+    assert isinstance(make_can_link("virtual", "x", 500_000), CanLink)
+    assert isinstance(make_can_link("auto", "auto", 500_000), CanLink)
+    _add_device(devices, "can0")
+    chosen = make_can_link("auto", "auto", 500_000), make_can_link("socketcan", "can0", 500_000)
+    assert all(isinstance(link, SocketCanLink) for link in chosen)
+    assert [link.description for link in chosen] == ["socketcan can0 (chosen by 'auto auto')", "socketcan can0"]
+    assert SocketCanLink("can0", 500_000).description == "socketcan can0"
+
+
 def test_the_description_says_what_was_chosen_and_why(devices: Path) -> None:
     assert CanLink("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
     _add_device(devices, "can0")
@@ -61,23 +73,36 @@ def test_the_description_says_what_was_chosen_and_why(devices: Path) -> None:
 @pytest.mark.parametrize(
     ("present", "found"), [([], "this machine has no CAN interface"), (["can0", "vcan1"], "there is can0, vcan1")]
 )
-def test_a_missing_interface_is_one_line_with_the_cure(devices: Path, present: list[str], found: str) -> None:
+@pytest.mark.parametrize("make", [CanLink, make_can_link])
+def test_a_missing_interface_is_one_line_with_the_cure(
+    devices: Path, present: list[str], found: str, make: Callable[[str, str, int], Link]
+) -> None:
     for name in present:
         _add_device(devices, name)
     with pytest.raises(BusNotFoundError) as error:
-        CanLink("socketcan", "can7", 500_000).open()
+        make("socketcan", "can7", 500_000).open()
     expected = (
         f"no CAN interface is called 'can7'; {found}. Use interface: auto for a virtual bus, or set the interface"
     )
     assert str(error.value) == f"{expected} up first"
 
 
-def test_an_interface_that_is_down_is_one_line_with_the_command(devices: Path) -> None:
+@pytest.mark.parametrize("make", [CanLink, make_can_link])
+def test_an_interface_that_is_down_is_one_line_with_the_command(
+    devices: Path, make: Callable[[str, str, int], Link]
+) -> None:
     _add_device(devices, "can0", flags=DOWN)
     with pytest.raises(BusNotFoundError) as error:
-        CanLink("socketcan", "can0", 250_000).open()
+        make("socketcan", "can0", 250_000).open()
     command = "sudo ip link set can0 up type can bitrate 250000"
     assert str(error.value) == f"CAN interface can0 is down; set it up: {command}"
+
+
+def test_an_interface_that_goes_while_it_is_looked_at_is_down(devices: Path) -> None:
+    _add_device(devices, "can0")
+    (devices / "can0" / "flags").unlink()
+    with pytest.raises(BusNotFoundError, match=r"^CAN interface can0 is down; "):
+        make_can_link("socketcan", "can0", 500_000).open()
 
 
 @pytest.mark.parametrize("interface", ["no-such-interface", "slcan"])
@@ -97,11 +122,14 @@ def test_whatever_a_backend_raises_on_opening_is_ours(monkeypatch: pytest.Monkey
         CanLink("fake", "here", 500_000).open()
 
 
-def test_the_bitrate_reaches_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("interface", "more"), [("fake", {}), ("slcan", {"timeout": 0.0})])
+def test_the_bitrate_reaches_the_backend_and_slcan_is_told_not_to_wait(
+    monkeypatch: pytest.MonkeyPatch, interface: str, more: dict[str, object]
+) -> None:
     asked: dict[str, object] = {}
     monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
-    CanLink("fake", "here", 125_000).open()
-    assert asked == {"channel": "here", "interface": "fake", "bitrate": 125_000}
+    CanLink(interface, "here", 125_000).open()
+    assert asked == {"channel": "here", "interface": interface, "bitrate": 125_000, **more}
 
 
 @pytest.mark.parametrize("flags", [UP, "0x1"])

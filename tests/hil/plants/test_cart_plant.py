@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from hil.plants.cart import CartPlant
+from hil.plants.cart import CartPlant, CartTorquePlant
 from node.models.cart import Cart
 
 RESISTANCE, INDUCTANCE, INERTIA, FRICTION, MOTOR_CONSTANT = 0.64536, 8.68e-3, 2e-3, 1e-3, 0.1
@@ -24,7 +24,7 @@ def _run(voltages: tuple[float, float], seconds: float = 2.0) -> dict[str, float
 
 
 def test_rests_without_voltage() -> None:
-    assert set(_run((0.0, 0.0)).values()) == {0.0}
+    assert {name for name, value in _run((0.0, 0.0)).items() if value != 0.0} == {"imu.linear_acceleration_z"}
 
 
 def test_equal_voltages_go_straight_ahead() -> None:
@@ -36,6 +36,7 @@ def test_equal_voltages_go_straight_ahead() -> None:
 
 def test_negative_voltages_go_back() -> None:
     forward, back = _run((5.0, 5.0)), _run((-5.0, -5.0))
+    assert forward.pop("imu.linear_acceleration_z") == back.pop("imu.linear_acceleration_z") == 9.80665
     assert back == pytest.approx({name: -value for name, value in forward.items()})
 
 
@@ -131,3 +132,63 @@ def test_with_its_controller_it_converges_to_the_whole_cart() -> None:
     ratios = [coarse / fine for coarse, fine in itertools.pairwise(errors)]
     assert ratios == pytest.approx([2.0, 2.0, 2.0], rel=0.15)
     assert errors[-1] < 1e-3
+
+
+def test_the_imu_measures_how_the_truth_changes() -> None:
+    """Differences of the true velocity, turned into the cart's frame, over one fine step."""
+
+    class FinePlant(CartPlant):
+        step_size = 0.0001
+
+    plant = FinePlant()
+    names = [v.name for v in plant.outputs]
+    plant.initialize(REST)
+    for _ in range(3000):
+        before = dict(zip(names, plant.step((6.0, 9.0)), strict=True))
+    after = dict(zip(names, plant.step((6.0, 9.0)), strict=True))
+
+    def velocity(y: dict[str, float]) -> tuple[float, float]:
+        speed, heading = y["truth.linear_velocity"], y["truth.heading"]
+        return speed * math.cos(heading), speed * math.sin(heading)
+
+    (vx, vy), (wx, wy) = velocity(before), velocity(after)
+    ax, ay, heading = (wx - vx) / 0.0001, (wy - vy) / 0.0001, after["truth.heading"]
+    assert after["imu.linear_acceleration_x"] == pytest.approx(
+        ax * math.cos(heading) + ay * math.sin(heading), rel=2e-3
+    )
+    assert after["imu.linear_acceleration_y"] == pytest.approx(
+        ay * math.cos(heading) - ax * math.sin(heading), rel=2e-3
+    )
+    assert after["imu.angular_velocity_z"] == after["truth.angular_velocity"]
+
+
+def test_torques_turn_the_wheels_as_the_equations_say() -> None:
+    """J dw/dt = T - b w gives w = T / b (1 - exp(-b t / J)) from rest."""
+    plant = CartTorquePlant()
+    names = [v.name for v in plant.outputs]
+    plant.initialize(REST)
+    for _ in range(200):
+        end = dict(zip(names, plant.step((0.02, -0.01)), strict=True))
+    grown = 1.0 - math.exp(-FRICTION * 1.0 / INERTIA)
+    assert end["left.velocity"] == pytest.approx(0.02 / FRICTION * grown)
+    assert end["right.velocity"] == pytest.approx(-0.01 / FRICTION * grown)
+    assert end["truth.angular_velocity"] == pytest.approx(RADIUS * (-0.03 / FRICTION * grown) / TRACK)
+
+
+def test_a_motor_current_as_torque_moves_the_cart_as_its_voltage_does() -> None:
+    """The torque plant driven by K i of the voltage plant goes where that one goes."""
+
+    class FinePlant(CartPlant):
+        step_size = 0.0005
+
+    class FineTorquePlant(CartTorquePlant):
+        step_size = 0.0005
+
+    by_voltage, by_torque = FinePlant(), FineTorquePlant()
+    for plant in (by_voltage, by_torque):
+        plant.initialize(REST)
+    for _ in range(2000):
+        current = (by_voltage.read("LeftCurrent"), by_voltage.read("RightCurrent"))
+        there = by_voltage.step((6.0, 8.0))
+        here = by_torque.step([MOTOR_CONSTANT * i for i in current])
+    assert here[4:7] == pytest.approx(there[4:7], abs=2e-3)

@@ -13,17 +13,9 @@ import pytest
 from firmware_io.errors import BusNotFoundError, LinkLostError
 from firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
 from firmware_io.links.link import Frame
-from hil.devices.wheel_board import SimulatedWheelBoard
-from hil.lockstep import LockstepRig
-from hil.simulation import simulated_plant
 from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from node.case_study.offline import OfflineSeat
-from node.config import load_robot
-from node.cycle.seams import NoRecorder
-from node.robot import build_robot
 from node.sequence.manoeuvre import single_segment
-from node.sequence.player import Player
-from node.sequence.stage import ManoeuvreStage
 
 BITRATE = 500_000
 PATIENCE_S = 10.0
@@ -188,22 +180,10 @@ def test_the_case_study_takes_turns_on_the_interface(tmp_path: Path) -> None:
     assert RealTimeCanSeat(tmp_path, tmp_path).jobs == 1
 
 
-def test_frames_over_vcan_drive_the_cart_as_those_of_the_simulated_bus_do() -> None:
+@pytest.mark.parametrize("name", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"])
+def test_frames_over_vcan_drive_the_cart_as_those_of_the_simulated_bus_do(name: str) -> None:
     """Controller and plant on a simulated clock, with the kernel between them: no load can disturb this one."""
-    file = load_robot("cart-can")
-    manoeuvre = single_segment(2.0, 2.0, 1.0)
-    rig, plant = LockstepRig(BITRATE), simulated_plant(file)
-    names = [variable.name for variable in plant.outputs]
-    with contextlib.closing(CanLink("socketcan", "vcan0", BITRATE, rig.now_ns, rig.wall_ns)) as board_link:
-        board_link.open()
-        rig.board = SimulatedWheelBoard(board_link, plant)
-        robot_link = CanLink("socketcan", "vcan0", BITRATE, rig.now_ns, rig.wall_ns)
-        robot = build_robot(file, rig, robot_link)
-        loop = robot.loop(ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published), rig), NoRecorder())
-        loop.run(1000)
-    end = (rig.board.outputs[names.index("truth.x")], rig.board.outputs[names.index("truth.y")])
-
-    assert loop.stop_reason == "the sequence is over"
-    assert robot_link.counters.send_dropped == board_link.counters.send_dropped == 0
-    assert robot_link.counters.received > 2 * loop.counters.cycles
-    assert end == pytest.approx(LockstepCanSeat(None).run("same", manoeuvre).position, abs=0.02)
+    manoeuvre = single_segment(2.0, 2.0, 2.0)
+    over_vcan = LockstepCanSeat(None, name, ("vcan0", "vcan0")).run("same", manoeuvre)
+    simulated = LockstepCanSeat(None, name).run("same", manoeuvre)
+    assert over_vcan.position == pytest.approx(simulated.position, abs=0.02)

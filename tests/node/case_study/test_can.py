@@ -84,12 +84,12 @@ def test_the_truth_is_read_by_the_names_of_its_columns(tmp_path: Path) -> None:
         "utf-8",
     )
 
-    assert can_seat._read_truth(path) == [Odometry(1_700_000_000_000_000_001, 1.0, 2.0, 3.0, 4.0, 5.0)]
+    assert can_seat.read_truth(path) == [Odometry(1_700_000_000_000_000_001, 1.0, 2.0, 3.0, 4.0, 5.0)]
 
 
 def test_points_lie_on_the_line_between_the_ticks_around_them() -> None:
     ticks = [Odometry(ns * 1_000_000, 1.0 * ns, -2.0 * ns, 0.0, 5.0, 0.0) for ns in (0, 4, 8, 16, 24, 32)]
-    found = can_seat._resample(ticks, 2_000_000, 20_000_000)
+    found = can_seat.resample(ticks, 2_000_000, 20_000_000)
 
     assert [point.stamp_ns for point in found] == [2_000_000, 12_000_000, 22_000_000]
     assert [point.x for point in found] == pytest.approx([2.0, 12.0, 22.0])
@@ -100,5 +100,5 @@ def test_points_lie_on_the_line_between_the_ticks_around_them() -> None:
 def test_a_point_on_a_tick_is_that_tick() -> None:
     ticks = [Odometry(ns, float(ns), 0.0, 0.0, 0.0, 0.0) for ns in (0, 10_000_000, 20_000_000)]
 
-    found = can_seat._resample(ticks, 0, 20_000_000)
+    found = can_seat.resample(ticks, 0, 20_000_000)
     assert [point.x for point in found] == [0.0, 10_000_000.0, 20_000_000.0]

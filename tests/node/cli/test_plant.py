@@ -87,4 +87,6 @@ def test_a_plant_talks_until_it_is_stopped_and_tells_its_counts(tmp_path: Path, 
     stamps = [int(row[0]) for row in rows]
     # Stamps are those of the ticks' deadlines, as nearly as two readings of two clocks allow.
     assert all(abs(later - earlier - TICK_NS) < TICK_NS for earlier, later in pairwise(stamps))
-    assert {float(value) for row in rows for value in row[1:]} == {0.0}
+    carried = header.index("imu.linear_acceleration_z")
+    assert {row[carried] for row in rows} == {"9.80665"}
+    assert {float(value) for row in rows for value in row[1:carried]} == {0.0}

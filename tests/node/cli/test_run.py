@@ -147,7 +147,7 @@ def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run)
 
     assert "'nosuch.yaml'" in line
     assert "No such file or directory" in line
-    assert line.endswith("the packaged robots are cart, cart-can")
+    assert line.endswith("the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc")
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_a_set_point_of_before_is_forgotten_where_disarm_and_arm_come_in_one_cyc
 
 
 @pytest.mark.parametrize("sensors", [STALE, BROKEN])
-def test_a_robot_armed_into_a_fault_has_its_motors_switched_off(
+def test_arming_into_a_fault_is_refused_and_the_motors_switched_off(
     make_bench: Callable[..., Bench], sensors: Sensors
 ) -> None:
     bench = make_bench(arm_at_start=False)
@@ -147,7 +147,8 @@ def test_a_robot_armed_into_a_fault_has_its_motors_switched_off(
     bench.stage.ask(2, Action.ARM)
     bench.clock.events[4] = lambda: armed.append(bench.hardware.armed)
     bench.loop.run(cycles=5)
-    assert modes(bench) == [Mode.DISARMED] * 2 + [Mode.FAULT] * 3
+    assert modes(bench) == [Mode.DISARMED] * 5
+    assert [answer.accepted for answer in bench.stage.answers] == [False]
     assert armed == [False]
 
 
@@ -194,7 +195,9 @@ def test_stop_is_latched_until_it_is_cleared(bench: Bench) -> None:
 def test_a_lost_link_is_told_with_the_sensors_as_if_nothing_had_ever_arrived(bench: Bench) -> None:
     bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("the bus is gone"))
     bench.loop.run(cycles=5)
-    assert bench.recorder.records[3].sensors == Sensors((0.0,), (math.inf,), (False,), ("the bus is gone",))
+    assert bench.recorder.records[3].sensors == Sensors(
+        (0.0,), (math.inf,), (False,), ("the bus is gone",), ready=False
+    )
 
 
 def test_a_link_lost_between_the_two_exchanges_of_a_cycle_is_a_fault_too(

@@ -3,7 +3,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from firmware_io.hardware import Hardware
+from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.report import DiagnosticReport
 from node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
@@ -19,6 +19,7 @@ PERIOD = 10_000_000
 @dataclass
 class Observed:
     hardware: Hardware
+    sensors: Sensors = field(default_factory=Sensors)
     authority: Authority = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
     time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
@@ -180,9 +181,9 @@ def test_hardware_tells_its_health_and_warns_of_refused_frames_once(
 ) -> None:
     hardware.health = {
         "link": "can0",
-        "refused.crc": "2",
-        "refused.length": "1",
-        "link.lost": "7",
+        "board.refused.crc": "2",
+        "link.serial.refused.length": "1",
+        "board.lost": "7",
         "board.refused_frames": "9",
     }
     status = gather(report)["cart: hardware"]
@@ -190,6 +191,27 @@ def test_hardware_tells_its_health_and_warns_of_refused_frames_once(
     assert dict(status.values) == hardware.health
     status = gather(report)["cart: hardware"]
     assert (status.level, status.message) == (Level.OK, "can0")
+
+
+@pytest.mark.parametrize("name", ["link.state", "link.can.state"])
+def test_a_link_that_is_not_well_is_a_warning_for_as_long_as_it_lasts(
+    hardware: RecordingHardware, report: DiagnosticReport, name: str
+) -> None:
+    hardware.health = {"link": "can0", name: "bus-off", "board.state": "ENABLED"}
+    for _ in range(2):
+        status = gather(report)["cart: hardware"]
+        assert (status.level, status.message) == (Level.WARN, f"{name}: bus-off")
+    hardware.health[name] = "active"
+    assert gather(report)["cart: hardware"].level is Level.OK
+
+
+def test_the_age_of_every_signal_is_told() -> None:
+    hardware = RecordingHardware({"left.angle": "rad", "left.velocity": "rad/s"}, {}, ())
+    hardware.health = {"link": "can0"}
+    observed = Observed(hardware, Sensors((1.0, 2.0), (0.0042, float("inf")), (True, False)))
+    status = gather(DiagnosticReport(observed, Deadlines(), Histogram(), PERIOD, "cart"))["cart: hardware"]
+    assert status.values["age.left.angle"] == "4.2 ms"
+    assert status.values["age.left.velocity"] == "inf ms"
 
 
 def test_a_robot_without_hardware_says_so(report: DiagnosticReport) -> None:

@@ -31,7 +31,9 @@ WIRING = {
 INPUTS = "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity, set.<name>"
 OUTPUTS = (
     "left.voltage, right.voltage, odometry.x, odometry.y, odometry.heading, odometry.linear_velocity, "
-    "odometry.angular_velocity, left.angle, right.angle, topic.<name>"
+    "odometry.angular_velocity, left.angle, right.angle, imu.angular_velocity_x, imu.angular_velocity_y, "
+    "imu.angular_velocity_z, imu.linear_acceleration_x, imu.linear_acceleration_y, imu.linear_acceleration_z, "
+    "topic.<name>"
 )
 
 
@@ -71,6 +73,17 @@ def test_what_is_published_keeps_its_order_whatever_that_of_the_file(hardware: R
     published = list(wire(Driver(), hardware, backwards).published)
     assert published == ["odometry.x", "odometry.heading", "left.velocity", "right.velocity"]
     assert published == [signal for signal in PUBLISHED_SIGNALS if signal in published]
+
+
+def test_an_imu_is_published_whether_or_not_the_model_takes_it() -> None:
+    names = [f"imu.{quantity}_{axis}" for quantity in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
+    signals = dict.fromkeys([*reversed(names), "left.velocity", "right.velocity"], "")
+    imu = RecordingHardware(signals, {"left.voltage": "V", "right.voltage": "V"}, (30.0, 30.0))
+    wiring = wire(Driver(), imu, WIRING)
+    assert list(wiring.published) == ["odometry.x", "left.velocity", "right.velocity", *names]
+    sensors = Sensors((6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 7.0, 8.0), (0.0,) * 8, (True,) * 8)
+    assert wiring.publish(sensors, [0.0, 1.0, 9.0, 3.0]) == [9.0, 7.0, 8.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert wiring.sensors == (7,)
 
 
 def test_an_output_and_a_state_may_be_left_open(hardware: RecordingHardware) -> None:

@@ -35,6 +35,7 @@ def layout() -> Layout:
         commands=("left.voltage", "right.voltage"),
         odometry_frame="odom_frame",
         base_frame="base_frame",
+        imu_frame="imu_link",
         joints=("left_joint", "right_joint"),
     )
 

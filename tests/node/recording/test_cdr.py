@@ -17,6 +17,7 @@ from node.recording import cdr
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
+    IMU,
     JOINT_STATE,
     ODOMETRY,
     POINT,
@@ -190,6 +191,21 @@ def test_joint_state_is_what_ros_writes(
     header = ros_header(stamp_ns, frame_id)
     message = ros(JOINT_STATE, header=header, name=names, position=positions, velocity=velocities)
     check(JOINT_STATE, cdr.joint_state(stamp_ns, frame_id, tuple(names), positions, velocities), message)
+
+
+@pytest.mark.ros
+@given(stamps, texts, vectors, vectors)
+@example(STAMP_NS, "imu_link", (0.1, -0.2, 0.3), (0.0, 0.0, 9.81))
+def test_imu_is_what_ros_writes(stamp_ns: int, frame_id: str, rate: cdr.Vector, force: cdr.Vector) -> None:
+    message = ros(
+        IMU,
+        header=ros_header(stamp_ns, frame_id),
+        orientation=ros_vector("Quaternion", (0.0, 0.0, 0.0, 1.0)),
+        orientation_covariance=[-1.0, *[0.0] * 8],
+        angular_velocity=ros_vector("Vector3", rate),
+        linear_acceleration=ros_vector("Vector3", force),
+    )
+    check(IMU, cdr.imu(stamp_ns, frame_id, rate, force), message)
 
 
 @pytest.mark.ros

@@ -30,6 +30,7 @@ def layout_with(counts: Sequence[int]) -> Layout:
         commands=commands,
         odometry_frame="odom",
         base_frame="base",
+        imu_frame="imu",
         joints=("l", "r"),
     )
 

@@ -96,6 +96,30 @@ def test_structured_messages_bear_the_frames_joints_and_stamp(
     assert (setpoint.twist.linear.x, setpoint.twist.angular.z) == (3.5, -0.25)
 
 
+def test_an_imu_is_on_its_topic_where_there_is_one(
+    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+) -> None:
+    path = tmp_path / "run.mcap"
+    signals = [f"imu.{quantity}_{axis}" for quantity in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
+    fields = {name: getattr(layout, name) for name in layout.__struct_fields__}
+    log = CycleLog(path, Layout(**fields | {"published": (*layout.published, *signals)}))
+    plain = record(3)
+    log.write(plain._replace(published=(*plain.published, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0)))
+    log.close()
+    types, messages = read(path)
+    (imu,) = [message for _, message in messages["/imu/data"]]
+
+    assert types["/imu/data"] == "sensor_msgs/msg/Imu"
+    assert (imu.header.frame_id, imu.header.stamp.sec, imu.header.stamp.nanosec) == (
+        "imu_link",
+        1_700_000_000,
+        30_000_000,
+    )
+    assert [getattr(imu.angular_velocity, axis) for axis in "xyz"] == [20.0, 21.0, 22.0]
+    assert [getattr(imu.linear_acceleration, axis) for axis in "xyz"] == [23.0, 24.0, 25.0]
+    assert {topic: types[topic] for topic in COMMON} == COMMON
+
+
 def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
     tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
 ) -> None:

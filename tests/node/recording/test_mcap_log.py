@@ -22,6 +22,7 @@ TYPES = {
     "/battery_V": "std_msgs/msg/Float64",
     "/cmd_vel": "geometry_msgs/msg/TwistStamped",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/imu/data": "sensor_msgs/msg/Imu",
     "/joint_states": "sensor_msgs/msg/JointState",
     "/odom": "nav_msgs/msg/Odometry",
     "/target": "geometry_msgs/msg/Point",
@@ -38,7 +39,8 @@ def write_run(target: Path | BytesIO) -> None:
         log.joint_state("/joint_states", START_NS + 4, (1.0, 2.0), ())
         log.diagnostics("/diagnostics", START_NS + 5, [cdr.Status(1, "drive", "warm", "left", {"°C": "81"})])
         log.attach("robot.yaml", "application/yaml", b"name: segway")
-        log.float64("/battery_V", START_NS + 6, 24.25)
+        log.imu("/imu/data", START_NS + 6, "imu_link", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+        log.float64("/battery_V", START_NS + 7, 24.25)
 
 
 def read(path: Path) -> list[tuple[str, Message, Any]]:
@@ -85,6 +87,13 @@ def check_values(messages: dict[str, Any]) -> None:
     assert list(odometry.pose.covariance) == list(odometry.twist.covariance) == [0.0] * 36
     joints = messages["/joint_states"]
     assert (list(joints.name), list(joints.position), list(joints.velocity)) == (["left", "right"], [1.0, 2.0], [])
+    imu = messages["/imu/data"]
+    assert (imu.header.frame_id, imu.header.stamp.nanosec) == ("imu_link", 6)
+    assert [getattr(imu.angular_velocity, axis) for axis in "xyz"] == [1.0, 2.0, 3.0]
+    assert [getattr(imu.linear_acceleration, axis) for axis in "xyz"] == [4.0, 5.0, 6.0]
+    assert [getattr(imu.orientation, axis) for axis in "xyzw"] == [0.0, 0.0, 0.0, 1.0]
+    assert list(imu.orientation_covariance) == [-1.0] + [0.0] * 8
+    assert list(imu.angular_velocity_covariance) == list(imu.linear_acceleration_covariance) == [0.0] * 9
     (status,) = messages["/diagnostics"].status
     assert (status.level, status.name, status.message, status.hardware_id) == (1, "drive", "warm", "left")
     assert [(pair.key, pair.value) for pair in status.values] == [("°C", "81")]
@@ -93,14 +102,14 @@ def check_values(messages: dict[str, Any]) -> None:
 def test_ros2_support_reads_every_message_back(run: Path) -> None:
     found = read(run)
     check_values({topic: message for topic, _, message in found})
-    assert [record.log_time for _, record, _ in found] == [START_NS + step for step in range(7)]
-    assert [record.publish_time for _, record, _ in found] == [START_NS + step for step in range(7)]
+    assert [record.log_time for _, record, _ in found] == [START_NS + step for step in range(8)]
+    assert [record.publish_time for _, record, _ in found] == [START_NS + step for step in range(8)]
 
 
 def test_rosbags_reads_every_message_back_from_the_file_alone(run: Path) -> None:
     with AnyReader([run]) as reader:
         assert {connection.topic: connection.msgtype for connection in reader.connections} == TYPES
-        assert reader.message_count == 7
+        assert reader.message_count == 8
         messages = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
     check_values(messages)
 
@@ -119,8 +128,8 @@ def test_the_summary_tells_what_the_file_holds(run: Path) -> None:
     assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
     statistics = summary.statistics
     assert isinstance(statistics, Statistics)
-    assert (statistics.message_count, statistics.attachment_count, statistics.metadata_count) == (7, 1, 1)
-    assert (statistics.message_start_time, statistics.message_end_time) == (START_NS, START_NS + 6)
+    assert (statistics.message_count, statistics.attachment_count, statistics.metadata_count) == (8, 1, 1)
+    assert (statistics.message_start_time, statistics.message_end_time) == (START_NS, START_NS + 7)
     assert (attachment.name, attachment.media_type) == ("robot.yaml", "application/yaml")
     assert attachment.data == b"name: segway"
     assert attachment.log_time == START_NS + 5

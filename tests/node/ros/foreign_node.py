@@ -17,7 +17,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
@@ -27,6 +27,7 @@ OUT = {
     "angular_velocity": Float64,
     "odom": Odometry,
     "joint_states": JointState,
+    "data": Imu,
     "diagnostics": DiagnosticArray,
     "setpoint": TwistStamped,
 }
@@ -49,7 +50,7 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def plain(message: Any) -> Any:
+def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
     """What a message says, in plain values."""
     match message:
         case Point():
@@ -74,6 +75,16 @@ def plain(message: Any) -> Any:
                 "name": list(message.name),
                 "position": list(message.position),
                 "velocity": list(message.velocity),
+            }
+        case Imu():
+            rate, force = message.angular_velocity, message.linear_acceleration
+            return {
+                "stamp_ns": stamp_ns(message.header),
+                "frame": message.header.frame_id,
+                "angular_velocity": [rate.x, rate.y, rate.z],
+                "linear_acceleration": [force.x, force.y, force.z],
+                "orientation_covariance": list(message.orientation_covariance),
+                "other_covariances": [*message.angular_velocity_covariance, *message.linear_acceleration_covariance],
             }
         case TwistStamped():
             return {

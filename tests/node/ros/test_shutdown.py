@@ -15,7 +15,7 @@ import pytest
 from firmware_io.links.link import Frame
 from firmware_io.links.local_bus import LocalBus
 from hil.lockstep import LockstepRig
-from hil.simulation import simulated_bus, simulated_plant
+from hil.simulation import simulated_bus, simulated_robot
 from node.config import load_robot
 from node.cycle.seams import CycleRecord, NoRecorder
 from node.robot import build_robot
@@ -171,7 +171,7 @@ def test_ros_that_shuts_down_ends_the_loop_with_zero(
         monkeypatch.setenv(name, ros_environment[name])
     file = load_robot("cart-can")
     rig = LockstepRig(simulated_bus(file).bitrate)
-    rig.attach_board(simulated_plant(file))
+    rig.attach(simulated_robot(file, rig.bus.attach("plant")))
     robot = build_robot(file, rig, rig.bus.attach("node"))
     witness = rig.bus.attach("witness")
     with ros_node("model", "") as node:

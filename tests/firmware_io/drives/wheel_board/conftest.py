@@ -1,38 +1,33 @@
+from collections.abc import Mapping
+
 import pytest
 
-from firmware_io.links.link import Frame, Link, LinkCounters
+from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 
 
 class _MemoryLink:
-    """A link whose two ends are lists in this process."""
+    """The near end of a link: what is sent lands in a list."""
 
     description = "memory"
+    state = LinkState.ACTIVE
+    health: Mapping[str, str] = {}
 
-    def __init__(self, arrived: list[Frame], sent: list[Frame], events: list[str]) -> None:
+    def __init__(self, sent: list[Frame]) -> None:
         self.counters = LinkCounters()
-        self._arrived, self._sent, self._events = arrived, sent, events
+        self._sent = sent
 
     def open(self) -> None:
-        self._events.append("open")
+        """Nothing to open."""
 
     def send(self, frame: Frame) -> bool:
         self._sent.append(frame)
-        self._events.append("send")
         return True
 
     def receive(self) -> list[Frame]:
-        frames = list(self._arrived)
-        self._arrived.clear()
-        return frames
+        raise AssertionError("a drive is handed its frames, it does not take them itself")
 
     def close(self) -> None:
-        self._events.append("close")
-
-
-@pytest.fixture
-def arrived() -> list[Frame]:
-    """Frames that wait to be received."""
-    return []
+        """Nothing to close."""
 
 
 @pytest.fixture
@@ -42,12 +37,6 @@ def sent() -> list[Frame]:
 
 
 @pytest.fixture
-def events() -> list[str]:
-    """What was done to the link, in order."""
-    return []
-
-
-@pytest.fixture
-def link(arrived: list[Frame], sent: list[Frame], events: list[str]) -> Link:
+def link(sent: list[Frame]) -> Link:
     """The near end of a link in memory."""
-    return _MemoryLink(arrived, sent, events)
+    return _MemoryLink(sent)

@@ -4,9 +4,11 @@ from importlib.resources import as_file, files
 from typing import Any
 
 import cantools
+import pytest
 
 from firmware_io.drives.wheel_board.driver import WheelBoard
 from firmware_io.drives.wheel_board.frames import CYCLE_TIME_S, BoardState, FrameId
+from firmware_io.links.link import Link
 
 with as_file(files("firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
     DBC: Any = cantools.database.load_file(_path)
@@ -27,20 +29,27 @@ def test_states_are_the_dbcs() -> None:
     assert {state.value: state.name for state in BoardState} == {value: str(name) for value, name in choices.items()}
 
 
-def test_units_are_si_and_the_drivers() -> None:
+@pytest.fixture
+def driver(link: Link) -> WheelBoard:
+    return WheelBoard(link, 0.05, 0.01, imu=True)
+
+
+def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:
     units = {f"{m.name}.{s.name}": s.unit for m in DBC.messages for s in m.signals if s.unit}
     assert units == {
         "WHEEL_COMMAND.LeftVoltage": WheelBoard.commands["left.voltage"],
         "WHEEL_COMMAND.RightVoltage": WheelBoard.commands["right.voltage"],
         "BOARD_SETUP.Watchdog": "s",
-        "LEFT_WHEEL.Angle": WheelBoard.signals["left.angle"],
-        "LEFT_WHEEL.Velocity": WheelBoard.signals["left.velocity"],
-        "RIGHT_WHEEL.Angle": WheelBoard.signals["right.angle"],
-        "RIGHT_WHEEL.Velocity": WheelBoard.signals["right.velocity"],
+        "LEFT_WHEEL.Angle": driver.signals["left.angle"],
+        "LEFT_WHEEL.Velocity": driver.signals["left.velocity"],
+        "RIGHT_WHEEL.Angle": driver.signals["right.angle"],
+        "RIGHT_WHEEL.Velocity": driver.signals["right.velocity"],
+        **{f"IMU_GYRO.{axis}": driver.signals[f"imu.angular_velocity_{axis.lower()}"] for axis in "XYZ"},
+        **{f"IMU_ACCELERATION.{axis}": driver.signals[f"imu.linear_acceleration_{axis.lower()}"] for axis in "XYZ"},
         "BOARD_STATUS.BusVoltage": "V",
         "BOARD_STATUS.Watchdog": "s",
     }
-    assert set(units.values()) == {"V", "rad", "rad/s", "s"}
+    assert set(units.values()) == {"V", "rad", "rad/s", "m/s2", "s"}
 
 
 def test_the_drivers_limits_are_the_dbcs() -> None:

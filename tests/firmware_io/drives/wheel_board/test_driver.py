@@ -1,49 +1,64 @@
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
+from firmware_io.devices import Drive
 from firmware_io.drives.wheel_board.driver import WheelBoard
 from firmware_io.drives.wheel_board.frames import (
+    AngularVelocity,
     BoardSetup,
     BoardState,
     BoardStatus,
     FrameId,
+    LinearAcceleration,
     Payload,
     Wheel,
     WheelCommand,
     decode,
     encode,
 )
-from firmware_io.drives.wheel_board.limits import stale_after_ns
-from firmware_io.errors import ArmingRefusedError
-from firmware_io.hardware import Hardware
 from firmware_io.links.link import Frame, Link
 
-ZERO = (FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False))
-SETUP = (FrameId.BOARD_SETUP, BoardSetup(0.05))
+ZERO = (0x110, WheelCommand(0.0, 0.0, enable=False))
+ZERO_ENABLED = (0x110, WheelCommand(0.0, 0.0, enable=True))
+SETUP = (0x111, BoardSetup(0.05))
 READY = BoardStatus(BoardState.DISABLED, 36.0, 0.05, 0)
 MS = 1_000_000
+OFF_BY_ITSELF = [BoardState.WATCHDOG, BoardState.FAULT]
+WHEELS = {"left.angle": "rad", "left.velocity": "rad/s", "right.angle": "rad", "right.velocity": "rad/s"}
+IMU = {
+    "imu.angular_velocity_x": "rad/s",
+    "imu.angular_velocity_y": "rad/s",
+    "imu.angular_velocity_z": "rad/s",
+    "imu.linear_acceleration_x": "m/s2",
+    "imu.linear_acceleration_y": "m/s2",
+    "imu.linear_acceleration_z": "m/s2",
+}
 
 
 class Bench:
     """A driver on a link in memory, a manual clock, and the board's side of the conversation."""
 
-    def __init__(self, link: Link, arrived: list[Frame], sent: list[Frame], watchdog_s: float = 0.05) -> None:
+    def __init__(self, link: Link, sent: list[Frame], watchdog_s: float = 0.05, *, imu: bool = False) -> None:
         self.now_ns = 1_000 * MS
-        self.driver = WheelBoard(link, watchdog_s, loop_period_s=0.01, now_ns=lambda: self.now_ns)
-        self._arrived, self._sent = arrived, sent
+        self.driver = WheelBoard(link, watchdog_s, loop_period_s=0.01, now_ns=lambda: self.now_ns, imu=imu)
+        self._sent = sent
         self._counters = dict.fromkeys(FrameId, 0)
 
-    def tell(self, frame_id: FrameId, payload: Payload) -> None:
-        """Let a frame of the board arrive now."""
-        self._arrived.append(Frame(frame_id, encode(frame_id, payload, self._counters[frame_id]), self.now_ns))
+    def frame(self, frame_id: FrameId, payload: Payload) -> Frame:
+        """The board's next frame, arriving now."""
+        counter = self._counters[frame_id]
         self._counters[frame_id] += 1
+        return Frame(frame_id, encode(frame_id, payload, counter), self.now_ns)
 
-    def tell_status(self, status: BoardStatus = READY) -> None:
-        """Let the board's status arrive now, and the driver hear it."""
-        self.tell(FrameId.BOARD_STATUS, status)
-        self.driver.exchange(None)
+    def tell(self, frame_id: FrameId, payload: Payload) -> bool:
+        """Let a frame of the board arrive now."""
+        return self.driver.take(self.frame(frame_id, payload))
+
+    def tell_status(self, state: BoardState = BoardState.DISABLED, watchdog_s: float = 0.05) -> None:
+        """Let the board's status arrive now."""
+        assert self.tell(FrameId.BOARD_STATUS, READY._replace(state=state, watchdog_s=watchdog_s))
 
     def heard(self) -> list[tuple[int, Payload]]:
         """Everything the driver sent since the last call."""
@@ -51,44 +66,62 @@ class Bench:
         self._sent.clear()
         return payloads
 
-    def arm(self) -> None:
-        """Arm the driver as far as the board is concerned."""
-        self.tell_status()
-        self.driver.arm()
-        self.heard()
+    def commanded(self, commands: Sequence[float] = (1.0, -2.0)) -> list[tuple[int, Payload]]:
+        """What one cycle with these commands sends."""
+        self._sent.clear()
+        self.driver.command(commands)
+        return self.heard()
 
-    def refusal(self) -> Sequence[str]:
-        """Try to arm, and return why not."""
-        with pytest.raises(ArmingRefusedError) as refused:
-            self.driver.arm()
-        assert str(refused.value) == "; ".join(refused.value.reasons)
-        return refused.value.reasons
+    def is_enabled(self) -> bool:
+        """Whether the driver has heard that the motors are on."""
+        return self.driver.is_enabled
+
+    def enable(self) -> None:
+        """Enable the driver as far as the board is concerned."""
+        self.tell_status()
+        self.driver.enable()
+        self.driver.command((0.0, 0.0))
+        self.tell_status(BoardState.ENABLED)
+        self.heard()
 
 
 @pytest.fixture
-def bench(link: Link, arrived: list[Frame], sent: list[Frame]) -> Bench:
-    return Bench(link, arrived, sent)
+def bench(link: Link, sent: list[Frame]) -> Bench:
+    return Bench(link, sent)
 
 
-def test_is_hardware_with_named_and_limited_ports(bench: Bench) -> None:
-    hardware: Hardware = bench.driver
-    assert list(hardware.signals) == ["left.angle", "left.velocity", "right.angle", "right.velocity"]
-    assert list(hardware.commands) == ["left.voltage", "right.voltage"]
-    assert hardware.limits == (30.0, 30.0)
+@pytest.fixture
+def moving(link: Link, sent: list[Frame]) -> Bench:
+    """A bench whose board has an IMU."""
+    return Bench(link, sent, imu=True)
 
 
-def test_opening_sends_zero_disabled_and_then_the_watchdog(bench: Bench, events: list[str]) -> None:
-    bench.driver.open()
-    assert events == ["open", "send", "send"]
+def test_is_a_drive_with_named_and_limited_ports(bench: Bench) -> None:
+    drive: Drive = bench.driver
+    assert drive.name == "board"
+    assert list(drive.signals.items()) == list(WHEELS.items())
+    assert list(drive.commands.items()) == [("left.voltage", "V"), ("right.voltage", "V")]
+    assert drive.limits == (30.0, 30.0)
+    assert set(drive.listens_to) == {(0x120, False), (0x121, False), (0x130, False)}
+
+
+def test_with_an_imu_its_axes_come_after_the_wheels(moving: Bench) -> None:
+    assert list(moving.driver.signals.items()) == list({**WHEELS, **IMU}.items())
+    expected = {(frame_id, False) for frame_id in (0x120, 0x121, 0x122, 0x123, 0x130)}
+    assert set(moving.driver.listens_to) == expected
+
+
+def test_starting_sends_zero_disabled_and_then_the_watchdog(bench: Bench) -> None:
+    bench.driver.start()
     assert bench.heard() == [ZERO, SETUP]
 
 
-def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(bench: Bench) -> None:
-    sensors = bench.driver.exchange(None)
-    assert sensors.values == (0.0, 0.0, 0.0, 0.0)
-    assert sensors.ages == (math.inf,) * 4
-    assert sensors.valid == (False,) * 4
-    assert sensors.faults == ()
+def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(moving: Bench) -> None:
+    readings = moving.driver.read()
+    assert readings.values == (0.0,) * 10
+    assert readings.ages == (math.inf,) * 10
+    assert readings.valid == (False,) * 10
+    assert moving.driver.faults() == ()
 
 
 def test_each_wheel_has_its_own_values_ages_and_validity(bench: Bench) -> None:
@@ -98,210 +131,346 @@ def test_each_wheel_has_its_own_values_ages_and_validity(bench: Bench) -> None:
     bench.tell(FrameId.RIGHT_WHEEL, Wheel(-3.5, 4.75))
     bench.now_ns += 2 * MS
 
-    sensors = bench.driver.exchange(None)
+    readings = bench.driver.read()
 
-    assert sensors.values == pytest.approx((1.5, -2.25, -3.5, 4.75))
-    assert sensors.ages == pytest.approx((0.033, 0.033, 0.002, 0.002))
-    assert sensors.valid == (False, False, True, True)
-
-
-def test_a_wheel_is_stale_after_three_periods_of_the_slower_of_frame_and_loop(bench: Bench) -> None:
-    bench.tell(FrameId.LEFT_WHEEL, Wheel(0.0, 0.0))
-    bench.tell(FrameId.RIGHT_WHEEL, Wheel(0.0, 0.0))
-    bench.now_ns += 30 * MS
-    assert bench.driver.exchange(None).valid == (True,) * 4
-    bench.now_ns += 1
-    assert bench.driver.exchange(None).valid == (False,) * 4
+    assert readings.values == pytest.approx((1.5, -2.25, -3.5, 4.75))
+    assert readings.ages == pytest.approx((0.033, 0.033, 0.002, 0.002))
+    assert readings.valid == (False, False, True, True)
 
 
-@pytest.mark.parametrize(
-    ("frame_id", "loop_period_s", "expected_ns"),
-    [
-        (FrameId.LEFT_WHEEL, 0.001, 15 * MS),
-        (FrameId.RIGHT_WHEEL, 0.01, 30 * MS),
-        (FrameId.BOARD_STATUS, 0.01, 60 * MS),
-        (FrameId.BOARD_STATUS, 0.1, 300 * MS),
-    ],
-)
-def test_staleness_counts_in_periods(frame_id: FrameId, loop_period_s: float, expected_ns: int) -> None:
-    assert stale_after_ns(frame_id, loop_period_s) == expected_ns
+def test_gyro_and_acceleration_have_their_own_values_ages_and_validity(moving: Bench) -> None:
+    moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.125, -0.25, 0.5))
+    moving.now_ns += 31 * MS
+    moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(-1.5, 2.5, 9.805))
+    moving.now_ns += 1 * MS
+
+    readings = moving.driver.read()
+
+    assert readings.values[4:] == pytest.approx((0.125, -0.25, 0.5, -1.5, 2.5, 9.805))
+    assert readings.ages[4:] == pytest.approx((0.032,) * 3 + (0.001,) * 3)
+    assert readings.valid == (False,) * 7 + (True,) * 3
 
 
-def test_a_damaged_frame_does_not_make_a_value_younger(bench: Bench, arrived: list[Frame]) -> None:
+def test_what_is_measured_is_stale_after_three_periods_of_the_loop(moving: Bench) -> None:
+    moving.tell(FrameId.LEFT_WHEEL, Wheel(0.0, 0.0))
+    moving.tell(FrameId.RIGHT_WHEEL, Wheel(0.0, 0.0))
+    moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0))
+    moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 0.0))
+    moving.now_ns += 30 * MS
+    assert moving.driver.read().valid == (True,) * 10
+    moving.now_ns += 1
+    assert moving.driver.read().valid == (False,) * 10
+
+
+def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_frame(link: Link) -> None:
+    now_ns = 0
+    driver = WheelBoard(link, 0.05, loop_period_s=0.001, now_ns=lambda: now_ns, imu=True)
+    for frame_id, payload in (
+        (FrameId.LEFT_WHEEL, Wheel(0.0, 0.0)),
+        (FrameId.RIGHT_WHEEL, Wheel(0.0, 0.0)),
+        (FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0)),
+        (FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 0.0)),
+    ):
+        driver.take(Frame(frame_id, encode(frame_id, payload, 0), 0))
+    now_ns = 15 * MS
+    assert driver.read().valid == (True,) * 10
+    now_ns += 1
+    assert driver.read().valid == (False,) * 10
+
+
+def test_a_value_is_as_old_as_its_frame_and_not_as_its_reading(bench: Bench) -> None:
+    frame = bench.frame(FrameId.LEFT_WHEEL, Wheel(1.0, 1.0))
+    bench.now_ns += 7 * MS
+    assert bench.driver.take(frame)
+    assert bench.driver.read().ages[:2] == pytest.approx((0.007, 0.007))
+
+
+def _flip(frame: Frame, bit: int = 2) -> Frame:
+    return frame._replace(data=(int.from_bytes(frame.data, "little") ^ 1 << bit).to_bytes(8, "little"))
+
+
+def test_a_damaged_frame_does_not_make_a_value_younger(bench: Bench) -> None:
     bench.tell(FrameId.LEFT_WHEEL, Wheel(1.0, 1.0))
-    bench.driver.exchange(None)
     bench.now_ns += 10 * MS
-    bench.tell(FrameId.LEFT_WHEEL, Wheel(2.0, 2.0))
-    arrived[-1] = arrived[-1]._replace(data=bytes((arrived[-1].data[0] ^ 4, *arrived[-1].data[1:])))
+    assert not bench.driver.take(_flip(bench.frame(FrameId.LEFT_WHEEL, Wheel(2.0, 2.0))))
 
-    sensors = bench.driver.exchange(None)
+    readings = bench.driver.read()
 
-    assert sensors.values[0] == pytest.approx(1.0)
-    assert sensors.ages[0] == pytest.approx(0.010)
+    assert readings.values[0] == pytest.approx(1.0)
+    assert readings.ages[0] == pytest.approx(0.010)
     assert bench.driver.health["refused.crc"] == "1"
 
 
+TOLD: Sequence[tuple[FrameId, Payload]] = [
+    (FrameId.LEFT_WHEEL, Wheel(5.0, 6.0)),
+    (FrameId.RIGHT_WHEEL, Wheel(7.0, 8.0)),
+    (FrameId.IMU_GYRO, AngularVelocity(1.0, 2.0, 3.0)),
+    (FrameId.IMU_ACCELERATION, LinearAcceleration(4.0, 5.0, 6.0)),
+    (FrameId.BOARD_STATUS, READY._replace(state=BoardState.ENABLED)),
+]
+
+
+@pytest.mark.parametrize(("frame_id", "payload"), TOLD)
+def test_no_frame_with_one_flipped_bit_changes_anything(moving: Bench, frame_id: FrameId, payload: Payload) -> None:
+    moving.driver.enable()
+    before = moving.driver.read(), moving.is_enabled(), moving.driver.obstacles()
+    for bit in range(64):
+        assert not moving.driver.take(_flip(moving.frame(frame_id, payload), bit))
+    assert (moving.driver.read(), moving.is_enabled(), moving.driver.obstacles()) == before
+    assert moving.driver.health["refused.crc"] == "64"
+    assert moving.heard() == []
+
+
+@pytest.mark.parametrize("imu", [False, True])
+def test_no_identifier_and_length_that_is_not_listened_to_changes_anything(
+    link: Link, sent: list[Frame], *, imu: bool
+) -> None:
+    bench = Bench(link, sent, imu=imu)
+    bench.driver.enable()
+    listened = {key.arbitration_id for key in bench.driver.listens_to}
+    before = bench.driver.read(), bench.is_enabled(), bench.driver.obstacles(), bench.driver.health
+    for identifier in set(range(2048)) - listened:
+        for length in range(9):
+            assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
+    assert (bench.driver.read(), bench.is_enabled(), bench.driver.obstacles(), bench.driver.health) == before
+
+    for identifier in listened:
+        for length in range(8):
+            assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
+    assert (bench.driver.read(), bench.is_enabled(), bench.driver.obstacles()) == before[:3]
+    assert bench.driver.health["refused.length"] == str(8 * len(listened))
+    assert sent == []
+
+
+def test_without_an_imu_its_frames_are_somebody_elses(bench: Bench) -> None:
+    assert not bench.tell(FrameId.IMU_GYRO, AngularVelocity(1.0, 1.0, 1.0))
+    assert len(bench.driver.read().values) == 4
+    assert not [name for name in bench.driver.health if name.startswith("refused.")]
+
+
 def test_a_silent_board_refuses_arming_with_the_bus_to_look_at(bench: Bench) -> None:
-    (reason,) = bench.refusal()
-    assert reason == "the wheel board does not answer on memory; is it powered and on this bus?"
+    assert bench.driver.obstacles() == [
+        "the wheel board does not answer on memory; is it powered and on this bus?",
+    ]
 
 
 def test_a_board_that_fell_silent_refuses_arming_after_three_status_periods(bench: Bench) -> None:
     bench.tell_status()
-    bench.now_ns += 60 * MS + 1
-    (reason,) = bench.refusal()
-    assert "does not answer" in reason
-
-    bench.tell_status()
     bench.now_ns += 60 * MS
-    bench.driver.arm()
+    assert bench.driver.obstacles() == []
+    bench.now_ns += 1
+    (reason,) = bench.driver.obstacles()
+    assert "does not answer" in reason
 
 
 @pytest.mark.parametrize("watchdog_s", [0.0, 0.019, 0.051, 1.0])
 def test_a_watchdog_off_or_out_of_range_refuses_arming(bench: Bench, watchdog_s: float) -> None:
-    bench.tell_status(READY._replace(watchdog_s=watchdog_s))
-    (reason,) = bench.refusal()
+    bench.tell_status(watchdog_s=watchdog_s)
+    (reason,) = bench.driver.obstacles()
     assert f"the board's watchdog stands at {watchdog_s:g} s, allowed is 0.02 to 0.05 s" in reason
     assert "does its firmware take BOARD_SETUP?" in reason
 
 
 @pytest.mark.parametrize("watchdog_s", [0.02, 0.05])
 def test_the_ends_of_the_watchdogs_range_are_allowed(bench: Bench, watchdog_s: float) -> None:
-    bench.tell_status(READY._replace(watchdog_s=watchdog_s))
-    bench.driver.arm()
+    bench.tell_status(watchdog_s=watchdog_s)
+    assert bench.driver.obstacles() == []
 
 
-@pytest.mark.parametrize("state", [BoardState.WATCHDOG, BoardState.FAULT])
+@pytest.mark.parametrize("state", OFF_BY_ITSELF)
 def test_a_board_that_switched_itself_off_refuses_arming(bench: Bench, state: BoardState) -> None:
-    bench.tell_status(READY._replace(state=state))
-    assert bench.refusal() == (f"the board reports {state.name}; if it stays, switch it off and on",)
-
-    bench.tell_status(READY)
-    bench.driver.arm()
-
-
-def test_every_reason_is_told_at_once(bench: Bench) -> None:
-    bench.tell_status(BoardStatus(BoardState.FAULT, 36.0, 0.0, 0))
-    assert len(bench.refusal()) == 2
+    bench.tell_status(state)
+    assert bench.driver.obstacles() == [f"the board reports {state.name}; if it stays, switch it off and on"]
+    bench.tell_status()
+    assert bench.driver.obstacles() == []
 
 
-def test_a_refused_arming_leaves_the_motors_off(bench: Bench) -> None:
-    bench.refusal()
-    bench.driver.exchange((1.0, 2.0))
-    assert bench.heard() == [ZERO]
+def test_an_imu_that_is_not_heard_refuses_arming(moving: Bench) -> None:
+    moving.tell_status()
+    (reason,) = moving.driver.obstacles()
+    assert reason.startswith("the board does not send IMU_GYRO and IMU_ACCELERATION; ")
+    moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0))
+    (reason,) = moving.driver.obstacles()
+    assert reason == "the board does not send IMU_ACCELERATION; has it an IMU? if not, set imu: false"
+    moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 9.805))
+    assert moving.driver.obstacles() == []
 
 
-def test_voltages_and_enable_leave_only_while_armed(bench: Bench) -> None:
-    bench.driver.exchange((1.0, -2.0))
-    assert bench.heard() == [ZERO]
-
-    bench.arm()
-    bench.driver.exchange((1.0, -2.0))
-    ((frame_id, command),) = bench.heard()
-    assert frame_id == FrameId.WHEEL_COMMAND
-    assert isinstance(command, WheelCommand)
-    assert (command.left_voltage, command.right_voltage) == pytest.approx((1.0, -2.0))
-    assert command.enable
-
-    bench.driver.disarm()
-    bench.heard()
-    bench.driver.exchange((1.0, -2.0))
-    assert bench.heard() == [ZERO]
+def test_every_reason_is_told_at_once(moving: Bench) -> None:
+    moving.tell_status(BoardState.FAULT, watchdog_s=0.0)
+    assert len(moving.driver.obstacles()) == 3
 
 
-def test_disarming_sends_zero_at_once(bench: Bench) -> None:
-    bench.arm()
-    bench.driver.disarm()
-    assert bench.heard() == [ZERO]
+def test_zero_is_sent_until_asked_to_enable(bench: Bench) -> None:
+    assert bench.commanded() == [ZERO]
+    bench.tell_status(BoardState.ENABLED)
+    assert bench.commanded() == [ZERO], "a board that says it is on was not told so by us"
+    assert not bench.is_enabled()
 
 
-def test_closing_sends_zero_before_the_link_closes(bench: Bench, events: list[str]) -> None:
-    bench.arm()
-    events.clear()
-    bench.driver.close()
-    assert events == ["send", "close"]
-    assert bench.heard() == [ZERO]
+def test_enabling_sends_zero_with_enable_until_the_board_confirms(bench: Bench) -> None:
+    bench.tell_status()
+    bench.driver.enable()
+    assert bench.heard() == [], "the next cycle begins it"
+    for _ in range(3):
+        assert bench.commanded() == [ZERO_ENABLED]
+        bench.tell_status()
+        assert not bench.is_enabled()
+
+    bench.tell_status(BoardState.ENABLED)
+
+    assert bench.is_enabled()
+    ((frame_id, command),) = bench.commanded((1.0, -2.0))
+    assert frame_id == 0x110
+    assert command == pytest.approx((1.0, -2.0, True))
 
 
-def test_an_exchange_without_commands_sends_nothing_and_still_listens(bench: Bench) -> None:
-    bench.arm()
-    bench.tell(FrameId.LEFT_WHEEL, Wheel(7.0, 0.0))
-    assert bench.driver.exchange(None).values[0] == pytest.approx(7.0)
-    assert bench.heard() == []
-
-
-@pytest.mark.parametrize("state", [BoardState.WATCHDOG, BoardState.FAULT])
-def test_a_board_that_switches_itself_off_while_armed_is_a_fault_until_disarmed(
+@pytest.mark.parametrize("state", OFF_BY_ITSELF)
+def test_a_board_that_switched_itself_off_is_first_sent_a_command_that_does_not_enable(
     bench: Bench, state: BoardState
 ) -> None:
-    bench.arm()
-    assert bench.driver.exchange((0.0, 0.0)).faults == ()
-    bench.tell(FrameId.BOARD_STATUS, READY._replace(state=state))
-    assert bench.driver.exchange((0.0, 0.0)).faults == (f"the wheel board switched its motors off: {state.name}",)
+    bench.tell_status(state)
+    bench.driver.enable()
+    assert bench.commanded() == [ZERO]
+    assert bench.driver.faults() == (), "it has its time to come out of that state"
 
-    bench.driver.disarm()
-    assert bench.driver.exchange(None).faults == ()
+    bench.tell_status(BoardState.DISABLED)
+    assert bench.commanded() == [ZERO_ENABLED]
+    bench.tell_status(BoardState.ENABLED)
+    assert bench.is_enabled()
 
 
-def test_a_board_whose_status_falls_silent_while_armed_is_a_fault(bench: Bench) -> None:
-    bench.arm()
+def test_a_board_that_does_not_enable_in_half_a_second_is_a_fault(bench: Bench) -> None:
+    bench.tell_status()
+    bench.driver.enable()
+    bench.now_ns += 500 * MS
+    bench.tell_status()
+    assert bench.driver.faults() == ()
+    bench.now_ns += 1
+    assert bench.driver.faults() == ("the wheel board does not enable its motors: DISABLED",)
+    bench.driver.disable()
+    assert bench.driver.faults() == ()
+
+
+def test_silence_while_enabling_is_a_fault_only_once_it_is_overdue(bench: Bench) -> None:
+    bench.tell_status()
+    bench.driver.enable()
+    bench.now_ns += 500 * MS
+    assert bench.driver.faults() == (), "a change of lines takes a moment, and until then zero is sent"
+    bench.now_ns += 1
+    assert len(bench.driver.faults()) == 1
+
+
+def test_after_disabling_the_board_may_count_anew_as_it_does_on_another_line(bench: Bench) -> None:
+    for _ in range(3):
+        bench.tell_status()
+    again = bench.frame(FrameId.BOARD_STATUS, READY)
+    assert bench.driver.take(again)
+    assert not bench.driver.take(again)
+    bench.driver.disable()
+    assert bench.driver.take(again)
+    assert not bench.driver.take(again)
+    assert bench.driver.health["refused.counter"] == "2"
+
+
+def test_disabling_sends_zero_at_once_each_time_and_then_every_cycle(bench: Bench) -> None:
+    bench.enable()
+    bench.driver.disable()
+    bench.driver.disable()
+    assert bench.heard() == [ZERO, ZERO]
+    assert not bench.is_enabled()
+    assert bench.commanded() == [ZERO]
+
+
+def test_enabling_again_waits_for_the_board_again(bench: Bench) -> None:
+    bench.enable()
+    bench.driver.disable()
+    bench.tell_status()
+    bench.now_ns += 10_000 * MS
+    bench.driver.enable()
+    bench.tell_status()
+    assert not bench.is_enabled()
+    assert bench.driver.faults() == (), "its time begins anew"
+    assert bench.commanded() == [ZERO_ENABLED]
+    bench.tell_status(BoardState.ENABLED)
+    assert bench.is_enabled()
+    assert bench.commanded() != [ZERO_ENABLED]
+
+
+@pytest.mark.parametrize("state", [*OFF_BY_ITSELF, BoardState.DISABLED])
+def test_a_board_that_switches_itself_off_or_restarts_while_enabled_is_a_fault_until_disabled(
+    bench: Bench, state: BoardState
+) -> None:
+    bench.enable()
+    assert bench.driver.faults() == ()
+    bench.tell_status(state)
+    assert bench.driver.faults() == (f"the wheel board switched its motors off: {state.name}",)
+
+    bench.driver.disable()
+    assert bench.driver.faults() == ()
+
+
+def test_a_board_whose_status_falls_silent_while_enabled_is_a_fault(bench: Bench) -> None:
+    bench.enable()
     bench.now_ns += 60 * MS
-    assert bench.driver.exchange((0.0, 0.0)).faults == ()
-
+    assert bench.driver.faults() == ()
     bench.now_ns += 1 * MS
-    assert bench.driver.exchange((0.0, 0.0)).faults == ("the wheel board's status is too old: 61 ms",)
+    assert bench.driver.faults() == ("the wheel board's status is too old: 61 ms",)
 
 
 def test_a_board_that_was_switched_on_later_gets_its_watchdog_until_it_has_it(bench: Bench) -> None:
-    bench.driver.open()
-    bench.heard()
-
-    bench.tell_status(READY._replace(watchdog_s=0.02))
-    assert bench.heard() == [SETUP]
-    bench.tell_status(READY._replace(watchdog_s=0.02))
-    assert bench.heard() == [SETUP]
-    bench.tell_status(READY)
+    for _ in range(2):
+        bench.tell_status(watchdog_s=0.02)
+        assert bench.heard() == [SETUP]
+    bench.tell_status()
     assert bench.heard() == []
 
 
-def test_the_watchdog_is_left_alone_while_armed(bench: Bench) -> None:
-    bench.arm()
-    bench.tell_status(READY._replace(watchdog_s=0.02))
+def test_the_watchdog_is_left_alone_while_enabling_and_enabled(bench: Bench) -> None:
+    bench.driver.enable()
+    bench.tell_status(watchdog_s=0.02)
+    bench.tell_status(BoardState.ENABLED, watchdog_s=0.02)
+    bench.tell_status(BoardState.ENABLED, watchdog_s=0.02)
     assert bench.heard() == []
 
 
 @pytest.mark.parametrize("watchdog_s", [0.0203, 0.0225, 0.0333, 0.0475])
 def test_a_watchdog_between_whole_milliseconds_is_sent_once_and_not_for_ever(
-    link: Link, arrived: list[Frame], sent: list[Frame], watchdog_s: float
+    link: Link, sent: list[Frame], watchdog_s: float
 ) -> None:
-    bench = Bench(link, arrived, sent, watchdog_s)
-    bench.driver.open()
+    bench = Bench(link, sent, watchdog_s)
+    bench.driver.start()
     (_, taken) = bench.heard()[1]
     assert isinstance(taken, BoardSetup)
 
-    bench.tell_status(READY._replace(watchdog_s=taken.watchdog_s))
+    bench.tell_status(watchdog_s=taken.watchdog_s)
 
     assert bench.heard() == []
 
 
-def test_health_has_every_count_as_text(bench: Bench, link: Link, arrived: list[Frame]) -> None:
-    for index, name in enumerate(link.counters.as_text(), start=1):
-        setattr(link.counters, name, index)
-    for _ in range(5):
-        bench.tell(FrameId.BOARD_STATUS, BoardStatus(BoardState.FAULT, 24.5, 0.05, 77))
-    first, _, _, _, last = arrived
-    arrived[:] = [first, last, last, last._replace(data=b"short")]
-    bench.driver.exchange(None)
+def test_health_has_what_the_board_tells_and_every_count_as_text(bench: Bench) -> None:
+    status = BoardStatus(BoardState.FAULT, 24.5, 0.05, 77)
+    frames = [bench.frame(FrameId.BOARD_STATUS, status) for _ in range(5)]
+    taken = [bench.driver.take(f) for f in (frames[0], frames[4], frames[4], frames[4]._replace(data=b"short"))]
 
-    counts = ("sent", "received", "send_dropped", "error_frames", "remote_frames", "undecodable")
+    assert taken == [True, True, False, False]
     assert bench.driver.health == {
-        "link": "memory",
-        **{f"link.{name}": str(index) for index, name in enumerate(counts, start=1)},
-        "link.lost": "3",
+        "lost": "3",
         "refused.counter": "1",
         "refused.length": "1",
-        "board.state": "FAULT",
-        "board.bus_voltage_v": "24.500",
-        "board.watchdog_s": "0.050",
-        "board.refused_frames": "77",
+        "state": "FAULT",
+        "bus_voltage_v": "24.500",
+        "watchdog_s": "0.050",
+        "refused_frames": "77",
     }
+
+
+def _call(name: str) -> Callable[[WheelBoard], object]:
+    return lambda driver: getattr(driver, name)()
+
+
+@pytest.mark.parametrize("ask", [_call("read"), _call("obstacles"), _call("faults")])
+def test_asking_sends_nothing(bench: Bench, ask: Callable[[WheelBoard], object]) -> None:
+    bench.enable()
+    ask(bench.driver)
+    assert bench.heard() == []

@@ -21,6 +21,11 @@ def _frame(counter: int, frame_id: FrameId = LEFT, received_ns: int = 0) -> Fram
     return Frame(frame_id, encode(frame_id, WHEEL, counter), received_ns)
 
 
+def _take(endpoint: Endpoint, *frames: Frame) -> list[Received]:
+    """Those of the frames that are taken."""
+    return [received for frame in frames if (received := endpoint.check(frame)) is not None]
+
+
 def _corrupt(frame: Frame) -> Frame:
     return frame._replace(data=bytes((frame.data[0] ^ 1, *frame.data[1:])))
 
@@ -36,7 +41,7 @@ def test_every_identifier_has_its_own_running_counter(endpoint: Endpoint, sent: 
 
 
 def test_what_the_link_dropped_leaves_a_gap_that_the_other_end_counts(
-    endpoint: Endpoint, link: Link, sent: list[Frame], arrived: list[Frame], monkeypatch: pytest.MonkeyPatch
+    endpoint: Endpoint, link: Link, sent: list[Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     endpoint.send(LEFT, WHEEL)
     with monkeypatch.context() as full:
@@ -44,59 +49,54 @@ def test_what_the_link_dropped_leaves_a_gap_that_the_other_end_counts(
         assert not endpoint.send(LEFT, WHEEL)
     endpoint.send(LEFT, WHEEL)
 
-    arrived += sent
-    assert len(list(endpoint.receive())) == 2
+    assert len(_take(endpoint, *sent)) == 2
     assert endpoint.lost == 1
 
 
-def test_intact_frames_are_yielded_oldest_first_with_their_stamps(endpoint: Endpoint, arrived: list[Frame]) -> None:
-    arrived += [_frame(9, RIGHT, 10), _frame(3, LEFT, 20), _frame(10, RIGHT, 30)]
-
-    assert list(endpoint.receive()) == [
-        Received(RIGHT, WHEEL, 10),
-        Received(LEFT, WHEEL, 20),
-        Received(RIGHT, WHEEL, 30),
-    ]
-    assert list(endpoint.receive()) == []
+def test_intact_frames_are_taken_with_their_stamps(endpoint: Endpoint) -> None:
+    assert endpoint.check(_frame(9, RIGHT, 10)) == Received(RIGHT, WHEEL, 10)
+    assert endpoint.check(_frame(3, LEFT, 20)) == Received(LEFT, WHEEL, 20)
+    assert endpoint.check(_frame(10, RIGHT, 30)) == Received(RIGHT, WHEEL, 30)
     assert (endpoint.refused, endpoint.lost) == ({}, 0)
 
 
-def test_lost_frames_are_counted_over_all_identifiers(endpoint: Endpoint, arrived: list[Frame]) -> None:
-    arrived += [_frame(0), _frame(2), _frame(14, RIGHT), _frame(1, RIGHT)]
-
-    assert len(list(endpoint.receive())) == 4
+def test_lost_frames_are_counted_over_all_identifiers(endpoint: Endpoint) -> None:
+    assert len(_take(endpoint, _frame(0), _frame(2), _frame(14, RIGHT), _frame(1, RIGHT))) == 4
     assert endpoint.lost == 1 + 2
 
 
-@pytest.mark.parametrize("second", [5, 12, 4], ids=["repeated", "seven ahead", "one back"])
-def test_a_count_out_of_sequence_is_refused_and_then_followed(
-    endpoint: Endpoint, arrived: list[Frame], second: int
-) -> None:
-    arrived += [_frame(5, received_ns=1), _frame(second, received_ns=2), _frame(second + 1, received_ns=3)]
+def test_after_a_restart_any_counter_is_taken_once_and_nothing_counts_as_lost(endpoint: Endpoint) -> None:
+    assert len(_take(endpoint, _frame(0), _frame(2), _frame(7, RIGHT))) == 3
+    endpoint.restart()
+    assert len(_take(endpoint, _frame(2), _frame(1, RIGHT), _frame(4))) == 3
+    assert endpoint.lost == 2
+    assert endpoint.refused == {}
 
-    assert [received.received_ns for received in endpoint.receive()] == [1, 3]
+
+@pytest.mark.parametrize("second", [5, 12, 4], ids=["repeated", "seven ahead", "one back"])
+def test_a_count_out_of_sequence_is_refused_and_then_followed(endpoint: Endpoint, second: int) -> None:
+    taken = _take(endpoint, _frame(5, received_ns=1), _frame(second, received_ns=2), _frame(second + 1, received_ns=3))
+    assert [received.received_ns for received in taken] == [1, 3]
     assert endpoint.refused == {Refusal.COUNTER: 1}
 
 
 def test_a_bad_frame_is_counted_by_its_cause_and_leaves_the_counter_alone(
-    endpoint: Endpoint, arrived: list[Frame]
+    endpoint: Endpoint,
 ) -> None:
     good, bad = _frame(0), _frame(1)
-    arrived += [good, _corrupt(bad), _corrupt(bad), Frame(LEFT, bad.data[:7]), Frame(LEFT, b""), bad]
+    taken = _take(endpoint, good, _corrupt(bad), _corrupt(bad), Frame(LEFT, bad.data[:7]), Frame(LEFT, b""), bad)
 
-    assert len(list(endpoint.receive())) == 2
+    assert len(taken) == 2
     assert endpoint.refused == {Refusal.CRC: 2, Refusal.LENGTH: 2}
     assert endpoint.lost == 0
 
 
-def test_a_value_out_of_range_is_counted(
-    link: Link, arrived: list[Frame], reference_crc: Callable[[bytes], int]
-) -> None:
+def test_a_value_out_of_range_is_counted(link: Link, reference_crc: Callable[[bytes], int]) -> None:
     board = Endpoint(link, frozenset({FrameId.WHEEL_COMMAND}))
     body = b"\x00\x80\x00\x00\x01\x00\x00"  # -32.768 V on the left
-    arrived.append(Frame(FrameId.WHEEL_COMMAND, body + bytes((reference_crc(body + b"\x10\x01"),))))
+    frame = Frame(FrameId.WHEEL_COMMAND, body + bytes((reference_crc(body + b"\x10\x01"),)))
 
-    assert list(board.receive()) == []
+    assert board.check(frame) is None
     assert board.refused == {Refusal.RANGE: 1}
 
 
@@ -111,10 +111,6 @@ def test_a_value_out_of_range_is_counted(
     ],
     ids=["unknown", "zero", "for the other end", "extended", "extended and damaged"],
 )
-def test_what_is_somebody_elses_is_passed_over_uncounted(
-    endpoint: Endpoint, arrived: list[Frame], foreign: Frame
-) -> None:
-    arrived += [foreign, _frame(7)]
-
-    assert [received.frame_id for received in endpoint.receive()] == [LEFT]
+def test_what_is_somebody_elses_is_passed_over_uncounted(endpoint: Endpoint, foreign: Frame) -> None:
+    assert endpoint.check(foreign) is None
     assert (endpoint.refused, endpoint.lost) == ({}, 0)

@@ -1,0 +1,180 @@
+"""Drives and sensors on one link, made into the robot's `Hardware`."""
+
+import itertools
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from firmware_io.devices import Drive, FrameKey, Sensor
+from firmware_io.errors import ArmingRefusedError
+from firmware_io.hardware import Sensors
+from firmware_io.links.link import Frame, Link
+from firmware_io.links.redundant_link import RedundantLink
+from firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
+
+NowNs = Callable[[], int]
+_EVENTS_KEPT: Final = 16
+
+
+class Assembly:
+    """The drives and sensors of a robot; see `Hardware`.
+
+    Every frame that has arrived is handed to the device that listens to it, so that each keeps the newest of each kind;
+    frames that nobody listens to are somebody else's. Where the link is a redundant one and passes to its other line,
+    the drives are switched off and on again through their own states, over that line.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        drives: Sequence[Drive],
+        sensors: Sequence[Sensor] = (),
+        now_ns: NowNs = time.monotonic_ns,
+        rules: SwitchRules | None = None,
+    ) -> None:
+        """Join devices that send over `link`; ValueError where two want the same frame or measure the same signal."""
+        self._link = link
+        self._drives = tuple(drives)
+        self._devices: tuple[Sensor, ...] = (*drives, *sensors)
+        self.signals: Mapping[str, str] = _signals(self._devices)
+        self.commands: Mapping[str, str] = {k: v for d in drives for k, v in d.commands.items()}
+        self.limits: Sequence[float] = tuple(limit for d in drives for limit in d.limits)
+        self._parts = _parts(drives)
+        self._listeners = _listeners(self._devices)
+        self._heard_ns: dict[str, int] = {}
+        self._armed = False
+        self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
+        self._redundant = link if isinstance(link, RedundantLink) else None
+        self._switching = Switching(self._redundant, now_ns, rules or SwitchRules()) if self._redundant else None
+
+    @property
+    def switching(self) -> Switching | None:
+        """What passes between the lines of a redundant link; None where there is one line."""
+        return self._switching
+
+    def open(self) -> None:
+        """Open the link and start every device; see `Hardware.open`."""
+        self._link.open()
+        for device in self._devices:
+            device.start()
+
+    def exchange(self, commands: Sequence[float] | None) -> Sensors:
+        """Hand out what has arrived, send the commands, return the newest snapshot; see `Hardware.exchange`."""
+        for frame in self._link.receive():
+            self._hand(frame)
+        if self._redundant is not None:
+            self._look_aside(self._redundant)
+        if self._switching is not None:
+            self._switch(self._switching)
+        if commands is not None:
+            for drive, part in self._parts:
+                drive.command(commands[part])
+        return self._snapshot()
+
+    def arm(self) -> None:
+        """Begin to switch the motors on; see `Hardware.arm`."""
+        reasons = [reason for device in self._devices for reason in device.obstacles()]
+        if reasons:
+            raise ArmingRefusedError(reasons)
+        self._armed = True
+        for drive in self._drives:
+            drive.enable()
+
+    def disarm(self) -> None:
+        """Send zero with the motors off."""
+        self._armed = False
+        for drive in self._drives:
+            drive.disable()
+
+    def close(self) -> None:
+        """Disarm and close the link."""
+        self.disarm()
+        self._link.close()
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The state of the link and of every device."""
+        health = {"link": self._link.description}
+        health |= {f"link.{name}": text for name, text in self._link.health.items()}
+        for device in self._devices:
+            health |= {f"{device.name}.{name}": text for name, text in device.health.items()}
+        if self._switching is not None:
+            health |= self._switching.health
+        return health
+
+    def _hand(self, frame: Frame) -> None:
+        device = self._listeners.get((frame.arbitration_id, frame.is_extended))
+        if device is not None and device.take(frame):
+            self._heard_ns[device.name] = frame.received_ns
+
+    def _look_aside(self, link: RedundantLink) -> None:
+        """See which drives are heard on the line in standby; sensors that have only that line are heard there too."""
+        for frame in link.aside:
+            device = self._listeners.get((frame.arbitration_id, frame.is_extended))
+            if device in self._drives:
+                link.note_standby()
+            elif device is not None:
+                device.take(frame)
+
+    def _switch(self, switching: Switching) -> None:
+        heard_ns = [self._heard_ns.get(drive.name) for drive in self._drives]
+        event = switching.judge(heard_ns, is_armed=self._armed)
+        if event is not None:
+            self._events.append(event)
+            for drive in self._drives:
+                drive.disable()
+                if self._armed:
+                    drive.enable()
+        ready = self._armed and all(drive.is_enabled for drive in self._drives)
+        self._events.extend(switching.measure(heard_ns, is_ready=ready))
+
+    def _snapshot(self) -> Sensors:
+        values: list[float] = []
+        ages: list[float] = []
+        valid: list[bool] = []
+        for device in self._devices:
+            readings = device.read()
+            values += readings.values
+            ages += readings.ages
+            valid += readings.valid
+        if self._switching is not None and self._switching.is_under_way:
+            # What is a little old because the lines are changing is still to be used: the robot must not be let fall.
+            valid = [v or age * 1e9 <= SWITCH_WITHIN_NS for v, age in zip(valid, ages, strict=True)]
+        events = tuple(self._events)
+        self._events.clear()
+        return Sensors(
+            tuple(values),
+            tuple(ages),
+            tuple(valid),
+            tuple(fault for drive in self._drives for fault in drive.faults()),
+            all(drive.is_enabled for drive in self._drives),
+            events,
+        )
+
+
+def _signals(devices: Sequence[Sensor]) -> dict[str, str]:
+    signals: dict[str, str] = {}
+    for device in devices:
+        twice = signals.keys() & device.signals.keys()
+        if twice:
+            raise ValueError(f"{device.name} measures {', '.join(sorted(twice))}, which another device measures")
+        signals |= device.signals
+    return signals
+
+
+def _parts(drives: Sequence[Drive]) -> list[tuple[Drive, slice]]:
+    """Each drive with its part of the commands."""
+    ends = list(itertools.accumulate(len(drive.commands) for drive in drives))
+    return [(drive, slice(end - len(drive.commands), end)) for drive, end in zip(drives, ends, strict=True)]
+
+
+def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:
+    listeners: dict[tuple[int, bool], Sensor] = {}
+    for device in devices:
+        for key in map(FrameKey._make, device.listens_to):
+            if key in listeners:
+                other = listeners[key].name
+                raise ValueError(f"{other} and {device.name} both listen to frame 0x{key.arbitration_id:X}")
+            listeners[key] = device
+    return listeners

@@ -1,0 +1,122 @@
+"""The settings of a robot's hardware made into its parts."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from firmware_io.assembly import Assembly
+from firmware_io.devices import Drive, Sensor
+from firmware_io.drives.cia402.driver import Cia402Pair
+from firmware_io.drives.cia402.settings import Cia402Settings
+from firmware_io.drives.odrive.driver import Odrive
+from firmware_io.drives.odrive.serial_line import OdriveLine
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.vesc.driver import Vesc
+from firmware_io.drives.vesc.serial_line import VescLine
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.drives.wheel_board.driver import WheelBoard
+from firmware_io.drives.wheel_board.serial_line import BoardLine
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.hardware import Hardware
+from firmware_io.imus.xsens_mti.driver import XsensMti
+from firmware_io.links.can_link import make_can_link, wall_ns
+from firmware_io.links.link import Link
+from firmware_io.links.redundant_link import RedundantLink
+from firmware_io.links.serial_link import Line, SerialLink
+from firmware_io.settings import CanSettings, SerialSettings
+from firmware_io.switching import SwitchRules
+
+NowNs = Callable[[], int]
+
+HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSettings
+"""The drive families, told apart by `type` in the robot file."""
+
+
+def sleep_until_ns(deadline_ns: int) -> None:
+    """Wait until the monotonic clock reads `deadline_ns`; return at once if it has passed."""
+    time.sleep(max(0, deadline_ns - time.monotonic_ns()) * 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """The clocks of the loop: monotonic and wall, ns, and how to wait for a moment of the first."""
+
+    now_ns: NowNs = time.monotonic_ns
+    wall_ns: NowNs = wall_ns
+    sleep_until_ns: Callable[[int], None] = sleep_until_ns
+
+
+def can_link(settings: CanSettings, clocks: Clocks) -> Link:
+    """The link that a robot file describes."""
+    return make_can_link(settings.interface, settings.channel, settings.bitrate, clocks.now_ns, clocks.wall_ns)
+
+
+def make_link(settings: HardwareSettings, clocks: Clocks) -> Link:
+    """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one."""
+    bus = can_link(settings.can, clocks)
+    serial = serial_of(settings)
+    if serial is None:
+        return bus
+    return RedundantLink(bus, SerialLink(serial, serial_line(settings), clocks.now_ns), clocks.now_ns)
+
+
+def serial_of(settings: HardwareSettings) -> SerialSettings | None:
+    """The serial line of a drive family; None where it has none or none is named."""
+    serial: SerialSettings | None = getattr(settings, "serial", None)
+    return serial
+
+
+def serial_line(settings: HardwareSettings) -> Line:
+    """What a drive family speaks on its serial line."""
+    match settings:
+        case WheelBoardSettings():
+            return BoardLine()
+        case Cia402Settings():
+            raise ValueError("CiA 402 drives have no serial line")
+        case VescSettings():
+            return VescLine(settings)
+        case OdriveSettings():
+            return OdriveLine(settings)
+
+
+def build_hardware(
+    settings: HardwareSettings, loop_period_s: float, clocks: Clocks, link: Link | None = None
+) -> Hardware:
+    """The drives and sensors that a robot file describes.
+
+    Args:
+        settings: The file's `hardware`.
+        loop_period_s: The period at which they are exchanged with, s.
+        clocks: The clocks of the loop.
+        link: A link to use instead of what the settings name, as the rig does.
+    """
+    used = make_link(settings, clocks) if link is None else link
+    drives, sensors = _devices(settings, used, loop_period_s, clocks.now_ns, clocks.sleep_until_ns)
+    imu = settings.external_imu
+    if imu is not None:
+        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
+    return Assembly(used, drives, sensors, clocks.now_ns, _rules(serial_of(settings)))
+
+
+def _rules(serial: SerialSettings | None) -> SwitchRules:
+    if serial is None:
+        return SwitchRules()
+    return SwitchRules(round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
+
+
+def _devices(
+    settings: HardwareSettings,
+    link: Link,
+    period_s: float,
+    now_ns: NowNs,
+    sleep_until_ns: Callable[[int], None],
+) -> tuple[Sequence[Drive], Sequence[Sensor]]:
+    match settings:
+        case WheelBoardSettings(watchdog_s=watchdog_s, imu=imu):
+            return [WheelBoard(link, watchdog_s, period_s, now_ns, imu=imu)], []
+        case VescSettings():
+            return [Vesc(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
+        case OdriveSettings():
+            return [Odrive(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
+        case Cia402Settings():
+            return [Cia402Pair(link, settings, period_s, now_ns, sleep_until_ns)], []

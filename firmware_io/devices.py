@@ -1,0 +1,81 @@
+"""What is at the other end of a link: sensors, and drives, which are sensors that also move something."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from firmware_io.links.link import Frame
+
+
+class FrameKey(NamedTuple):
+    """What tells one kind of frame from another on a bus."""
+
+    arbitration_id: int
+    is_extended: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """The newest values of one device, in the order of its `signals`; see `Sensors`."""
+
+    values: tuple[float, ...]
+    ages: tuple[float, ...]
+    valid: tuple[bool, ...]
+
+
+class Sensor(Protocol):
+    """A device that measures. It sends over a link that it was given, and is handed what is received; nothing waits.
+
+    Attributes:
+        name: What people call it.
+        signals: Names of the values it measures, such as `left.velocity`, with their units.
+        listens_to: The frames it wants to be handed.
+    """
+
+    name: str
+    signals: Mapping[str, str]
+    listens_to: Collection[FrameKey]
+
+    def start(self) -> None:
+        """Say what the device must hear once the link is open."""
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the frames it listens to; True where it was intact, else it has been counted by cause."""
+
+    def read(self) -> Readings:
+        """The newest values."""
+
+    def obstacles(self) -> list[str]:
+        """What speaks against arming the robot, each with how to mend it."""
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The state of the device as text, for diagnostics."""
+
+
+class Drive(Sensor, Protocol):
+    """A motor controller for one or more wheels.
+
+    Attributes:
+        commands: Names of the values it takes, such as `left.torque`, with their units.
+        limits: Largest magnitude of each command.
+    """
+
+    commands: Mapping[str, str]
+    limits: Sequence[float]
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the drive has confirmed that its motors follow commands."""
+
+    def enable(self) -> None:
+        """Begin to switch the motors on, through the drive's own states; zero is sent until it confirms."""
+
+    def command(self, commands: Sequence[float]) -> None:
+        """Send this cycle's frames: the commands where the drive is enabled, else zero or the next step of enabling."""
+
+    def disable(self) -> None:
+        """Send zero and switch the motors off; may be called at any time, and sends every time."""
+
+    def faults(self) -> tuple[str, ...]:
+        """What the drive reports against itself since it was told to enable; empty while all is well."""

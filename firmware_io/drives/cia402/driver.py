@@ -1,0 +1,182 @@
+"""Two CiA 402 drives, one a wheel, as one `Drive`: they share SYNC, the host's heartbeat and their enabling."""
+
+import importlib.util
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Final
+
+from firmware_io.devices import FrameKey, Readings
+from firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
+from firmware_io.drives.cia402.plan import Plan
+from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from firmware_io.drives.cia402.states import Controlword
+from firmware_io.drives.cia402.wheel import Cia402Wheel
+from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.errors import HardwareError
+from firmware_io.links.link import Frame, Link
+
+_SYNC: Final = Frame(Service.SYNC, b"")
+
+
+class MissingLibraryError(HardwareError):
+    """A library that only some robots need is not installed."""
+
+
+class Cia402Pair:
+    """Both wheels' drives; see `Drive`.
+
+    In every cycle goes out, in this order: the host's heartbeat, which feeds the drives' watchdogs, a command to each
+    drive, and one SYNC, upon which both drives sample and tell their state at the same time.
+    """
+
+    name = "drives"
+    signals: Mapping[str, str] = {
+        "left.angle": "rad",
+        "left.velocity": "rad/s",
+        "left.torque": "N m",
+        "right.angle": "rad",
+        "right.velocity": "rad/s",
+        "right.torque": "N m",
+    }
+    commands: Mapping[str, str] = {"left.torque": "N m", "right.torque": "N m"}
+
+    def __init__(
+        self,
+        link: Link,
+        settings: Cia402Settings,
+        loop_period_s: float,
+        now_ns: Callable[[], int],
+        sleep_until_ns: Callable[[int], None],
+    ) -> None:
+        """Drive the two nodes of `settings` at the other end of `link`; `start` waits on `sleep_until_ns`.
+
+        Raises:
+            MissingLibraryError: The canopen library is not installed.
+        """
+        if importlib.util.find_spec("canopen") is None:
+            raise MissingLibraryError(
+                "hardware of type cia402 needs the canopen library, which is not installed: "
+                "pip install 'segway-ecc[canopen]'"
+            )
+        self.limits: Sequence[float] = (settings.left.max_torque, settings.right.max_torque)
+        self._link = link
+        self._plans = _plans(settings, loop_period_s)
+        self._now_ns = now_ns
+        self._sleep_until_ns = sleep_until_ns
+        self._wheels = tuple(
+            Cia402Wheel(side, wheel, loop_period_s, now_ns)
+            for side, wheel in (("left", settings.left), ("right", settings.right))
+        )
+        self._listeners = {identifier: wheel for wheel in self._wheels for identifier in wheel.listens_to}
+        self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, self._listeners))
+        self._heartbeat = Frame(Service.HEARTBEAT + settings.host_node_id, pack_heartbeat(NmtState.OPERATIONAL))
+        self._enabling = Enabling()
+
+    def start(self) -> None:
+        """Reset both drives, set them up and start their communication; blocks, up to some seconds.
+
+        A drive that cannot be set up speaks against arming from then on.
+        """
+        from firmware_io.drives.cia402.commission import commission  # noqa: PLC0415 - needs an optional library
+
+        commission(self._link, self._wheels, self._plans, self._now_ns, self._sleep_until_ns)
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the drives' frames; see `Sensor.take`."""
+        wheel = None if frame.is_extended else self._listeners.get(frame.arbitration_id)
+        return wheel is not None and wheel.take(frame)
+
+    def read(self) -> Readings:
+        """The wheels' angles, velocities and torques."""
+        left, right = (wheel.read() for wheel in self._wheels)
+        return Readings(left.values + right.values, left.ages + right.ages, left.valid + right.valid)
+
+    def obstacles(self) -> list[str]:
+        """A drive that is not there, not set up with its watchdog on, or not operational."""
+        return [reason for wheel in self._wheels for reason in wheel.obstacles(self._link.description)]
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether both drives have confirmed that their motors follow commands."""
+        return self._enabling.phase is Phase.ENABLED
+
+    def enable(self) -> None:
+        """Take both drives through their states from the next cycle on, one step a cycle."""
+        for wheel in self._wheels:
+            wheel.begin()
+        self._enabling.begin(self._now_ns())
+
+    def command(self, commands: Sequence[float]) -> None:
+        """Send this cycle's frames, with the wheels' torques, N m, where both drives follow; else with zero."""
+        self._link.send(self._heartbeat)
+        if self._enabling.phase is Phase.ENABLING and all(wheel.follows for wheel in self._wheels):
+            self._enabling.confirm()
+        for frame in self._command_frames(commands):
+            self._link.send(frame)
+        self._link.send(_SYNC)
+        if self._enabling.phase is Phase.OFF:
+            self._mend()
+
+    def disable(self) -> None:
+        """Send zero and take the voltage from both motors."""
+        self._enabling.end()
+        for wheel in self._wheels:
+            self._link.send(wheel.pack(Controlword.DISABLE_VOLTAGE))
+
+    def faults(self) -> tuple[str, ...]:
+        """A drive that reports an error, has restarted, fallen silent, does not enable, or has left its motor."""
+        if self._enabling.phase is Phase.OFF:
+            return ()
+        faults = tuple(fault for wheel in self._wheels if (fault := wheel.fault()) is not None)
+        if self._enabling.is_overdue(self._now_ns()):
+            states = (f"the {wheel.side} drive is {wheel.state or 'unknown'}" for wheel in self._wheels)
+            return (*faults, f"the drives do not enable their motors: {', '.join(states)}")
+        if self.is_enabled:
+            left = (f"the {w.side} drive left its motor: {w.state or 'unknown'}" for w in self._wheels if not w.follows)
+            return (*faults, *left)
+        return faults
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What each drive tells of itself, and what was refused of it."""
+        return {f"{wheel.side}.{name}": text for wheel in self._wheels for name, text in wheel.health.items()}
+
+    def _command_frames(self, commands: Sequence[float]) -> Iterator[Frame]:
+        match self._enabling.phase:
+            case Phase.ENABLED:
+                # One drive that no longer follows must not leave the other turning the robot.
+                torques = commands if all(wheel.follows for wheel in self._wheels) else (0.0, 0.0)
+                for wheel, torque in zip(self._wheels, torques, strict=True):
+                    on = Controlword.ENABLE_OPERATION if wheel.follows else Controlword.DISABLE_VOLTAGE
+                    yield wheel.pack(on, torque)
+            case Phase.ENABLING:
+                for wheel in self._wheels:
+                    yield wheel.pack(wheel.next_controlword())
+            case Phase.OFF:
+                for wheel in self._wheels:
+                    yield wheel.pack(Controlword.DISABLE_VOLTAGE)
+
+    def _mend(self) -> None:
+        """Set up again a drive that has restarted, a request a cycle, and start one whose communication waits."""
+        for wheel in self._wheels:
+            request = wheel.restoring.next_request()
+            if request is not None:
+                self._link.send(Frame(Service.SDO_REQUEST + wheel.node_id, request))
+            if wheel.needs_start and wheel.trouble is None and not wheel.has_restarted:
+                self._tell(NmtCommand.START, wheel)
+                wheel.needs_start = False
+
+    def _tell(self, command: NmtCommand, wheel: Cia402Wheel) -> None:
+        self._link.send(Frame(Service.NMT, pack_nmt(command, wheel.node_id)))
+
+
+def _plans(settings: Cia402Settings, loop_period_s: float) -> tuple[Plan, Plan]:
+    def plan(wheel: Cia402WheelSettings) -> Plan:
+        return Plan(
+            node_id=wheel.node_id,
+            host_node_id=settings.host_node_id,
+            watchdog_ms=round(settings.watchdog_s * 1e3),
+            cycle_us=round(loop_period_s * 1e6),
+            max_torque=wheel.max_torque / wheel.gear_ratio,
+        )
+
+    return plan(settings.left), plan(settings.right)

@@ -1,0 +1,243 @@
+"""The CANopen frames that a CiA 402 drive is run with: bytes to values and back.
+
+Layouts follow CiA 301 (object identifiers, NMT, SYNC, EMCY, heartbeat, expedited SDO) and, in the PDOs, the objects of
+CiA 402 as `PDOS` maps them. Everything is little-endian.
+"""
+
+import enum
+import struct
+from typing import Final, NamedTuple, Self
+
+from firmware_io.integrity import Refusal
+
+PERMILLE: Final = 0.001
+"""Step of 0x6071 and 0x6077, in parts of the rated torque."""
+MAX_TORQUE_SHARE: Final = 32.767
+"""Largest magnitude of a torque in a frame, in parts of the rated torque."""
+
+_COMMAND: Final = struct.Struct("<Hh")
+_STATUS: Final = struct.Struct("<Hih")
+_VELOCITY: Final = struct.Struct("<i")
+_EMERGENCY: Final = struct.Struct("<HB5s")
+_SDO: Final = struct.Struct("<BHB4s")
+
+
+@enum.unique
+class Service(enum.IntEnum):
+    """The predefined connection set: an identifier is one of these plus the node's id, 1 to 127."""
+
+    NMT = 0x000
+    """To all nodes: this is the whole identifier."""
+    SYNC = 0x080
+    """To all nodes: this is the whole identifier; EMCY shares it, with a node's id."""
+    TPDO1 = 0x180
+    RPDO1 = 0x200
+    TPDO2 = 0x280
+    TPDO3 = 0x380
+    TPDO4 = 0x480
+    SDO_REPLY = 0x580
+    SDO_REQUEST = 0x600
+    HEARTBEAT = 0x700
+
+
+EMERGENCY: Final = Service.SYNC
+
+
+class MappedObject(NamedTuple):
+    """An object in a PDO."""
+
+    object_index: int
+    bits: int
+
+
+PDOS: Final = {
+    Service.RPDO1: (MappedObject(0x6040, 16), MappedObject(0x6071, 16)),
+    Service.TPDO1: (MappedObject(0x6041, 16), MappedObject(0x6064, 32), MappedObject(0x6077, 16)),
+    Service.TPDO2: (MappedObject(0x606C, 32),),
+}
+"""What the PDOs carry; in sub-index 0 of each object."""
+
+
+@enum.unique
+class NmtCommand(enum.IntEnum):
+    """What the host tells a node of its communication."""
+
+    START = 0x01
+    STOP = 0x02
+    PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
+@enum.unique
+class NmtState(enum.IntEnum):
+    """What a node's heartbeat says of its communication."""
+
+    BOOT_UP = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+class FrameRefusedError(ValueError):
+    """A frame that must not be used.
+
+    Attributes:
+        refusal: Why.
+    """
+
+    def __init__(self, refusal: Refusal, what: str) -> None:
+        """State the cause and the frame."""
+        self.refusal = refusal
+        super().__init__(f"{what} refused: {refusal}")
+
+
+class Command(NamedTuple):
+    """RPDO1: the controlword (0x6040), and the target torque (0x6071) in parts of the rated torque, +-32.767."""
+
+    controlword: int
+    torque_share: float
+
+    def pack(self) -> bytes:
+        """The frame's data.
+
+        Raises:
+            FrameRefusedError: A value is not finite or out of range.
+        """
+        try:
+            return _COMMAND.pack(self.controlword, round(self.torque_share / PERMILLE))
+        except (struct.error, ValueError, OverflowError) as error:
+            raise FrameRefusedError(Refusal.RANGE, "a command") from error
+
+
+class Status(NamedTuple):
+    """TPDO1: statusword (0x6041), position (0x6064) in counts, torque (0x6077) in parts of the rated torque."""
+
+    statusword: int
+    position_counts: int
+    torque_share: float
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """From a frame's data.
+
+        Raises:
+            FrameRefusedError: Wrong length.
+        """
+        _check(data, _STATUS.size, "a status")
+        statusword, counts, permille = _STATUS.unpack(data)
+        return cls(statusword, counts, permille * PERMILLE)
+
+
+def unpack_velocity(data: bytes) -> int:
+    """TPDO2: the velocity (0x606C), in the drive's unit.
+
+    Raises:
+        FrameRefusedError: Wrong length.
+    """
+    _check(data, _VELOCITY.size, "a velocity")
+    (velocity,) = _VELOCITY.unpack(data)
+    return int(velocity)
+
+
+class Emergency(NamedTuple):
+    """EMCY: error code (0x603F), error register (0x1001) and five bytes of the manufacturer's; code 0 is all clear."""
+
+    code: int
+    register: int
+    detail: bytes = bytes(5)
+
+    def pack(self) -> bytes:
+        """The frame's data."""
+        return _EMERGENCY.pack(*self)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """From a frame's data.
+
+        Raises:
+            FrameRefusedError: Wrong length.
+        """
+        _check(data, _EMERGENCY.size, "an emergency")
+        return cls(*_EMERGENCY.unpack(data))
+
+    @property
+    def description(self) -> str:
+        """The class of the error and its code, for people."""
+        named = next((name for code, mask, name in _EMERGENCY_CLASSES if self.code & mask == code), "reserved")
+        return f"EMCY 0x{self.code:04X} ({named})"
+
+
+_EMERGENCY_CLASSES: Final = (
+    (0x0000, 0xFF00, "no error"),
+    (0x1000, 0xFF00, "generic"),
+    (0x2000, 0xF000, "current"),
+    (0x3000, 0xF000, "voltage"),
+    (0x4000, 0xF000, "temperature"),
+    (0x5000, 0xFF00, "hardware of the drive"),
+    (0x6000, 0xF000, "software of the drive"),
+    (0x7300, 0xFF00, "sensor"),
+    (0x7000, 0xF000, "additional modules"),
+    (0x8110, 0xFFFF, "CAN overrun"),
+    (0x8120, 0xFFFF, "CAN error passive"),
+    (0x8130, 0xFFFF, "heartbeat of the host missed"),
+    (0x8140, 0xFFFF, "recovered from bus-off"),
+    (0x8100, 0xFF00, "communication"),
+    (0x8200, 0xFF00, "protocol"),
+    (0x8000, 0xF000, "monitoring"),
+    (0x9000, 0xFF00, "external"),
+    (0xFF00, 0xFF00, "of the manufacturer"),
+    (0xF000, 0xFF00, "additional functions"),
+)
+"""Code, mask and name; the first that fits counts (CiA 301, emergency error codes)."""
+
+
+def pack_nmt(command: NmtCommand, node_id: int) -> bytes:
+    """The data of an NMT frame to one node, or with node id 0 to all."""
+    return bytes((command, node_id))
+
+
+def pack_heartbeat(state: NmtState) -> bytes:
+    """The data of a heartbeat."""
+    return bytes((state,))
+
+
+def unpack_heartbeat(data: bytes) -> NmtState:
+    """The state that a heartbeat tells.
+
+    Raises:
+        FrameRefusedError: Wrong length, or no such state.
+    """
+    _check(data, 1, "a heartbeat")
+    try:
+        return NmtState(data[0])
+    except ValueError as error:
+        raise FrameRefusedError(Refusal.RANGE, "a heartbeat") from error
+
+
+class Sdo(NamedTuple):
+    """An SDO frame of the expedited kind: what it is, an object's index and sub-index, and up to four bytes of it."""
+
+    specifier: int
+    object_index: int
+    subindex: int
+    data: bytes = bytes(4)
+
+    def pack(self) -> bytes:
+        """The frame's data."""
+        return _SDO.pack(self.specifier, self.object_index, self.subindex, self.data)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """From a frame's data.
+
+        Raises:
+            FrameRefusedError: Wrong length.
+        """
+        _check(data, _SDO.size, "an SDO")
+        return cls(*_SDO.unpack(data))
+
+
+def _check(data: bytes, length: int, what: str) -> None:
+    if len(data) != length:
+        raise FrameRefusedError(Refusal.LENGTH, what)

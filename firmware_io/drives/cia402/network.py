@@ -1,0 +1,118 @@
+"""The canopen library on one of our links: its waiting calls pump the link, on the loop's clock, without any thread."""
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+import canopen
+from canopen.sdo.client import SdoClient
+
+from firmware_io.drives.cia402.frames import FrameRefusedError, NmtState, Service, unpack_heartbeat
+from firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS
+from firmware_io.drives.cia402.restoring import Exchange
+from firmware_io.links.link import Frame, Link
+
+_PUMP_NS: Final = 1_000_000
+_SDO_LENGTH: Final = 8
+
+# The library tells every step of a set-up; what goes wrong comes to us as an exception, and is told once.
+logging.getLogger("canopen").setLevel(logging.CRITICAL)
+
+
+class LinkNetwork(canopen.Network):
+    """A CANopen network for the time of the set-up; it blocks, so it is used before the loop starts, never within it.
+
+    What waits takes frames from the link and lets a millisecond pass on the injected clock, in turns: on the robot that
+    sleeps, in lock step the simulated devices run meanwhile. Frames that are no SDO answers or heartbeats are lost to
+    everybody else who listens on the link: acceptable, since nobody needs them before the first cycle.
+
+    Attributes:
+        boots: How often each node has reported that it started, by node id.
+        exchanges: The SDO requests that were answered, with their answers, by node id.
+    """
+
+    def __init__(self, link: Link, now_ns: Callable[[], int], sleep_until_ns: Callable[[int], None]) -> None:
+        """Speak over `link`, which is open."""
+        super().__init__()
+        self.boots: Counter[int] = Counter()
+        self.exchanges: dict[int, list[Exchange]] = {}
+        self._link = link
+        self._now_ns = now_ns
+        self._sleep_until_ns = sleep_until_ns
+        self._asked: dict[int, bytes] = {}
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002 - the library's
+        """Send a frame; see `canopen.Network.send_message`.
+
+        Raises:
+            canopen.SdoCommunicationError: The link has no room for it.
+        """
+        frame = Frame(can_id, bytes(data), is_remote=remote)
+        if Service.SDO_REQUEST < can_id < Service.HEARTBEAT:
+            self._asked[can_id - Service.SDO_REQUEST] = frame.data
+        if not self._link.send(frame):
+            raise canopen.SdoCommunicationError(f"{self._link.description} does not take frames")
+
+    def wait_until(self, happened: Callable[[], bool], within_ns: int = ANSWER_WITHIN_NS) -> bool:
+        """Take frames until something has happened; whether it has, in that time.
+
+        Raises:
+            LinkLostError: The link is gone.
+        """
+        deadline_ns = self._now_ns() + within_ns
+        while not happened():
+            if self._now_ns() >= deadline_ns:
+                return False
+            self._sleep_until_ns(self._now_ns() + _PUMP_NS)
+            for frame in self._link.receive():
+                self._take(frame)
+        return True
+
+    def _take(self, frame: Frame) -> None:
+        identifier = frame.arbitration_id
+        if frame.is_extended:
+            return
+        if Service.SDO_REPLY < identifier < Service.SDO_REQUEST and len(frame.data) == _SDO_LENGTH:
+            self._keep(identifier - Service.SDO_REPLY, frame.data)
+            self.notify(identifier, bytearray(frame.data), frame.received_ns * 1e-9)
+        elif identifier > Service.HEARTBEAT:
+            self._hear(identifier - Service.HEARTBEAT, frame.data)
+
+    def _keep(self, node_id: int, answer: bytes) -> None:
+        """Keep a request with its answer; of the same request made several times, the last answer."""
+        request = self._asked.pop(node_id, None)
+        if request is None:
+            return
+        exchanges = self.exchanges.setdefault(node_id, [])
+        if exchanges and exchanges[-1].request == request:
+            exchanges.pop()
+        exchanges.append(Exchange(request, answer))
+
+    def _hear(self, node_id: int, data: bytes) -> None:
+        try:
+            self.boots[node_id] += unpack_heartbeat(data) is NmtState.BOOT_UP
+        except FrameRefusedError:  # a damaged heartbeat is no boot-up, and nothing else matters here
+            return
+
+
+class PumpedNode(canopen.RemoteNode):
+    """A node whose SDO client waits by pumping the link."""
+
+    network: LinkNetwork
+
+    def add_sdo(self, rx_cobid: int, tx_cobid: int) -> SdoClient:
+        """See `canopen.RemoteNode.add_sdo`, which calls it while the node is made; later it must not be called."""
+        client = _PumpedSdoClient(rx_cobid, tx_cobid, self.object_dictionary)  # type: ignore[no-untyped-call]  # canopen's
+        self.sdo_channels.append(client)
+        return client
+
+
+class _PumpedSdoClient(SdoClient):
+    network: LinkNetwork
+
+    def read_response(self) -> bytes:
+        """Wait for an answer; see `SdoClient.read_response`, which then finds it in its queue."""
+        if not self.network.wait_until(lambda: not self.responses.empty()):
+            raise canopen.SdoCommunicationError("no answer")
+        return bytes(super().read_response())  # type: ignore[no-untyped-call]  # canopen's

@@ -1,0 +1,51 @@
+"""What a robot file says of CiA 402 drives."""
+
+from typing import Annotated, Final
+
+import msgspec
+
+from firmware_io.settings import BusSettings, WheelSettings
+
+NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
+Units = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
+
+_DEFAULT_HOST: Final = 127
+
+
+class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
+    """One drive with its motor.
+
+    Attributes:
+        node_id: The drive's CANopen node id.
+        counts_per_turn: How far the position (0x6064) moves in one turn of the motor.
+        velocity_units_per_turn: What the velocity (0x606C) reads at one turn of the motor a second, such as 60 for
+            rpm; where left out, the counts of a turn.
+    """
+
+    node_id: NodeId
+    counts_per_turn: Annotated[int, msgspec.Meta(ge=1, le=1 << 24)]
+    velocity_units_per_turn: Units | None = None
+
+    @property
+    def velocity_unit_turns(self) -> float:
+        """One unit of 0x606C, in turns of the motor a second."""
+        return 1.0 / (self.velocity_units_per_turn or self.counts_per_turn)
+
+
+class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
+    """Two drives of the CiA 402 profile over CANopen.
+
+    Attributes:
+        host_node_id: The node id under which the host sends the heartbeat that the drives watch.
+        left: The drive of the left wheel.
+        right: The drive of the right wheel.
+    """
+
+    host_node_id: NodeId = _DEFAULT_HOST
+    left: Cia402WheelSettings
+    right: Cia402WheelSettings
+
+    def __post_init__(self) -> None:
+        """Refuse node ids that are not unique on the bus."""
+        if len({self.host_node_id, self.left.node_id, self.right.node_id}) != 3:  # noqa: PLR2004 - of three nodes
+            raise ValueError("left.node_id, right.node_id and host_node_id must differ")

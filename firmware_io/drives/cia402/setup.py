@@ -1,0 +1,159 @@
+"""Setting up a CiA 402 drive through its object dictionary, with every value read back."""
+
+from typing import Final, cast
+
+import canopen
+from canopen.objectdictionary import ODVariable
+from canopen.pdo import PdoMap
+
+from firmware_io.drives.cia402.dictionary import object_dictionary
+from firmware_io.drives.cia402.frames import MAX_TORQUE_SHARE, PDOS, MappedObject, NmtCommand, Service, pack_nmt
+from firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, WATCHDOG_ALLOWED_MS
+from firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
+from firmware_io.drives.cia402.plan import Plan
+from firmware_io.errors import HardwareError
+
+CYCLIC_SYNCHRONOUS_TORQUE: Final = 10
+PROFILE: Final = 402
+EVERY_SYNC: Final = 1
+AT_ONCE: Final = 255
+"""An RPDO of this transmission type acts when it arrives, be that before or after SYNC, whose identifier is lower."""
+_DISABLE_VOLTAGE: Final = 2
+"""Of 0x6007: where the host's heartbeat stops, the motor is to run free, as when a robot is disarmed."""
+_DISABLE_DRIVE: Final = 0
+"""Of 0x605A: the same for a quick stop that something at the drive causes; the profile's default would brake."""
+_NOT_VALID: Final = 1 << 31
+_MILLINEWTONMETRE: Final = 0.001
+_ABORT_NO_OBJECT: Final = frozenset({0x06020000, 0x06090011})
+
+
+class SetUpError(HardwareError):
+    """A drive could not be set up; the text says at which object."""
+
+
+def set_up(network: LinkNetwork, plan: Plan) -> float:
+    """Set up a drive that has just been reset, and leave it pre-operational; blocks.
+
+    Returns:
+        The rated torque of its motor, N m.
+
+    Raises:
+        SetUpError: It does not answer, or is not or does not become what it must be.
+        LinkLostError: The link is gone.
+    """
+    node = PumpedNode(plan.node_id, object_dictionary())
+    network.add_node(node)
+    try:
+        network.send_message(Service.NMT, pack_nmt(NmtCommand.PRE_OPERATIONAL, plan.node_id))
+    except canopen.SdoCommunicationError as error:
+        raise SetUpError(str(error)) from error
+    return _SetUp(network, node, plan).run()
+
+
+class _SetUp:
+    def __init__(self, network: LinkNetwork, node: PumpedNode, plan: Plan) -> None:
+        self._network = network
+        self._node = node
+        self._plan = plan
+
+    def run(self) -> float:
+        plan = self._plan
+        profile = self._read(0x1000) & 0xFFFF
+        if profile != PROFILE:
+            raise SetUpError(
+                f"its device type 0x1000 tells profile {profile}, not 402; is the node id that of a drive?"
+            )
+        self._write(0x6040, 0, 0)
+        self._write_checked(0x1017, 0, HEARTBEAT_PERIOD_MS)
+        self._watchdog()
+        self._write_if_there(0x605A, _DISABLE_DRIVE)
+        rated = self._rated_torque()
+        self._mode()
+        self._write_checked(0x1005, 0, Service.SYNC)
+        self._write_if_there(0x1006, plan.cycle_us)
+        self._map(self._node.rpdo[1], Service.RPDO1, AT_ONCE)
+        self._map(self._node.tpdo[1], Service.TPDO1, EVERY_SYNC)
+        self._map(self._node.tpdo[2], Service.TPDO2, EVERY_SYNC)
+        for number, service in ((3, Service.TPDO3), (4, Service.TPDO4)):
+            self._write_if_there(0x1800 + number - 1, _NOT_VALID | (service + plan.node_id), 1)
+        return rated
+
+    def _watchdog(self) -> None:
+        plan = self._plan
+        self._write(0x1016, 1, plan.host_node_id << 16 | plan.watchdog_ms)
+        found = self._read(0x1016, 1)
+        host, time_ms = found >> 16, found & 0xFFFF
+        low, high = WATCHDOG_ALLOWED_MS
+        if host != plan.host_node_id or not low <= time_ms <= high:
+            raise SetUpError(
+                f"its watchdog 0x1016:01 stands at {time_ms} ms for node {host}, asked was {plan.watchdog_ms} ms for "
+                f"node {plan.host_node_id}, allowed is {low} to {high} ms; does it take a heartbeat consumer?"
+            )
+        self._write_checked(0x6007, 0, _DISABLE_VOLTAGE)
+
+    def _rated_torque(self) -> float:
+        max_torque = self._plan.max_torque
+        rated = self._read(0x6076) * _MILLINEWTONMETRE
+        if rated <= 0.0 or max_torque > rated * MAX_TORQUE_SHARE:
+            raise SetUpError(
+                f"its rated torque 0x6076 reads {rated:g} N m, which a torque of {max_torque:g} N m at the motor does "
+                "not go with; set 0x6076 to what the motor's plate says"
+            )
+        return rated
+
+    def _mode(self) -> None:
+        self._write(0x6060, 0, CYCLIC_SYNCHRONOUS_TORQUE)
+        if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
+            raise SetUpError("it does not take mode 10 (0x6061 reads another): it lacks cyclic synchronous torque")
+
+    def _map(self, pdo: PdoMap, service: Service, transmission_type: int) -> None:
+        """Map a PDO by the library; its present COB-ID is read first, for the bit that allows remote requests."""
+        objects = PDOS[service]
+        asked = (service + self._plan.node_id, transmission_type, True)
+        try:
+            pdo.read()
+            pdo.clear()
+            for mapped in objects:
+                pdo.add_variable(mapped.object_index, 0, mapped.bits)
+            pdo.cob_id, pdo.trans_type, pdo.enabled = asked
+            pdo.save()
+            pdo.read()
+        except (canopen.SdoCommunicationError, canopen.SdoAbortedError, canopen.ObjectDictionaryError) as error:
+            raise SetUpError(f"{service.name} cannot be mapped: {error}") from error
+        found = tuple(MappedObject(variable.index, variable.length) for variable in pdo.map)
+        if (found, (pdo.cob_id, pdo.trans_type, pdo.enabled)) != (objects, asked):
+            raise SetUpError(f"{service.name} is not mapped as asked: does the drive allow mapping?")
+
+    def _write_checked(self, index: int, subindex: int, value: int) -> None:
+        self._write(index, subindex, value)
+        found = self._read(index, subindex)
+        if found != value:
+            raise SetUpError(f"its object {_name(index, subindex)} reads {found} after {value} was written")
+
+    def _write_if_there(self, index: int, value: int, subindex: int = 0) -> None:
+        """Write an object that a drive need not have."""
+        try:
+            self._write_checked(index, subindex, value)
+        except SetUpError as error:
+            cause = error.__cause__
+            if not (isinstance(cause, canopen.SdoAbortedError) and cause.code in _ABORT_NO_OBJECT):
+                raise
+
+    def _write(self, index: int, subindex: int, value: int) -> None:
+        try:
+            self._node.sdo.download(index, subindex, self._variable(index, subindex).encode_raw(value))
+        except (canopen.SdoCommunicationError, canopen.SdoAbortedError) as error:
+            raise SetUpError(f"its object {_name(index, subindex)} cannot be written: {error}") from error
+
+    def _read(self, index: int, subindex: int = 0) -> int:
+        try:
+            return int(self._variable(index, subindex).decode_raw(self._node.sdo.upload(index, subindex)))
+        except (canopen.SdoCommunicationError, canopen.SdoAbortedError, canopen.ObjectDictionaryError) as error:
+            raise SetUpError(f"its object {_name(index, subindex)} cannot be read: {error}") from error
+
+    def _variable(self, index: int, subindex: int) -> ODVariable:
+        return cast("ODVariable", self._node.object_dictionary.get_variable(index, subindex))
+
+
+def _name(index: int, subindex: int) -> str:
+    return f"0x{index:04X}:{subindex:02X}"

@@ -1,0 +1,221 @@
+"""One drive with its wheel, as the loop knows it: what it tells, and what its state machine is to be told next."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from firmware_io.devices import Readings
+from firmware_io.drives.cia402.frames import (
+    EMERGENCY,
+    Command,
+    Emergency,
+    FrameRefusedError,
+    NmtState,
+    Service,
+    Status,
+    unpack_heartbeat,
+    unpack_velocity,
+)
+from firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
+from firmware_io.drives.cia402.restoring import Restoring
+from firmware_io.drives.cia402.settings import Cia402WheelSettings
+from firmware_io.drives.cia402.states import Controlword, DriveState, state_of, step_towards_operation
+from firmware_io.drivetrain import TURN, WrappedCounter
+from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame
+
+_HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
+_POSITION_BITS: Final = 32
+
+
+class Cia402Wheel:
+    """What a drive has told last.
+
+    Attributes:
+        side: Which wheel.
+        node_id: The drive's node id.
+        rated_torque: The rated torque of its motor, N m; None until it is set up.
+        trouble: Why it is not set up; None where it is.
+        restoring: Its setting up again; does nothing where it has not restarted.
+        state: The state its statusword tells; None before the first, or for one the profile does not know.
+        nmt: The state of its communication.
+        emergency: The error it reported since `begin`; None where there is none.
+        needs_start: Whether it has told that its communication waits to be started.
+        listens_to: Identifiers of its frames.
+    """
+
+    def __init__(
+        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: Callable[[], int]
+    ) -> None:
+        """Know a drive of which nothing has been heard."""
+        self.side = side
+        self.node_id = settings.node_id
+        self.rated_torque: float | None = None
+        self.trouble: str | None = "it has not been set up"
+        self.restoring = Restoring((), now_ns)
+        self.state: DriveState | None = None
+        self.nmt: NmtState | None = None
+        self.emergency: Emergency | None = None
+        self.needs_start = False
+        self.listens_to = frozenset(service + settings.node_id for service in _HEARD)
+        self._settings = settings
+        self._drivetrain = settings.drivetrain
+        self._counter = WrappedCounter(_POSITION_BITS)
+        self._origin = 0
+        self._counts_anew = False
+        self._values = [0.0, 0.0, 0.0]
+        self._last_sent = int(Controlword.DISABLE_VOLTAGE)
+        self._was_off = False
+        self._refused: Counter[str] = Counter()
+        stale_ns = dict.fromkeys((Service.TPDO1, Service.TPDO2), stale_after_ns(loop_period_s, loop_period_s))
+        stale_ns[Service.HEARTBEAT] = stale_after_ns(HEARTBEAT_PERIOD_MS * 1e-3, loop_period_s)
+        self._fresh = Freshness(stale_ns, now_ns)
+
+    @property
+    def has_restarted(self) -> bool:
+        """Whether the drive has lost its set-up and has not got it back."""
+        return self.restoring.is_under_way or self.restoring.failure is not None
+
+    @property
+    def is_operational(self) -> bool:
+        """Whether its PDOs are exchanged."""
+        return self.nmt is NmtState.OPERATIONAL and not self.has_restarted
+
+    @property
+    def follows(self) -> bool:
+        """Whether its motor follows commands, and it was off since `begin`."""
+        return self._was_off and self.is_operational and self.state is DriveState.OPERATION_ENABLED
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of its frames; False for one that is not intact, which is counted, or that nobody waits for."""
+        service = Service(frame.arbitration_id - self.node_id)
+        try:
+            return self._take(service, frame)
+        except FrameRefusedError as error:
+            self._refused[error.refusal] += 1
+            return False
+
+    def begin(self) -> None:
+        """It is to be enabled: what it reported before does not count, and it must be off before it is on."""
+        self.emergency = None
+        self._was_off = False
+        self._last_sent = int(Controlword.DISABLE_VOLTAGE)
+
+    def next_controlword(self) -> Controlword:
+        """The next step on the way to its motor following commands; a drive that is found on is switched off first."""
+        self._was_off = self._was_off or self.state is not DriveState.OPERATION_ENABLED
+        return step_towards_operation(self.state, self._last_sent) if self._was_off else Controlword.DISABLE_VOLTAGE
+
+    def pack(self, controlword: Controlword, wheel_torque: float = 0.0) -> Frame:
+        """The frame with a controlword and a torque at the wheel, N m; limited, and zero where it is not finite."""
+        limit = self._settings.max_torque
+        limited = min(max(wheel_torque, -limit), limit) if math.isfinite(wheel_torque) else 0.0
+        share = self._drivetrain.motor_torque(limited) / self.rated_torque if self.rated_torque else 0.0
+        self._last_sent = int(controlword)
+        return Frame(Service.RPDO1 + self.node_id, Command(controlword, share).pack())
+
+    def read(self) -> Readings:
+        """Angle (rad), velocity (rad/s) and torque (N m) at the wheel."""
+        status_age, status_valid = self._fresh.age(Service.TPDO1)
+        velocity_age, velocity_valid = self._fresh.age(Service.TPDO2)
+        return Readings(
+            tuple(self._values), (status_age, velocity_age, status_age), (status_valid, velocity_valid, status_valid)
+        )
+
+    def fault(self) -> str | None:
+        """What is wrong with a drive that is to be enabled, or is; None while all is well."""
+        if self.has_restarted:
+            return f"the {self.side} drive has restarted"
+        if self.emergency is not None:
+            return f"the {self.side} drive reports {self.emergency.description}, its state is {self.state or 'unknown'}"
+        if self.nmt is not NmtState.OPERATIONAL:
+            return f"the {self.side} drive has left the operational state: {self._nmt_name}"
+        return self._stale
+
+    def obstacles(self, where: str) -> list[str]:
+        """What speaks against enabling it."""
+        drive = f"the {self.side} drive (node {self.node_id})"
+        if self.trouble is not None:
+            return [f"{drive} on {where} is not set up: {self.trouble}; mend that, then start the node again"]
+        if self.restoring.failure is not None:
+            return [f"{drive} restarted and {self.restoring.failure}; is it the same drive? start the node again"]
+        if self.restoring.is_under_way:
+            return [f"{drive} restarted and is being set up again; try again in a second"]
+        if not self._fresh.age(Service.HEARTBEAT)[1]:
+            return [f"{drive} does not answer on {where}; is it powered and on this bus?"]
+        silent = self._stale if self.is_operational else f"{drive} is not operational: {self._nmt_name}"
+        return [] if silent is None else [f"{silent}; try again in a second, or switch it off and on"]
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the drive tells of itself, and what was refused of it."""
+        return {
+            **{f"refused.{cause}": str(count) for cause, count in self._refused.items()},
+            "state": str(self.state or "unknown"),
+            "nmt": self._nmt_name,
+            "emergency": "none" if self.emergency is None else self.emergency.description,
+            "rated_torque_nm": "unknown" if self.rated_torque is None else f"{self.rated_torque:g}",
+            "set_up": self.trouble or self.restoring.failure or ("under way" if self.has_restarted else "yes"),
+        }
+
+    @property
+    def _stale(self) -> str | None:
+        """What it has told too long ago; None where all is fresh."""
+        for kind, name in ((Service.HEARTBEAT, "heartbeat"), (Service.TPDO1, "status"), (Service.TPDO2, "velocity")):
+            age_s, valid = self._fresh.age(kind)
+            if not valid:
+                return f"the {name} of the {self.side} drive is too old: {age_s * 1e3:.0f} ms"
+        return None
+
+    @property
+    def _nmt_name(self) -> str:
+        return "not heard" if self.nmt is None else self.nmt.name.lower().replace("_", "-")
+
+    def _take(self, service: int, frame: Frame) -> bool:
+        match service:
+            case Service.TPDO1:
+                self._take_status(Status.unpack(frame.data))
+            case Service.TPDO2:
+                turns = unpack_velocity(frame.data) * self._settings.velocity_unit_turns
+                self._values[1] = self._drivetrain.wheel(turns * TURN)
+            case Service.HEARTBEAT:
+                self._hear(unpack_heartbeat(frame.data))
+            case Service.SDO_REPLY:
+                return self.restoring.take(frame.data)
+            case _:
+                emergency = Emergency.unpack(frame.data)
+                # That all is well again does not make undone what happened since the drive was enabled.
+                self.emergency = emergency if emergency.code else self.emergency
+                return True
+        self._fresh.mark(Service(service), frame.received_ns)
+        return True
+
+    def _take_status(self, status: Status) -> None:
+        self.state = state_of(status.statusword)
+        if self.state is None:
+            self._refused[Refusal.UNKNOWN] += 1
+        turns = self._counts(status.position_counts) / self._settings.counts_per_turn
+        self._values[0] = self._drivetrain.wheel(turns * TURN)
+        self._values[2] = self._drivetrain.wheel_torque(status.torque_share * (self.rated_torque or 0.0))
+
+    def _counts(self, raw: int) -> int:
+        """The position over wraps; after a restart, in which the drive may have begun at another count, it goes on."""
+        if self._counts_anew:
+            self._counts_anew = False
+            self._origin += self._counter.total - raw
+            self._counter.restart()
+        return self._counter.take(raw) + self._origin
+
+    def _hear(self, state: NmtState) -> None:
+        self.nmt = state
+        if state is NmtState.BOOT_UP:
+            self.restart()
+        self.needs_start = state in (NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
+
+    def restart(self) -> None:
+        """It has restarted: what it was set up to is gone."""
+        self.state = None
+        self._counts_anew = True
+        self.restoring.begin()

@@ -1,0 +1,235 @@
+"""One axis of an ODrive, which moves one wheel, as a `Drive`: enable, command, disable."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from firmware_io.devices import Readings
+from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.drives.odrive import commands as c
+from firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
+from firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, encode, request
+from firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
+from firmware_io.drives.odrive.listener import AxisListener
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.links.link import Frame, Link
+
+_ZERO = c.SetInputTorque(0.0)
+_TORQUE_MODE = c.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
+_NEVER = -(1 << 62)
+
+
+class Odrive:
+    """One wheel on an axis of an ODrive; see `Drive`.
+
+    An axis that has not yet proved its watchdog (see `watchdog`) must hear nothing for a while. "Zero is sent, not
+    silence" stands for: a drive never holds an old torque because its host said nothing. An idle axis has its motor
+    switched off, so silence leaves no torque standing. That is why silence begins only once a heartbeat has said that
+    the axis is idle, and ends, with zero and idle sent again and again, when heartbeats stop or say anything else.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        name: str,
+        settings: OdriveSettings,
+        loop_period_s: float,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
+        self.name = name
+        self.signals: Mapping[str, str] = {f"{name}.angle": "rad", f"{name}.velocity": "rad/s", f"{name}.torque": "N m"}
+        self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
+        self._settings = settings
+        self._wheel = settings.wheel(name)
+        self.limits: Sequence[float] = (self._wheel.max_torque,)
+        self._link = link
+        self._now_ns = now_ns
+        self._axis = AxisListener(name, settings, loop_period_s, now_ns)
+        self.listens_to = self._axis.listens_to
+        beat_s = max(settings.heartbeat_period_s, loop_period_s)
+        self._settled_ns = round((loop_period_s + _line_s(settings)) * 1e9) + IN_FLIGHT_NS
+        self._resend_ns = max(RESEND_NS, self._settled_ns + round(2e9 * beat_s))
+        self._enabling = Enabling()
+        self._cleared: tuple[str, ...] = ()
+        self._stepped_ns = _NEVER
+        self._first_step_ns: int | None = None
+        self._silent_since_ns: int | None = None
+
+    def start(self) -> None:
+        """Send zero and idle: whatever the axis was doing, it stops."""
+        self._stop()
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the axis' frames; see `Sensor.take`."""
+        taken = self._axis.take(frame)
+        if taken and frame.arbitration_id % COMMANDS == HEARTBEAT:
+            self._confirm(frame.received_ns)
+        return taken
+
+    def read(self) -> Readings:
+        """Angle, velocity and torque of the wheel; the torque is valid only where the drive tells it."""
+        return self._axis.read()
+
+    def obstacles(self) -> list[str]:
+        """Silence, an unknown firmware, or a watchdog that has not proved itself."""
+        axis, settings = self._axis, self._settings
+        who = f"{self.name} ODrive axis (node {self._wheel.node_id})"
+        if not axis.age("heartbeat")[1]:
+            return [f"{who} sends no heartbeat on {self._link.description}: check power, bit rate and can.node_id"]
+        if axis.search.found is None:
+            return [f"{who}: its firmware is being asked for, half a second"]
+        reasons = [] if axis.search.mismatch is None else [f"{who} {axis.search.mismatch}"]
+        suffix = "rate_ms" if axis.search.found is Firmware.V0_5 else "msg_rate_ms"
+        if axis.gap_ns > axis.stale_beat_ns:
+            period_ms = f"{settings.heartbeat_period_s * 1e3:g}"
+            reasons.append(
+                f"{who}: heartbeats come {axis.gap_ns * 1e-6:.0f} ms apart, {period_ms} is expected; "
+                f"set can.heartbeat_{suffix} = {period_ms}"
+            )
+        if not axis.age("estimates")[1]:
+            reasons.append(
+                f"{who} sends no encoder estimates, or seldom; "
+                f"set can.encoder_{suffix} = {settings.encoder_period_s * 1e3:g}"
+            )
+        if axis.state != AxisState.IDLE:
+            reasons.append(f"{who} is in {axis.state_name}, and is being told to be idle")
+        return reasons + self._watchdog_obstacles(who)
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the axis has confirmed that its motor follows commands."""
+        return self._enabling.phase is Phase.ENABLED
+
+    def enable(self) -> None:
+        """Send the steps to closed loop from the next cycle, with zero, until a heartbeat confirms it."""
+        self._enabling.begin(self._now_ns())
+        self._first_step_ns = None
+        self._stepped_ns = _NEVER
+
+    def command(self, commands: Sequence[float]) -> None:
+        """Send the torque, N m at the wheel, where the axis follows commands, else zero or the next step."""
+        match self._enabling.phase:
+            case Phase.ENABLED:
+                self._drive(commands[0])
+            case Phase.ENABLING:
+                self._step()
+            case Phase.OFF:
+                self._rest()
+
+    def disable(self) -> None:
+        """Send zero and idle."""
+        self._enabling.end()
+        self._stop()
+
+    def faults(self) -> tuple[str, ...]:
+        """Errors, a motor switched off by itself or not switched on, silence."""
+        axis = self._axis
+        who, why = f"the {self.name} ODrive axis", f"{axis.state_name}, errors: {', '.join(axis.errors) or 'none'}"
+        if self._enabling.is_overdue(self._now_ns()):
+            return (f"{who} does not go to closed loop: {why}",)
+        if not self.is_enabled:
+            return ()
+        found = [] if axis.is_closed_loop else [f"{who} switched its motor off: {why}"]
+        for kind in ("heartbeat", "estimates"):
+            age_s, valid = axis.age(kind)
+            if not valid:
+                found.append(f"{who}'s {kind} too old: {age_s * 1e3:.0f} ms")
+        return tuple(found)
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the axis tells of itself, and the errors that the last clearing found."""
+        return {**self._axis.health, "cleared": ", ".join(self._cleared) or "none"}
+
+    def _watchdog_obstacles(self, who: str) -> list[str]:
+        """What the proof of the watchdog lacks."""
+        proof, wanted_s = self._axis.proof, self._settings.watchdog_s
+        if proof.is_proven:
+            return []
+        within = f"{proof.within_ns * 1e-6:.0f}"
+        cure = f"set config.enable_watchdog = True and config.watchdog_timeout = {wanted_s:g}, save and restart it"
+        if proof.took_ns is not None:
+            return [f"{who}: its watchdog took {proof.took_ns * 1e-6:.0f} ms, allowed is {within}; {cure}"]
+        silent_ns = 0 if self._silent_since_ns is None else self._now_ns() - self._silent_since_ns
+        if silent_ns > proof.within_ns and proof.is_expired:
+            return [
+                f"{who}: its watchdog expires before a heartbeat can show it; watchdog_timeout = {wanted_s:g} does not"
+            ]
+        if silent_ns > proof.within_ns:
+            return [f"{who}: its watchdog was not seen to expire in {silent_ns * 1e-6:.0f} ms of silence; {cure}"]
+        return [f"{who}: its watchdog is being tried, up to {within} ms of silence"]
+
+    def _confirm(self, beat_ns: int) -> None:
+        """Take a heartbeat for the confirmation, unless it may have been on its way before the steps were."""
+        first_ns = self._first_step_ns
+        if first_ns is not None and beat_ns - first_ns >= self._settled_ns and self._axis.is_closed_loop:
+            self._enabling.confirm()
+
+    def _drive(self, torque: float) -> None:
+        """Send a torque to an axis that follows commands, and zero to one that has stopped doing so."""
+        wanted = torque if self._axis.is_closed_loop and math.isfinite(torque) else 0.0
+        limited = min(max(wanted, -self._wheel.max_torque), self._wheel.max_torque)
+        self._send(c.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
+
+    def _step(self) -> None:
+        """All steps to closed loop in their order, now and then until confirmed; in between zero, which feeds.
+
+        The error of a watchdog that is not fed comes back at once, so zero goes out before the errors are cleared.
+        """
+        now_ns = self._now_ns()
+        if now_ns - self._stepped_ns < self._resend_ns:
+            self._send(_ZERO)
+            return
+        if self._first_step_ns is None:
+            self._first_step_ns = now_ns
+        self._stepped_ns = now_ns
+        self._send(_TORQUE_MODE)
+        self._send(_ZERO)
+        self._clear()
+        self._send(c.SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
+
+    def _rest(self) -> None:
+        """Keep the axis idle, find out what it is, and let its watchdog prove itself."""
+        axis, now_ns = self._axis, self._now_ns()
+        if not axis.age("heartbeat")[1] or axis.state != AxisState.IDLE:
+            self._insist(now_ns)
+        elif axis.search.found is None or axis.proof.is_proven:
+            self._send(_ZERO)
+        elif axis.proof.needs_clearing(now_ns):
+            self._send(_ZERO)
+            self._clear()
+            axis.proof.clear(now_ns)
+        elif self._silent_since_ns is None:
+            self._silent_since_ns = now_ns
+        if axis.search.should_ask(now_ns):
+            self._put(request(self._wheel.node_id, VERSION))
+
+    def _insist(self, now_ns: int) -> None:
+        """Tell an axis that is not known to be idle to be so."""
+        self._send(_ZERO)
+        if now_ns - self._stepped_ns >= self._resend_ns:
+            self._stepped_ns = now_ns
+            self._send(c.SetAxisState(AxisState.IDLE))
+
+    def _stop(self) -> None:
+        self._stepped_ns = self._now_ns()
+        self._send(_ZERO)
+        self._send(c.SetAxisState(AxisState.IDLE))
+
+    def _clear(self) -> None:
+        self._cleared = self._axis.errors or self._cleared
+        self._send(c.ClearAxisErrors() if self._axis.search.found is Firmware.V0_6 else c.ClearErrors())
+
+    def _send(self, command: c.Command) -> None:
+        self._put(encode(self._axis.search.found or Firmware.V0_5, self._wheel.node_id, command))
+
+    def _put(self, frame: Frame) -> None:
+        self._link.send(frame)
+        self._axis.proof.feed(self._now_ns())
+        self._silent_since_ns = None
+
+
+def _line_s(settings: OdriveSettings) -> float:
+    """How long all steps of both wheels are on their way over the serial line, s, in case they go there."""
+    return 0.0 if settings.serial is None else STEPS_BITS / settings.serial.baudrate

@@ -1,0 +1,194 @@
+"""What one axis tells: its frames taken, checked, dated and kept."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from typing import Final
+
+from firmware_io.devices import FrameKey, Readings
+from firmware_io.drives.odrive import telemetry as t
+from firmware_io.drives.odrive.commands import AxisState
+from firmware_io.drives.odrive.errors import WATCHDOG, error_names
+from firmware_io.drives.odrive.firmware import FirmwareSearch
+from firmware_io.drives.odrive.frames import (
+    COMMANDS,
+    ESTIMATES,
+    HEARTBEAT,
+    VERSION,
+    Firmware,
+    FrameRefusedError,
+    Message,
+    arbitration_id,
+    decode,
+)
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.odrive.watchdog import WatchdogProof
+from firmware_io.drivetrain import TURN
+from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame
+
+_TOLD_IN_HEALTH: Final[Mapping[type[Message], str]] = {
+    t.BusVoltageCurrent: "bus",
+    t.Temperatures: "temperature",
+    t.Currents: "motor_current",
+    t.Torques: "motor_torque",
+    t.Powers: "power",
+    t.Errors: "errors",
+    t.MotorError: "motor",
+    t.EncoderError: "encoder",
+    t.ControllerError: "controller",
+}
+_COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
+"""Those that carry what is used here, in one firmware or the other."""
+
+
+class AxisListener:
+    """Keeps the newest of what one axis tells.
+
+    Attributes:
+        listens_to: The frames that it takes.
+        refused: Frames that it did not take, by cause.
+        error: Error bits of the newest heartbeat.
+        state: State of the axis in the newest heartbeat, see `AxisState`.
+        gap_ns: Time between the two newest heartbeats; 0 before there were two.
+    """
+
+    def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: Callable[[], int]) -> None:
+        """Listen to the axis of the wheel called `name`."""
+        self._wheel = settings.wheel(name)
+        self._drivetrain = self._wheel.drivetrain
+        self.search = FirmwareSearch(settings.firmware)
+        beat_s = max(settings.heartbeat_period_s, loop_period_s)
+        # A cycle more, since what comes over a serial line is read up to one cycle late.
+        self.proof = WatchdogProof(round((settings.watchdog_s + beat_s + loop_period_s) * 1e9))
+        ids = (arbitration_id(self._wheel.node_id, command) for command in _COMMANDS)
+        self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, ids))
+        self.refused: Counter[Refusal] = Counter()
+        self.error = 0
+        self.state = int(AxisState.UNDEFINED)
+        self.gap_ns = 0
+        self.stale_beat_ns = stale_after_ns(settings.heartbeat_period_s, loop_period_s)
+        stale_ns = {
+            "heartbeat": self.stale_beat_ns,
+            "estimates": stale_after_ns(settings.encoder_period_s, loop_period_s),
+            "torque": stale_after_ns(settings.torque_period_s, loop_period_s),
+        }
+        self._fresh = Freshness(stale_ns, now_ns)
+        self._beat_ns: int | None = None
+        self._estimates = t.EncoderEstimates(0.0, 0.0)
+        self._torque = 0.0
+        self._told: dict[type[Message], Message] = {}
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the axis' frames; False where it was refused, which is counted."""
+        if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
+            return False
+        firmware = self._meaning(frame.arbitration_id % COMMANDS)
+        if firmware is None:
+            return False  # what it means is not known yet
+        try:
+            message = decode(firmware, frame.arbitration_id, frame.data)
+        except FrameRefusedError as error:
+            self.refused[error.refusal] += 1
+            return False
+        self._keep(message, frame.received_ns)
+        return True
+
+    def age(self, kind: str) -> tuple[float, bool]:
+        """Age of the newest `heartbeat`, `estimates` or `torque`, s, and whether it is fresh; see `Freshness`."""
+        return self._fresh.age(kind)
+
+    def read(self) -> Readings:
+        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel.
+
+        The angle is the drive's own, which counts from power-on: its resolution is that of the wire's 32-bit float,
+        4e-4 rad at 1000 turns of the motor and 6e-3 rad at 10000.
+        """
+        wheel = self._drivetrain.wheel
+        position, velocity = self._estimates
+        age, valid = self.age("estimates")
+        torque_age, torque_valid = self.age("torque")
+        values = (wheel(position * TURN), wheel(velocity * TURN), self._drivetrain.wheel_torque(self._torque))
+        return Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
+
+    @property
+    def is_closed_loop(self) -> bool:
+        """Whether the newest heartbeat says that the motor follows commands, and tells no error."""
+        return self.state == AxisState.CLOSED_LOOP_CONTROL and not self.error
+
+    @property
+    def state_name(self) -> str:
+        """The state for people."""
+        return AxisState(self.state).name if self.state in set(AxisState) else f"state {self.state}"
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The errors of the newest heartbeat for people."""
+        return error_names(self.search.found or Firmware.V0_5, self.error)
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the axis tells of itself, and what was refused of it."""
+        resolution = math.ulp(max(1.0, abs(self._estimates.position_rev))) * (1 << 29)  # of 24 bits instead of 53
+        told = {
+            f"{_TOLD_IN_HEALTH[kind]}.{field}": f"{value:g}"
+            for kind, message in self._told.items()
+            for field, value in message._asdict().items()
+            if value is not None
+        }
+        return {
+            **{f"refused.{cause}": str(count) for cause, count in self.refused.items()},
+            "state": self.state_name,
+            "error": ", ".join(self.errors) or "none",
+            "firmware": str(self.search),
+            "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
+            "angle_resolution_rad": f"{abs(self._drivetrain.wheel(resolution * TURN)):.1e}",
+            **told,
+        }
+
+    def _meaning(self, command: int) -> Firmware | None:
+        """Whose meaning a command has; heartbeat and estimates are alike as far as they are used."""
+        if command == VERSION:
+            return Firmware.V0_6
+        if command in (HEARTBEAT, ESTIMATES):
+            return self.search.found or Firmware.V0_5
+        return self.search.found
+
+    def _keep(self, message: Message, received_ns: int) -> None:
+        match message:
+            case t.Heartbeat() | t.ProcedureHeartbeat():
+                self._hear(message.axis_error, message.state, received_ns)
+            case t.EncoderEstimates():
+                self._estimates = message
+                self._fresh.mark("estimates", received_ns)
+            case t.Version():
+                self._identify(message)
+            case t.Torques():
+                self._measure(message.estimate_nm, received_ns)
+            case t.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
+                self._measure(message.measured_a * self._wheel.torque_constant, received_ns)
+        if type(message) in _TOLD_IN_HEALTH:
+            self._told[type(message)] = message
+
+    def _hear(self, error: int, state: int, received_ns: int) -> None:
+        self.error, self.state = error, state
+        self.gap_ns = 0 if self._beat_ns is None else received_ns - self._beat_ns
+        if self.gap_ns > self.stale_beat_ns:
+            # It may have been switched off and on, with another configuration.
+            self.proof.forget()
+        self._beat_ns = received_ns
+        self._fresh.mark("heartbeat", received_ns)
+        self.search.beat(received_ns)
+        if self.search.found is not None:
+            self.proof.hear(received_ns, expired=bool(error & WATCHDOG[self.search.found]))
+
+    def _identify(self, version: t.Version) -> None:
+        before = self.search.found
+        self.search.answer(version)
+        if self.search.found is not before:
+            self.proof.forget()
+
+    def _measure(self, motor_torque: float, received_ns: int) -> None:
+        self._torque = motor_torque
+        self._fresh.mark("torque", received_ns)

@@ -1,0 +1,178 @@
+"""The ASCII protocol of ODrive firmware 0.5, checksums on every line both ways, as a `Line`.
+
+A line is text, a star and the XOR of the text's bytes in decimal, ended by a line feed. Replies do not say what they
+answer: both axes' `f` give two numbers, every `r` gives one. But the board answers in order, and at most once a line.
+So each poll ends with a question that is known to be refused, `f 10` to `f 99`: its refusal, "invalid motor 10", gives
+back a number that counts the polls. The replies between two refusals that follow one another are those of one poll;
+where they are as many as were asked for, each stands in its place. Otherwise something was lost on the way and none is
+used.
+
+Source: ascii_protocol.cpp of the ODrive v3 firmware.
+"""
+
+import re
+from collections import Counter
+from functools import reduce
+from operator import xor
+from typing import Final
+
+from firmware_io.drives.odrive import commands as c
+from firmware_io.drives.odrive.frames import COMMANDS, Firmware, FrameRefusedError, Message, decode, encode
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.odrive.telemetry import EncoderEstimates, Heartbeat
+from firmware_io.links.link import Frame
+from firmware_io.links.serial_link import LOST
+
+_LONGEST: Final = 64
+"""What the board puts into a line at the most."""
+_ENDS: Final = re.compile(rb"[\r\n]+")
+_CHECKED: Final = re.compile(rb"([^*]*)\*(\d{1,3})")
+_ESTIMATES: Final = re.compile(rb"(-?\d{1,40}\.\d{1,9}) (-?\d{1,40}\.\d{1,9})")
+_NUMBER: Final = re.compile(rb"\d{1,10}")
+_MARK: Final = re.compile(rb"invalid motor (\d{2})")
+_FIRST_MARK: Final = 10
+_MARKS: Final = 90
+_AXES: Final = (0, 1)
+_REPLIES: Final = 6
+"""To one poll, its mark not counted."""
+_LATE: Final = 3
+"""A reply to a poll that lies this many polls back is too old: the line is too slow for what is asked."""
+
+
+def checked(text: str) -> bytes:
+    """A line with its checksum and its end."""
+    data = text.encode("ascii")
+    return data + b"*%d\n" % reduce(xor, data, 0)
+
+
+class OdriveLine:
+    """Translates the frames of two axes of one board; see `Line`.
+
+    Each poll asks for the estimates, state and errors of both axes.
+
+    Attributes:
+        refused: Lines received and not taken, by cause; under `LOST` polls of whose replies some are missing.
+    """
+
+    def __init__(self, settings: OdriveSettings) -> None:
+        """Speak for the wheels of one board."""
+        self.refused: Counter[str] = Counter()
+        self._axis_of: dict[int, int] = {wheel.node_id: wheel.axis for wheel in (settings.left, settings.right)}
+        self._node_of = {axis: node_id for node_id, axis in self._axis_of.items()}
+        self._polls = 0
+        self._received = b""
+        self._is_too_long = False
+        self._last_mark: int | None = None
+        self._replies: list[bytes] = []
+
+    def encode(self, frame: Frame) -> bytes | None:
+        """The lines that say what a frame to one of the two nodes says; None where there are none."""
+        axis = self._axis_of.get(frame.arbitration_id // COMMANDS)
+        if axis is None or frame.is_extended or frame.is_remote:
+            return None
+        try:
+            message = decode(Firmware.V0_5, frame.arbitration_id, frame.data)
+        except FrameRefusedError:
+            return None
+        texts = _texts(axis, message)
+        return b"".join(map(checked, texts)) if texts else None
+
+    def request(self) -> bytes:
+        """The poll: it feeds no watchdog, since only commands do on this line."""
+        texts = [f"f {axis}" for axis in _AXES]
+        for axis in _AXES:
+            texts += [f"r axis{axis}.current_state", f"r axis{axis}.error"]
+        texts.append(f"f {_FIRST_MARK + self._polls % _MARKS}")
+        self._polls += 1
+        return b"".join(map(checked, texts))
+
+    def decode(self, data: bytes, now_ns: int) -> list[Frame]:
+        """Take received bytes; see `Line.decode`."""
+        *ended, rest = _ENDS.split(self._received + data)
+        frames: list[Frame] = []
+        for line in ended:
+            if line and not self._is_too_long:
+                frames += self._take(line, now_ns)
+            self._is_too_long = False
+        if len(rest) > _LONGEST:
+            self._is_too_long = True
+            self.refused["length"] += 1
+            rest = b""
+        self._received = rest
+        return frames
+
+    def reset(self) -> None:
+        """Forget what was received of a line and of a poll."""
+        self._received = b""
+        self._is_too_long = False
+        self._last_mark = None
+        self._replies.clear()
+
+    def _take(self, line: bytes, now_ns: int) -> list[Frame]:
+        """Take one line; a mark completes a poll."""
+        match = _CHECKED.fullmatch(line)
+        if match is None or reduce(xor, match[1], 0) != int(match[2]):
+            self.refused["checksum"] += 1
+            return []
+        mark = _MARK.fullmatch(match[1])
+        if mark is not None:
+            return self._complete(int(mark[1]) - _FIRST_MARK, now_ns)
+        if len(self._replies) <= _REPLIES:
+            self._replies.append(match[1])
+        return []
+
+    def _complete(self, mark: int, now_ns: int) -> list[Frame]:
+        """The frames of the poll that this mark ends, counted modulo `_MARKS`."""
+        replies, self._replies = self._replies, []
+        previous, self._last_mark = self._last_mark, mark
+        if previous is None:
+            return []  # when the first of these replies was asked for is not known
+        if mark != (previous + 1) % _MARKS or len(replies) != _REPLIES:
+            self.refused[LOST] += 1
+            return []
+        if (self._polls - 1 - mark) % _MARKS >= _LATE:
+            self.refused["late"] += 1
+            return []
+        try:
+            return self._frames(replies, now_ns)
+        except (ValueError, FrameRefusedError):
+            self.refused["reply"] += 1
+            return []
+
+    def _frames(self, replies: list[bytes], now_ns: int) -> list[Frame]:
+        """The frames of one poll's replies; raises ValueError where one is no answer to its question."""
+        told = iter(replies)
+        messages: list[tuple[int, Message]] = [(axis, _estimates(next(told))) for axis in _AXES]
+        for axis in _AXES:
+            state = _number(next(told))
+            messages.append((axis, Heartbeat(_number(next(told)), state)))
+        frames = (encode(Firmware.V0_5, self._node_of[axis], message) for axis, message in messages)
+        return [frame._replace(received_ns=now_ns) for frame in frames]
+
+
+def _estimates(reply: bytes) -> EncoderEstimates:
+    match = _ESTIMATES.fullmatch(reply)
+    if match is None:
+        raise ValueError("not two numbers")
+    return EncoderEstimates(float(match[1]), float(match[2]))
+
+
+def _number(reply: bytes) -> int:
+    if _NUMBER.fullmatch(reply) is None:
+        raise ValueError("not a number")
+    return int(reply)
+
+
+def _texts(axis: int, message: Message) -> list[str]:
+    """A command in the line's words; none where it has none that this robot needs."""
+    match message:
+        case c.SetInputTorque(torque):
+            return [f"c {axis} {torque:.6f}"]
+        case c.SetAxisState(state):
+            return [f"w axis{axis}.requested_state {state}"]
+        case c.SetControllerMode(control_mode, input_mode):
+            controller = f"w axis{axis}.controller.config"
+            return [f"{controller}.control_mode {control_mode}", f"{controller}.input_mode {input_mode}"]
+        case c.ClearErrors():
+            return ["sc"]
+    return []

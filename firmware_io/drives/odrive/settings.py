@@ -1,0 +1,74 @@
+"""What a robot file says of ODrives."""
+
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from firmware_io.drives.odrive.frames import MAX_NODE_ID
+from firmware_io.settings import BusSettings, Positive, SerialSettings, WheelSettings
+
+NodeId = Annotated[int, msgspec.Meta(ge=0, le=MAX_NODE_ID)]
+_LEAST_BAUDRATE: Final = 460_800
+"""What a loop at 100 Hz needs to pass from the bus to the line in time."""
+Period = Annotated[float, msgspec.Meta(ge=0.001, le=0.1)]
+
+
+class OdriveWheelSettings(WheelSettings, frozen=True, kw_only=True):
+    """A wheel on an axis of an ODrive.
+
+    Attributes:
+        node_id: `axis.config.can.node_id`.
+        axis: Which axis of its board it is, for the serial line of firmware 0.5.
+        torque_constant: Torque per current of the motor, N m/A, as configured in the drive: makes the measured current
+            of firmware 0.5 a torque; 0.6 tells the torque itself.
+    """
+
+    node_id: NodeId
+    axis: Literal[0, 1] = 0
+    torque_constant: Positive | None = None
+
+
+class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
+    """ODrives, one axis a wheel. What is said of the drive must have been configured there.
+
+    Attributes:
+        firmware: What runs on the drives, or `auto`: asked for.
+        left: The left wheel.
+        right: The right wheel.
+        heartbeat_period_s: Period of the heartbeat, s, shorter than the watchdog's time-out.
+        encoder_period_s: Period of the encoder estimates, s.
+        torque_period_s: Period of the motor currents (0.5) or torques (0.6), s, where the drive sends them.
+        serial: A serial line to the board that has both axes, to fall back on; firmware 0.5.
+    """
+
+    firmware: Literal["0.5", "0.6", "auto"] = "auto"
+    left: OdriveWheelSettings
+    right: OdriveWheelSettings
+    heartbeat_period_s: Period = 0.02
+    encoder_period_s: Period = 0.005
+    torque_period_s: Period = 0.01
+    serial: SerialSettings | None = None
+
+    def __post_init__(self) -> None:
+        """Check what lies between the values.
+
+        Raises:
+            ValueError: Two wheels on one node or axis, a heartbeat too slow for the watchdog, or a serial line that is
+                too slow or belongs to 0.6.
+        """
+        if self.left.node_id == self.right.node_id:
+            raise ValueError(f"left and right have the same node_id, {self.left.node_id}; each axis needs its own")
+        if self.heartbeat_period_s >= self.watchdog_s:
+            raise ValueError("heartbeat_period_s must be shorter than watchdog_s, so that the watchdog can be seen")
+        if self.serial is None:
+            return
+        if self.firmware == "0.6":
+            raise ValueError("serial is the line of firmware 0.5; 0.6 is reached over CAN only")
+        if self.serial.baudrate < _LEAST_BAUDRATE:
+            raise ValueError(f"serial.baudrate must be {_LEAST_BAUDRATE} or more: set config.uart_a_baudrate to it")
+        if self.left.axis == self.right.axis:
+            raise ValueError("serial reaches both axes of one board: set axis to 0 for one wheel and 1 for the other")
+
+    def wheel(self, name: str) -> OdriveWheelSettings:
+        """The wheel that is called `left` or `right`."""
+        return {"left": self.left, "right": self.right}[name]

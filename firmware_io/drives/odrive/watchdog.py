@@ -1,0 +1,73 @@
+"""Proof, by what it does, that an axis' own watchdog is on and short enough.
+
+CANSimple of firmware 0.5 cannot read the watchdog's configuration. But the watchdog is checked in every state: an idle
+axis that hears nothing raises its error. So the axis is fed once, then left in silence until a heartbeat tells the
+error, and the time that took is an upper bound of the time-out.
+"""
+
+from typing import Final
+
+from firmware_io.drives.odrive.limits import CLEAR_EVERY_NS, IN_FLIGHT_NS
+
+_NEVER: Final = -(1 << 62)
+
+
+class WatchdogProof:
+    """Follows what was sent to one axis, and its heartbeats.
+
+    Attributes:
+        took_ns: From the last frame to the error; None until it was seen.
+        within_ns: The longest that it may take.
+        is_expired: Whether the newest heartbeat told the error.
+    """
+
+    def __init__(self, within_ns: int) -> None:
+        """Take a watchdog for proved that took no longer than `within_ns`."""
+        self.took_ns: int | None = None
+        self.within_ns = within_ns
+        self._fed_ns: int | None = None
+        self._cleared_ns = _NEVER
+        self._was_clean = False
+        self.is_expired = False
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether the watchdog was seen to expire in time."""
+        return self.took_ns is not None and self.took_ns <= self.within_ns
+
+    def feed(self, now_ns: int) -> None:
+        """A frame was sent to the axis; in firmware 0.5 any feeds the watchdog."""
+        self._fed_ns = now_ns
+        self._was_clean = False
+
+    def clear(self, now_ns: int) -> None:
+        """The axis was fed and told to forget its errors, which begins an attempt."""
+        self._cleared_ns = now_ns
+        self.is_expired = False
+
+    def hear(self, received_ns: int, *, expired: bool) -> None:
+        """A heartbeat arrived, with or without the watchdog's error.
+
+        Only an error that came after a heartbeat without it, itself after the last frame, is one whose beginning is
+        known: the time-out began at that frame or later.
+        """
+        self.is_expired = expired
+        if self._fed_ns is None:
+            return
+        since_ns = received_ns - self._fed_ns
+        if not expired:
+            self._was_clean = self._was_clean or since_ns >= IN_FLIGHT_NS
+        elif self._was_clean and not self.is_proven:
+            self.took_ns = since_ns
+
+    def forget(self) -> None:
+        """The drive may have been restarted: what was seen means nothing any more."""
+        self.took_ns = None
+        self._was_clean = False
+
+    def needs_clearing(self, now_ns: int) -> bool:
+        """Whether another attempt is due: the error stands, so that it cannot be seen to begin.
+
+        One that took too long is tried again: a lost heartbeat may have been the reason.
+        """
+        return not self.is_proven and self.is_expired and now_ns - self._cleared_ns >= CLEAR_EVERY_NS

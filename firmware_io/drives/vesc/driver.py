@@ -1,0 +1,252 @@
+"""One wheel behind a VESC as a `Drive`: motor current in, speed, angle and torque out."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Final
+
+from firmware_io.devices import FrameKey, Readings
+from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.drives.vesc.buffers import decode_short
+from firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
+from firmware_io.drives.vesc.frames import (
+    Command,
+    Current,
+    FrameRefusedError,
+    Status,
+    Status5,
+    arbitration_id,
+    decode,
+    frame_of,
+)
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
+from firmware_io.drivetrain import TURN, WrappedCounter
+from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame, Link
+
+_ASK_EVERY_NS: Final = 100_000_000
+"""A fault lasts half a second, so none is missed."""
+_STEPS_PER_TURN: Final = 6
+_TOLD: Final = (Command.STATUS, Command.STATUS_5)
+_SETUP: Final = "in VESC Tool, App Settings > General, set Timeout to {ms:.0f} ms and Timeout Brake Current to 0 A"
+
+
+class Vesc:
+    """One wheel; see `Drive`.
+
+    A VESC has no state that it must be brought into: it follows every command. So zero is sent in every cycle unless
+    it is enabled, and it counts as enabled once STATUS and STATUS_5 have arrived after the first zero.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        name: str,
+        settings: VescSettings,
+        loop_period_s: float,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Drive the wheel `name`, left or right, over `link`."""
+        wheel = settings.left if name == "left" else settings.right
+        self.name = name
+        self.signals: Mapping[str, str] = {f"{name}.angle": "rad", f"{name}.velocity": "rad/s", f"{name}.torque": "N m"}
+        self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
+        self.limits: Sequence[float] = (wheel.max_torque,)
+        self._link = link
+        self._wheel = wheel
+        self._drivetrain = wheel.drivetrain
+        self._timeout_s = settings.timeout_set_s
+        self._rate_hz = settings.status_rate_hz
+        self._now_ns = now_ns
+        self._answers_id = arbitration_id(Command.PROCESS_SHORT_BUFFER, HOST_IDS[name])
+        self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TOLD}
+        self.listens_to: Collection[FrameKey] = frozenset(
+            FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, self._answers_id)
+        )
+        stale_ns = stale_after_ns(1.0 / settings.status_rate_hz, loop_period_s)
+        asked_ns = stale_after_ns(_ASK_EVERY_NS * 1e-9, loop_period_s)
+        self._fresh = Freshness({**dict.fromkeys(_TOLD, stale_ns), Command.PROCESS_SHORT_BUFFER: asked_ns}, now_ns)
+        self._refused: Counter[str] = Counter()
+        self._status = Status(0.0, 0.0, 0.0)
+        self._bus_voltage = 0.0
+        self._counter = WrappedCounter(32)
+        self._fault = 0
+        self._asked_ns: int | None = None
+        self._enabling = Enabling()
+        self._probe = TimeoutProbe(settings.timeout_set_s)
+        self._zero_ns: int | None = None
+        """When the first zero since `enable` was sent."""
+        self._confirmed: set[Command] = set()
+
+    def start(self) -> None:
+        """Send zero."""
+        self._send_torque(0.0)
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the controller's frames; see `Sensor.take`."""
+        if FrameKey(frame.arbitration_id, frame.is_extended) not in self.listens_to:
+            return False
+        try:
+            if frame.arbitration_id == self._answers_id:
+                self._take_answer(frame)
+            else:
+                self._take_status(self._kinds[frame.arbitration_id], frame)
+        except FrameRefusedError as error:
+            self._refused[error.refusal] += 1
+            return False
+        return True
+
+    def read(self) -> Readings:
+        """The wheel's angle, velocity and torque."""
+        motor_angle = self._counter.total * TURN / (_STEPS_PER_TURN * self._wheel.pole_pairs)
+        motor_velocity = self._status.erpm * TURN / (60.0 * self._wheel.pole_pairs)
+        torque = self._drivetrain.wheel_torque(self._status.current * self._wheel.torque_constant)
+        age, is_valid = self._fresh.age(Command.STATUS)
+        angle_age, angle_is_valid = self._fresh.age(Command.STATUS_5)
+        return Readings(
+            (self._drivetrain.wheel(motor_angle), self._drivetrain.wheel(motor_velocity), torque),
+            (angle_age, age, age),
+            (angle_is_valid, is_valid, is_valid),
+        )
+
+    def obstacles(self) -> list[str]:
+        """Silence, a time-out that does not act or has not been measured yet, or a fault."""
+        silent = [kind for kind in _TOLD if not self._fresh.age(kind)[1]]
+        if silent:
+            return [self._silence(silent)]
+        reasons = []
+        if self._probe.found is Found.NOTHING:
+            reasons.append(f"the time-out of {self._title} is being measured; try again in a moment")
+        if self._probe.found is Found.DOES_NOT_ACT:
+            reasons.append(
+                f"{self._title} did not time out within {self._probe.silence_s * 1e3:.0f} ms without a command; "
+                + _SETUP.format(ms=self._timeout_s * 1e3)
+            )
+        fault = self._fresh_fault
+        if fault:
+            reasons.append(f"{self._title} reports {fault_name(fault)}; mend its cause")
+        return reasons
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether telemetry of both kinds has arrived since the first zero."""
+        return self._enabling.phase is Phase.ENABLED
+
+    def enable(self) -> None:
+        """Send zero until the controller's telemetry shows that it is there."""
+        self._probe.break_off()
+        self._zero_ns = None
+        self._confirmed.clear()
+        self._enabling.begin(self._now_ns())
+
+    def command(self, commands: Sequence[float]) -> None:
+        """Send the torque, N m, where the wheel is enabled, else zero; ask for faults now and then."""
+        phase = self._enabling.phase
+        if phase is Phase.OFF:
+            self._rest()
+        else:
+            self._send_torque(commands[0] if phase is Phase.ENABLED else 0.0)
+        if phase is Phase.ENABLING and self._zero_ns is None:
+            self._zero_ns = self._now_ns()
+        self._ask_now_and_then()
+
+    def disable(self) -> None:
+        """Send zero: the motor coasts."""
+        self._enabling.end()
+        self._probe.break_off()
+        self._send_torque(0.0)
+
+    def faults(self) -> tuple[str, ...]:
+        """A controller that reports a fault, does not show itself, or has fallen silent."""
+        if self._enabling.phase is Phase.OFF:
+            return ()
+        fault = self._fresh_fault
+        if fault:
+            return (f"{self._title} reports {fault_name(fault)}",)
+        if self._enabling.is_overdue(self._now_ns()):
+            return (self._silence([kind for kind in _TOLD if not self._fresh.age(kind)[1]] or list(_TOLD)),)
+        stale = [(kind.name, age) for kind in _TOLD for age, is_valid in [self._fresh.age(kind)] if not is_valid]
+        if stale and self.is_enabled:
+            return tuple(f"{kind} of {self._title} is too old: {age * 1e3:.0f} ms" for kind, age in stale)
+        return ()
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the controller tells of itself, and what was refused of it."""
+        fault = self._fresh_fault
+        measured = f", acts within {self._probe.silence_s * 1e3:.0f} ms" if self._probe.found is Found.ACTS else ""
+        return {
+            **{f"refused.{cause}": str(count) for cause, count in self._refused.items()},
+            "phase": str(self._enabling.phase),
+            "timeout_set_s": f"{self._timeout_s:g}",
+            "timeout": f"{self._probe.found}{measured}",
+            "fault": "not told" if fault is None else fault_name(fault) if fault else "none",
+            "bus_voltage_v": f"{self._bus_voltage:.1f}",
+            "current_a": f"{self._status.current:.1f}",
+        }
+
+    @property
+    def _title(self) -> str:
+        return f"the {self.name} VESC (id {self._wheel.controller_id})"
+
+    @property
+    def _fresh_fault(self) -> int | None:
+        """The newest fault code, 0 for none; None where the controller has not told one lately."""
+        return self._fault if self._fresh.age(Command.PROCESS_SHORT_BUFFER)[1] else None
+
+    def _silence(self, kinds: Sequence[Command]) -> str:
+        names = " and ".join(kind.name for kind in kinds)
+        return (
+            f"{self._title} does not send {names} on {self._link.description}; is it powered and on this bus? "
+            f"{_SETUP.format(ms=self._timeout_s * 1e3)}, and CAN status messages 1 and 5 to {self._rate_hz:g} Hz"
+        )
+
+    def _take_status(self, kind: Command, frame: Frame) -> None:
+        told = decode(kind, frame.data)
+        if kind is Command.STATUS:
+            self._status = Status._make(told)
+        else:
+            tachometer, self._bus_voltage = Status5._make(told)
+            self._counter.take(tachometer)
+        self._fresh.mark(kind, frame.received_ns)
+        if self._zero_ns is not None and frame.received_ns > self._zero_ns:
+            self._confirmed.add(kind)
+            if len(self._confirmed) == len(_TOLD):
+                self._enabling.confirm()
+
+    def _take_answer(self, frame: Frame) -> None:
+        told = answer(decode_short(frame.data), self._wheel.controller_id)
+        if told.fault is None:
+            self._probe.hear(told.timed_out, frame.received_ns)
+        else:
+            self._fault = told.fault
+            self._fresh.mark(Command.PROCESS_SHORT_BUFFER, frame.received_ns)
+
+    def _rest(self) -> None:
+        """Send zero with the motor off, or measure the time-out by silence."""
+        if not self._fresh.age(Command.STATUS)[1]:
+            self._probe.forget()
+        match self._probe.step(self._now_ns()):
+            case Step.ZERO:
+                self._send_torque(0.0)
+            case Step.ASK:
+                self._link.send(ask(self.name, self._wheel.controller_id, FLAGS))
+
+    def _ask_now_and_then(self) -> None:
+        now_ns = self._now_ns()
+        if self._asked_ns is None or now_ns - self._asked_ns >= _ASK_EVERY_NS:
+            self._asked_ns = now_ns
+            self._link.send(ask(self.name, self._wheel.controller_id, FAULT))
+
+    def _send_torque(self, torque: float) -> None:
+        """Send the motor current for a torque at the wheel, N m."""
+        limit = self._wheel.max_torque
+        if not math.isfinite(torque):
+            self._refused[Refusal.RANGE] += 1
+            torque = 0.0
+        motor = self._drivetrain.motor_torque(min(max(torque, -limit), limit))
+        current = Current(motor / self._wheel.torque_constant)
+        self._link.send(frame_of(Command.SET_CURRENT, self._wheel.controller_id, current))

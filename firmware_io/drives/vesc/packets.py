@@ -1,0 +1,130 @@
+"""The framing of the VESC's serial protocol, and a receiver that finds good packets among anything.
+
+A packet of up to 255 bytes is 0x02, its length in one byte, the packet, its CRC-16/XMODEM, 0x03; a longer one begins
+with 0x03 and its length in two bytes. Source: as for `comm`.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final
+
+from firmware_io.drives.vesc.frames import FrameRefusedError
+from firmware_io.integrity import Refusal, crc16_xmodem
+
+MAX_PACKET: Final = 512
+"""The longest packet of the firmware, bytes."""
+_SHORT_START: Final = b"\x02"
+_LONG_START: Final = b"\x03"
+_LONG_HEAD: Final = 3
+_STOP: Final = 0x03
+_MAX_SHORT: Final = 0xFF
+_TRAILER: Final = 3  # CRC and stop byte
+_LONGEST: Final = _LONG_HEAD + MAX_PACKET + _TRAILER
+
+
+def frame_packet(packet: bytes) -> bytes:
+    """A packet with its framing.
+
+    Raises:
+        FrameRefusedError: It is empty or longer than 512 bytes.
+    """
+    if not 0 < len(packet) <= MAX_PACKET:
+        raise FrameRefusedError(Refusal.LENGTH, f"packet of {len(packet)} bytes")
+    if len(packet) <= _MAX_SHORT:
+        head = _SHORT_START + bytes((len(packet),))
+    else:
+        head = _LONG_START + len(packet).to_bytes(2, "big")
+    return head + packet + crc16_xmodem(packet).to_bytes(2, "big") + bytes((_STOP,))
+
+
+class PacketReceiver:
+    """Finds packets in a stream of bytes that comes in pieces of any size.
+
+    Every byte that could begin a packet is followed up on its own, so that a false beginning hides nothing behind it,
+    and a packet that seems to lie within another one does not hide that: the CRC of a run of zeros is zero, so that
+    `02 01 00 00 00 03` may well stand among the values of a longer packet. Both are given out, each when its last byte
+    comes; what they say tells them apart. What is kept is bounded by the longest packet.
+
+    Attributes:
+        refused: Packets received and not taken, by cause; `garbage` counts stretches of half a kilobyte without any.
+    """
+
+    __slots__ = ("_dropped", "_ends", "_good_to", "_kept", "refused")
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self._kept = bytearray()
+        self._dropped = 0
+        """Bytes that came before those kept; places are counted from there, so that they never move."""
+        self._ends: dict[int, list[int]] = {}
+        """For each place where packets may end, where what they carry begins."""
+        self._good_to = 0
+
+    def reset(self) -> None:
+        """Forget unfinished packets."""
+        self._kept.clear()
+        self._ends.clear()
+        self._dropped = self._good_to = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes, and return the packets that they complete, without their framing."""
+        pieces = (data[start : start + _LONGEST] for start in range(0, len(data), _LONGEST))
+        return [packet for piece in pieces for packet in self._take(piece)]
+
+    def _take(self, piece: bytes) -> list[bytes]:
+        known = len(self._kept)
+        self._kept += piece
+        self._begin(known)
+        packets = self._finish()
+        self._forget()
+        return packets
+
+    def _begin(self, known: int) -> None:
+        """Note the packets whose heads are complete only with what comes after the first `known` bytes."""
+        kept = self._kept
+        for place in self._places(_SHORT_START, known - 1, len(kept) - 1):
+            if kept[place + 1] > 0:
+                self._expect(place + 2, kept[place + 1])
+        for place in self._places(_LONG_START, known - 2, len(kept) - 2):
+            length = kept[place + 1] << 8 | kept[place + 2]
+            if _MAX_SHORT < length <= MAX_PACKET:
+                self._expect(place + _LONG_HEAD, length)
+
+    def _places(self, byte: bytes, start: int, stop: int) -> Iterator[int]:
+        place = self._kept.find(byte, max(start, 0), max(stop, 0))
+        while place >= 0:
+            yield place
+            place = self._kept.find(byte, place + 1, stop)
+
+    def _expect(self, body: int, length: int) -> None:
+        begun = self._dropped + body
+        self._ends.setdefault(begun + length + _TRAILER, []).append(begun)
+
+    def _finish(self) -> list[bytes]:
+        """The packets whose last byte is there, in the order of their ends."""
+        packets: list[bytes] = []
+        received = self._dropped + len(self._kept)
+        for end in sorted(end for end in self._ends if end <= received):
+            found = [self._check(body - self._dropped, end - self._dropped) for body in sorted(self._ends.pop(end))]
+            if any(found):
+                self._good_to = end
+            packets += filter(None, found)
+        return packets
+
+    def _check(self, body: int, end: int) -> bytes | None:
+        """The packet between two places; None where there is none after all."""
+        if self._kept[end - 1] != _STOP:
+            return None
+        packet = bytes(self._kept[body : end - _TRAILER])
+        if crc16_xmodem(packet) == int.from_bytes(self._kept[end - _TRAILER : end - 1], "big"):
+            return packet
+        self.refused[Refusal.CRC] += 1
+        return None
+
+    def _forget(self) -> None:
+        """Drop what can no longer be part of a packet, some at a time."""
+        while len(self._kept) > 2 * _LONGEST:
+            del self._kept[:_LONGEST]
+            if self._good_to <= self._dropped:
+                self.refused["garbage"] += 1
+            self._dropped += _LONGEST

@@ -1,0 +1,106 @@
+"""The UART of one VESC as a line that carries the frames of both.
+
+Commands for the controller at the UART go to it; those for the other one are handed on by it over CAN. So the line
+helps where this computer has lost the bus, not where the bus between the controllers is broken.
+"""
+
+from collections import Counter
+from typing import Final
+
+from firmware_io.drives.vesc.buffers import Mode, frames_of
+from firmware_io.drives.vesc.comm import SET_PACKETS, ask_selective, decode_values, encode_values, forward, mask_of
+from firmware_io.drives.vesc.condition import HOST_IDS
+from firmware_io.drives.vesc.frames import (
+    Command,
+    FrameRefusedError,
+    Status,
+    Status5,
+    addressed,
+    frame_of,
+)
+from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame
+
+_NEEDED: Final = ("motor_current", "duty", "erpm", "bus_voltage", "tachometer", "fault", "controller_id")
+_MASK: Final = mask_of((*_NEEDED, "flags"))
+_SET_BYTES: Final = 4
+
+
+class VescLine:
+    """Translates between the frames of two controllers and the serial protocol of one; see `Line`.
+
+    Attributes:
+        refused: What was received and not taken, by cause; garbage counts in bytes.
+    """
+
+    def __init__(self, settings: VescSettings) -> None:
+        """Speak to the controllers of a robot through the UART of one of them."""
+        near, far = settings.left.controller_id, settings.right.controller_id
+        self._hosts = {near: HOST_IDS["left"], far: HOST_IDS["right"]}
+        if settings.serial_controller == "right":
+            near, far = far, near
+        self._near, self._far = near, far
+        self._receiver = PacketReceiver()
+        self.refused: Counter[str] = self._receiver.refused
+
+    def encode(self, frame: Frame) -> bytes | None:
+        """The packet that says what a frame says; a question is answered by all of the telemetry."""
+        address = addressed(frame)
+        if address is None or address[1] not in self._hosts:
+            return None
+        command, controller_id = address
+        if command is Command.PROCESS_SHORT_BUFFER:
+            return self._ask(controller_id)
+        if command not in SET_PACKETS or len(frame.data) != _SET_BYTES:
+            return None
+        return self._framed(controller_id, bytes((SET_PACKETS[command],)) + frame.data)
+
+    def request(self) -> bytes:
+        """The packets that ask both controllers for their telemetry."""
+        return self._ask(self._near) + self._ask(self._far)
+
+    def decode(self, data: bytes, now_ns: int) -> list[Frame]:
+        """Take received bytes; see `Line.decode`."""
+        frames: list[Frame] = []
+        for packet in self._receiver.feed(data):
+            try:
+                frames += self._told(packet)
+            except FrameRefusedError as error:
+                self.refused[error.refusal] += 1
+        return [frame._replace(received_ns=now_ns) for frame in frames]
+
+    def reset(self) -> None:
+        """Forget what was received of an unfinished packet."""
+        self._receiver.reset()
+
+    def _framed(self, controller_id: int, packet: bytes) -> bytes:
+        return frame_packet(packet if controller_id == self._near else forward(controller_id, packet))
+
+    def _ask(self, controller_id: int) -> bytes:
+        return self._framed(controller_id, ask_selective(_MASK))
+
+    def _told(self, packet: bytes) -> list[Frame]:
+        """The frames that say what a reply says."""
+        mask, values = decode_values(packet)
+        if mask != _MASK or not values.keys() >= set(_NEEDED) or values["controller_id"] not in self._hosts:
+            raise FrameRefusedError(Refusal.UNKNOWN, f"reply to 0x{mask:08X}")
+        controller_id = int(values["controller_id"])
+        status = Status(values["erpm"], values["motor_current"], values["duty"])
+        status_5 = Status5(int(values["tachometer"]), values["bus_voltage"])
+        answers = [
+            frame
+            for name in ("fault", "flags")
+            if name in values
+            for frame in self._answer(controller_id, name, values)
+        ]
+        return [
+            frame_of(Command.STATUS, controller_id, status),
+            frame_of(Command.STATUS_5, controller_id, status_5),
+            *answers,
+        ]
+
+    def _answer(self, controller_id: int, name: str, values: dict[str, float]) -> list[Frame]:
+        reply = encode_values(ask_selective(mask_of((name,))), values)
+        return frames_of(self._hosts[controller_id], controller_id, Mode.PASS_ON, reply)

@@ -1,0 +1,65 @@
+"""What a robot file says of VESC controllers."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from firmware_io.drives.vesc.limits import MAX_CURRENT, TIMEOUT_ALLOWED_S
+from firmware_io.settings import BusSettings, SerialSettings, WheelSettings
+
+_WATCHDOG_DEFAULT = BusSettings().watchdog_s
+
+
+class VescWheelSettings(WheelSettings, frozen=True, kw_only=True):
+    """One controller with its motor.
+
+    Attributes:
+        controller_id: As set in VESC Tool; 253 and 254 are this computer's own on the bus, 255 means all controllers.
+        pole_pairs: Electrical turns of the motor for one mechanical turn.
+        torque_constant: Torque at the motor's shaft for one ampere of motor current, N m/A.
+    """
+
+    controller_id: Annotated[int, msgspec.Meta(ge=0, le=252)]
+    pole_pairs: Annotated[int, msgspec.Meta(ge=1, le=100)]
+    torque_constant: Annotated[float, msgspec.Meta(ge=1e-4, le=100.0)]
+
+    def __post_init__(self) -> None:
+        """Refuse a torque that no VESC gives; ValueError."""
+        if self.max_current > MAX_CURRENT:
+            raise ValueError(
+                f"max_torque {self.max_torque:g} N m takes {self.max_current:g} A of motor current; "
+                "are torque_constant and gear_ratio right?"
+            )
+
+    @property
+    def max_current(self) -> float:
+        """Motor current at the largest torque, A."""
+        return abs(self.drivetrain.motor_torque(self.max_torque)) / self.torque_constant
+
+
+class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):
+    """Two VESC controllers.
+
+    Attributes:
+        left: The controller of the left wheel.
+        right: The controller of the right wheel.
+        timeout_set_s: The time-out that was set in both controllers with VESC Tool, s. It has no default: who writes
+            it says that it was set.
+        status_rate_hz: The rate that was set for STATUS and STATUS_5, 1/s.
+        serial: The UART of one controller, to fall back on.
+        serial_controller: Whose UART it is; the other one is reached through it, over CAN.
+    """
+
+    left: VescWheelSettings
+    right: VescWheelSettings
+    timeout_set_s: Annotated[float, msgspec.Meta(ge=TIMEOUT_ALLOWED_S[0], le=TIMEOUT_ALLOWED_S[1])]
+    status_rate_hz: Annotated[float, msgspec.Meta(ge=50.0, le=1_000.0)] = 200.0
+    serial: SerialSettings | None = None
+    serial_controller: Literal["left", "right"] = "left"
+
+    def __post_init__(self) -> None:
+        """Refuse two controllers of one id, and a watchdog that the VESC does not have; ValueError."""
+        if self.left.controller_id == self.right.controller_id:
+            raise ValueError(f"left and right have the same controller_id {self.left.controller_id}")
+        if self.watchdog_s != _WATCHDOG_DEFAULT:
+            raise ValueError("a VESC takes no watchdog_s: set its time-out in VESC Tool and write it as timeout_set_s")

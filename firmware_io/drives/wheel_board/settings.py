@@ -1,0 +1,20 @@
+"""What a robot file says of a wheel board."""
+
+from firmware_io.settings import BusSettings, SerialSettings
+
+
+class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_board"):
+    """Our own wheel board.
+
+    Attributes:
+        serial: A second way to it, to fall back on.
+        imu: Whether the board has an IMU and sends what it measures.
+    """
+
+    serial: SerialSettings | None = None
+    imu: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse two IMUs, whose signals would bear the same names."""
+        if self.imu and self.external_imu is not None:
+            raise ValueError("imu: true and external_imu both measure imu.*; keep one of them")

@@ -1,0 +1,57 @@
+/*
+ * End-to-end protection of the wheel board's frames: a message counter and a CRC in their last two bytes.
+ *
+ * wheel_board.c, which cantools generates, packs and scales the signals and knows nothing of either. To send: encode and
+ * pack as wheel_board.h says, then protect. To receive: check, and only then unpack, look that every signal is in range,
+ * and use them.
+ *
+ * The counter is in the low nibble of byte 6. The CRC in byte 7 is AUTOSAR's CRC-8H2F (polynomial 0x2F, initial value
+ * 0xFF, final XOR 0xFF) over bytes 0 to 6 and the identifier, low byte first.
+ */
+#ifndef WHEEL_BOARD_PROTECTION_H
+#define WHEEL_BOARD_PROTECTION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Bytes in every frame. */
+#define WHEEL_BOARD_FRAME_BYTES (8u)
+
+/* Frames in a row that may be missing before the sequence counts as broken. */
+#define WHEEL_BOARD_MAX_LOST (5u)
+
+enum wheel_board_verdict {
+    WHEEL_BOARD_TAKEN = 0,
+    WHEEL_BOARD_REFUSED_LENGTH,
+    WHEEL_BOARD_REFUSED_CRC,
+    WHEEL_BOARD_REFUSED_COUNTER
+};
+
+/* What is remembered of the frames of one identifier on one line; all zero before the first. */
+struct wheel_board_sequence_t {
+    bool started;
+    uint8_t last;
+    uint32_t lost; /* frames missing between those that were taken */
+};
+
+/* CRC of a frame from its first seven bytes and its identifier. */
+uint8_t wheel_board_crc(uint16_t id, const uint8_t *data);
+
+/* Put the counter (modulo 16, then counted up) and the CRC on a packed frame of eight bytes. Keep one counter for each
+ * identifier on each line, and count up also where a frame could not be sent. */
+void wheel_board_protect(uint16_t id, uint8_t *counter, uint8_t *data);
+
+/* Whether a received frame may be used; a frame that may not be must change nothing, and be counted. */
+enum wheel_board_verdict wheel_board_check(
+    uint16_t id, const uint8_t *data, size_t length, struct wheel_board_sequence_t *sequence);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

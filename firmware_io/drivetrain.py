@@ -1,0 +1,64 @@
+"""Between a motor and its wheel: gear ratio and direction, and counters that wrap."""
+
+from dataclasses import dataclass
+from typing import Final
+
+TURN: Final = 6.283185307179586
+"""One turn, rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drivetrain:
+    """How a wheel follows its motor.
+
+    Attributes:
+        gear_ratio: Turns of the motor for one turn of the wheel.
+        direction: 1 where a positive motor turn rolls the robot forward, -1 where it rolls it back.
+    """
+
+    gear_ratio: float = 1.0
+    direction: int = 1
+
+    def wheel(self, motor: float) -> float:
+        """A motor's angle (rad) or velocity (rad/s) as its wheel's."""
+        return motor * self.direction / self.gear_ratio
+
+    def motor(self, wheel: float) -> float:
+        """A wheel's angle (rad) or velocity (rad/s) as its motor's."""
+        return wheel * self.direction * self.gear_ratio
+
+    def motor_torque(self, wheel_torque: float) -> float:
+        """The motor torque that gives a wheel torque, N m; losses in the gear are not counted."""
+        return wheel_torque * self.direction / self.gear_ratio
+
+    def wheel_torque(self, motor_torque: float) -> float:
+        """The wheel torque of a motor torque, N m."""
+        return motor_torque * self.direction * self.gear_ratio
+
+
+class WrappedCounter:
+    """Follows a counter of a few bits over its wraps; exact, since Python's integers do not wrap.
+
+    Attributes:
+        total: Counts since the first, which counts as itself.
+    """
+
+    __slots__ = ("_half", "_modulus", "_started", "total")
+
+    def __init__(self, bits: int) -> None:
+        """Follow a counter of this many bits."""
+        self.total = 0
+        self._modulus = 1 << bits
+        self._half = self._modulus >> 1
+        self._started = False
+
+    def take(self, raw: int) -> int:
+        """Take a count, signed or unsigned, and return the total; steps of up to half the range are followed."""
+        step = (raw - self.total + self._half) % self._modulus - self._half
+        self.total = self.total + step if self._started else raw
+        self._started = True
+        return self.total
+
+    def restart(self) -> None:
+        """Take the next count for the first, as after a gap too long to know the wraps in it."""
+        self._started = False

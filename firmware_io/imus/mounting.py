@@ -1,0 +1,52 @@
+"""How an IMU is turned in the robot it is mounted on."""
+
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple
+
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+"""An axis of the sensor, and its sense."""
+
+_LETTERS: Final = "xyz"
+
+
+class Vector(NamedTuple):
+    """Components along three axes that form a right-handed frame."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Mounting:
+    """Turns vectors between the frame of a sensor and the frame of the robot: x forward, y left, z up (REP-103)."""
+
+    __slots__ = ("_terms",)
+
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        """Describe a sensor by which of its axes the robot's x, y and z lie on.
+
+        Raises:
+            ValueError: The three axes form no right-handed frame.
+        """
+        self._terms = [(_LETTERS.index(axis[1]), -1.0 if axis[0] == "-" else 1.0) for axis in axes]
+        rows = [Vector(*(sign * (place == column) for column in range(3))) for place, sign in self._terms]
+        if len(rows) != len(_LETTERS) or _cross(rows[0], rows[1]) != rows[2]:
+            raise ValueError(
+                f"mounting {', '.join(axes)} is not right-handed: x turned by 90 degrees towards y must turn about z"
+            )
+
+    def to_robot(self, vector: Sequence[float]) -> Vector:
+        """A vector in the sensor's frame, in the robot's."""
+        (x, x_sign), (y, y_sign), (z, z_sign) = self._terms
+        return Vector(x_sign * vector[x], y_sign * vector[y], z_sign * vector[z])
+
+    def to_sensor(self, vector: Sequence[float]) -> Vector:
+        """A vector in the robot's frame, in the sensor's."""
+        turned = [0.0, 0.0, 0.0]
+        for value, (place, sign) in zip(vector, self._terms, strict=True):
+            turned[place] = sign * value
+        return Vector(*turned)
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)

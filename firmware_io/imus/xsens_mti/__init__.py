@@ -1,0 +1,1 @@
+"""Xsens MTi 600 series, which sends its measurements on CAN unasked."""

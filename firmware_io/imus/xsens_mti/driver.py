@@ -1,0 +1,194 @@
+"""The MTi as a `Sensor`: it is only listened to, and never spoken to."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from typing import Final
+
+from firmware_io.devices import FrameKey, Readings
+from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.imus.mounting import Vector
+from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, FrameRefusedError, Message, decode
+from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame, Link
+
+_NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)
+_HEARD: Final = (
+    *_NEEDED,
+    Message.ERROR,
+    Message.WARNING,
+    Message.SAMPLE_TIME,
+    Message.STATUS_WORD,
+    Message.TEMPERATURE,
+)
+_BURST: Final = 16
+"""Sets that may seem to come at once, because they waited somewhere."""
+
+
+class GroupCounter:
+    """Follows the count of the sets of measurements.
+
+    Attributes:
+        lost: Sets missing between those received.
+        repeated: Counts that came again: a sensor that sends without measuring.
+        restarts: Counts further on than time allows: the sensor began anew.
+        stands_still: Whether the last count was a repeated one.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        """Follow a sensor that sends a set every `period_ns`."""
+        self.lost = 0
+        self.repeated = 0
+        self.restarts = 0
+        self.stands_still = False
+        self._period_ns = period_ns
+        self._last: int | None = None
+        self._moved_ns = 0
+
+    def follow(self, count: int, received_ns: int) -> bool:
+        """Take a count (0 to 65,535); whether it is a new one."""
+        if self._last is not None:
+            ahead = (count - self._last) % GROUP_COUNTS
+            self.stands_still = ahead == 0
+            if self.stands_still:
+                self.repeated += 1
+                return False
+            # Twice what the period allows, as the sensor may be set to send faster than we were told.
+            if ahead > 2 * (received_ns - self._moved_ns) // self._period_ns + _BURST:
+                self.restarts += 1
+            else:
+                self.lost += ahead - 1
+        self._last, self._moved_ns = count, received_ns
+        return True
+
+
+class XsensMti:
+    """Angular velocity and specific force in the robot's axes; see `Sensor`.
+
+    A value is valid while its own message and the group counter are fresh, and the group counter moves.
+    """
+
+    name = "imu"
+    signals: Mapping[str, str] = {
+        "imu.angular_velocity_x": "rad/s",
+        "imu.angular_velocity_y": "rad/s",
+        "imu.angular_velocity_z": "rad/s",
+        "imu.linear_acceleration_x": "m/s2",
+        "imu.linear_acceleration_y": "m/s2",
+        "imu.linear_acceleration_z": "m/s2",
+    }
+
+    def __init__(
+        self,
+        link: Link,
+        settings: XsensMtiSettings,
+        loop_period_s: float,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Listen to the sensor on `link`."""
+        self._messages = {settings.key(message): message for message in _HEARD}
+        self.listens_to: Collection[FrameKey] = frozenset(self._messages)
+        self._link = link
+        self._mounting = settings.rotation
+        self._tick_s = settings.sample_time_tick_s
+        self._fresh = Freshness(dict.fromkeys(_NEEDED, stale_after_ns(settings.period_s, loop_period_s)), now_ns)
+        self._counter = GroupCounter(round(settings.period_s * 1e9))
+        self._refused: Counter[Refusal] = Counter()
+        self._vectors = dict.fromkeys((Message.RATE_OF_TURN, Message.ACCELERATION), Vector(0.0, 0.0, 0.0))
+        self._told: dict[Message, float] = {}
+        self._error: int | None = None
+        self._warnings = 0
+        self._sample_period_s = 0.0
+
+    def start(self) -> None:
+        """Send nothing: the sensor needs no word from us."""
+
+    def take(self, frame: Frame) -> bool:
+        """Take one of the sensor's messages; see `Sensor.take`."""
+        message = self._messages.get(FrameKey(frame.arbitration_id, frame.is_extended))
+        if message is None:
+            return False
+        try:
+            values = decode(message, frame.data)
+        except FrameRefusedError as error:
+            self._refused[error.refusal] += 1
+            return False
+        if message in self._vectors:
+            self._vectors[message] = self._mounting.to_robot(values)
+            self._fresh.mark(message, frame.received_ns)
+        else:
+            self._hear(message, values[0], frame.received_ns)
+        return True
+
+    def read(self) -> Readings:
+        """Angular velocity and specific force in the robot's axes."""
+        rate, force = self._vectors[Message.RATE_OF_TURN], self._vectors[Message.ACCELERATION]
+        rate_age, rate_valid = self._age(Message.RATE_OF_TURN)
+        force_age, force_valid = self._age(Message.ACCELERATION)
+        return Readings((*rate, *force), (rate_age,) * 3 + (force_age,) * 3, (rate_valid,) * 3 + (force_valid,) * 3)
+
+    def obstacles(self) -> list[str]:
+        """Silence, a group counter that stands still, or an error that the sensor reported."""
+        missing = [message.replace("_", " ") for message in _NEEDED if not self._fresh.age(message)[1]]
+        reasons = []
+        if self._counter.stands_still:
+            reasons.append(
+                "the IMU sends but measures nothing new: its group counter stands still; switch it off and on"
+            )
+        elif missing:
+            reasons.append(
+                f"the IMU sends no {' and no '.join(missing)} on {self._link.description}; is it powered, on this bus "
+                "at its bit rate, and set to send them on CAN?"
+            )
+        if self._error is not None:
+            reasons.append(
+                f"the IMU reported error {self._error}"
+                + (", its output buffer was full: let it send less, or make the bus faster" if self._error == 1 else "")
+                + "; switch it off and on to clear it"
+            )
+        return reasons
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """What the sensor tells of itself, and what was lost or refused of it."""
+        health = {f"refused.{cause}": str(count) for cause, count in self._refused.items()}
+        health |= {
+            "lost": str(self._counter.lost),
+            "repeated": str(self._counter.repeated),
+            "restarts": str(self._counter.restarts),
+            "error": "none" if self._error is None else str(self._error),
+            "warnings": str(self._warnings),
+            "sample_period_s": f"{self._sample_period_s:.6f}",
+        }
+        if Message.STATUS_WORD in self._told:
+            health["status_word"] = f"0x{int(self._told[Message.STATUS_WORD]):08X}"
+        if Message.TEMPERATURE in self._told:
+            health["temperature_c"] = f"{self._told[Message.TEMPERATURE]:.1f}"
+        return health
+
+    def _age(self, message: Message) -> tuple[float, bool]:
+        """Age of the measurement in a message, s, and whether it may be used."""
+        age, fresh = self._fresh.age(message)
+        counter_age, counter_fresh = self._fresh.age(Message.GROUP_COUNTER)
+        return max(age, counter_age), fresh and counter_fresh
+
+    def _hear(self, message: Message, value: float, received_ns: int) -> None:
+        match message:
+            case Message.GROUP_COUNTER:
+                self._count(int(value), received_ns)
+            case Message.ERROR:
+                self._error = int(value)
+            case Message.WARNING:
+                self._warnings += 1
+            case Message.SAMPLE_TIME:
+                ticks = int(value - self._told.get(message, value)) % SAMPLE_TIME_TICKS
+                self._sample_period_s = ticks * self._tick_s
+        self._told[message] = value
+
+    def _count(self, count: int, received_ns: int) -> None:
+        restarts = self._counter.restarts
+        if self._counter.follow(count, received_ns):
+            self._fresh.mark(Message.GROUP_COUNTER, received_ns)
+        if self._counter.restarts != restarts:
+            self._error = None  # what it reported before it began anew is over

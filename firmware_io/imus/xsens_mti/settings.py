@@ -1,0 +1,57 @@
+"""What a robot file says of an MTi."""
+
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from firmware_io.devices import FrameKey
+from firmware_io.imus.mounting import Axis, Mounting
+from firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message
+from firmware_io.section import Section
+
+_STANDARD_IDS: Final = 1 << 11
+_EXTENDED_IDS: Final = 1 << 29
+
+
+class XsensMtiSettings(Section, frozen=True, kw_only=True):
+    """An MTi of the 600 series on the drives' bus.
+
+    Attributes:
+        period_s: How often it sends a set of measurements, s.
+        ids: Arbitration ids other than those it is delivered with, by message.
+        extended_ids: Whether all its ids are 29-bit ones.
+        mounting: The axes of the sensor that point along the robot's x (forward), y (left) and z (up).
+        sample_time_unit: What one tick of its sample time is; it differs between firmware versions.
+    """
+
+    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.005
+    ids: dict[Message, Annotated[int, msgspec.Meta(ge=0, lt=_EXTENDED_IDS)]] = msgspec.field(default_factory=dict)
+    extended_ids: bool = False
+    mounting: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
+    sample_time_unit: Literal["100us", "us"] = "100us"
+
+    def __post_init__(self) -> None:
+        """Refuse ids that are too large or used twice, and a mounting that is no rotation."""
+        Mounting(self.mounting)
+        owners: dict[int, Message] = {}
+        for message in Message:
+            arbitration_id = self.key(message).arbitration_id
+            if arbitration_id >= _STANDARD_IDS and not self.extended_ids:
+                raise ValueError(f"id 0x{arbitration_id:X} of {message} needs extended_ids: true")
+            if arbitration_id in owners:
+                raise ValueError(f"{owners[arbitration_id]} and {message} both have id 0x{arbitration_id:X}")
+            owners[arbitration_id] = message
+
+    @property
+    def rotation(self) -> Mounting:
+        """The mounting as what turns vectors."""
+        return Mounting(self.mounting)
+
+    @property
+    def sample_time_tick_s(self) -> float:
+        """One tick of the sample time, s."""
+        return 1e-4 if self.sample_time_unit == "100us" else 1e-6
+
+    def key(self, message: Message) -> FrameKey:
+        """What a message is told by on the bus."""
+        return FrameKey(self.ids.get(message, DEFAULT_IDS[message]), self.extended_ids)

@@ -1,0 +1,244 @@
+"""What every CAN link does, whatever it is open on: counting, stamps, the state of the bus, coming back."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+from firmware_io.errors import LinkLostError
+from firmware_io.links.can_errors import BusErrors
+from firmware_io.links.can_port import (
+    ERROR,
+    EXTENDED,
+    EXTENDED_IDENTIFIER,
+    REMOTE,
+    STANDARD_IDENTIFIER,
+    Arrival,
+    CanPort,
+    PortError,
+)
+from firmware_io.links.interface_state import InterfaceState
+from firmware_io.links.interface_watch import InterfaceWatch
+from firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
+from firmware_io.links.meter import Meter
+from firmware_io.links.reopening import Reopening
+
+NowNs = Callable[[], int]
+
+_FAILURES: Final = 10
+"""Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
+_MAX_IDENTIFIERS: Final = 4096
+"""Of our own that are kept, to know them again; a robot has some tens."""
+
+
+def wall_ns() -> int:
+    """The wall clock, ns: what SocketCAN stamps received frames with."""
+    return time.clock_gettime_ns(time.CLOCK_REALTIME)
+
+
+class CanSettings(NamedTuple):
+    """What a CAN link is told.
+
+    Attributes:
+        description: Which bus it is, for people.
+        bitrate: In bit/s.
+        kernel_name: The network interface, for what the kernel knows of it; None where the bus is not one.
+    """
+
+    description: str
+    bitrate: int
+    kernel_name: str | None
+
+
+class _Opened(NamedTuple):
+    port: CanPort
+    at_ns: int
+    interface: InterfaceState
+
+
+class BaseCanLink:
+    """A CAN bus as a `Link`, over ports that are opened one after the other as often as the bus comes back.
+
+    A frame's `received_ns` is its own receive stamp moved to the loop's clock, kept between the last drain and now, so
+    that neither a step of the wall clock nor a backend with a clock of its own can make a frame look fresh or old.
+
+    On a CAN bus each identifier has one sender: what comes with one that we send is our own frame come back.
+    """
+
+    def __init__(
+        self, settings: CanSettings, open_port: Callable[[LinkCounters], CanPort], now_ns: NowNs, wall_ns: NowNs
+    ) -> None:
+        """Describe the bus; `open` opens it, and `open_port` may take its time and raise BusNotFoundError."""
+        self.counters = LinkCounters()
+        self._settings = settings
+        self._open_port = open_port
+        self._now_ns = now_ns
+        self._wall_ns = wall_ns
+        self._port: CanPort | None = None
+        self._lost_ports: deque[CanPort] = deque()
+        self._reason = ""
+        self._failures = 0
+        self._drained_ns = 0
+        self._errors = BusErrors()
+        self._own: set[int] = set()
+        self._interface = InterfaceWatch(settings.kernel_name)
+        self._meter = Meter(self.counters, now_ns)
+        self._reopening = Reopening(self._open, _close, now_ns)
+
+    @property
+    def description(self) -> str:
+        """The interface in use, and what was asked for where that was left open."""
+        return self._settings.description
+
+    @property
+    def state(self) -> LinkState:
+        """What the bus can still do, from its error frames."""
+        return self._errors.state if self._port is not None else LinkState.GONE
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """State, counts, rates since the last call, what the error frames told, and what the kernel knows."""
+        if self._interface.look(self.counters.error_frames):
+            self._learn(self._interface.state)
+        bitrate = self._interface.state.bitrate or self._settings.bitrate
+        return {
+            "state": str(self.state),
+            **({"lost": self._reason} if self._reason else {}),
+            **({"reopening": self._reopening.failure} if self._reopening.failure else {}),
+            **self.counters.as_text(),
+            **self._meter.measure(bitrate),
+            **self._errors.as_text(),
+            **self._interface.as_text(),
+        }
+
+    def open(self) -> None:
+        """Open the bus; see `Link.open`."""
+        self.close()
+        self._use(self._open())
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame; see `Link.send`. A full queue drops it: an old command is worse than none."""
+        # To a controller that is bus-off the kernel takes frames and drops them, without a word.
+        port = self._port
+        if port is None or self._errors.state is LinkState.BUS_OFF:
+            self.counters.send_dropped += 1
+            return False
+        try:
+            port.send(frame)
+        except PortError as error:
+            self.counters.send_dropped += 1
+            if error.is_gone:
+                self._lose(port, error)
+            return False
+        self._count_sent(frame)
+        return True
+
+    def receive(self) -> list[Frame]:
+        """Take what has arrived; see `Link.receive`."""
+        port = self._port or self._regain()
+        frames: list[Frame] = []
+        now_ns = self._now_ns()
+        offset_ns = now_ns - self._wall_ns()
+        try:
+            for arrival in port.drain():
+                self._take(arrival, offset_ns, now_ns, frames)
+        except PortError as error:
+            self._failures = 1 if frames else self._failures + 1
+            if error.is_gone or self._failures >= _FAILURES:
+                self._lose(port, error)
+                raise LinkLostError(self._lost()) from error
+            self.counters.undecodable += 1
+        else:
+            self._failures = 0
+        self._drained_ns = now_ns
+        return frames
+
+    def close(self) -> None:
+        """Close the bus, and whatever is on its way to be opened."""
+        self._reopening.cancel()
+        self._close_lost_ports()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+        self._reason = ""
+
+    def _take(self, arrival: Arrival, offset_ns: int, now_ns: int, frames: list[Frame]) -> None:
+        word, data, stamp_ns = arrival
+        # Error frames first: their identifier is a bit field that can equal a data frame's.
+        if word & ERROR:
+            self.counters.error_frames += 1
+            self._errors.take(word & EXTENDED_IDENTIFIER, data)
+            return
+        is_extended = bool(word & EXTENDED)
+        identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
+        if word & REMOTE:
+            self.counters.remote_frames += 1
+            self.counters.bits += worst_case_bits(Frame(identifier, b"", 0, is_extended))
+        elif identifier | word & EXTENDED in self._own:
+            self.counters.echoes += 1
+        else:
+            received_ns = min(max(stamp_ns + offset_ns, self._drained_ns), now_ns)
+            frame = Frame(identifier, data, received_ns, is_extended)
+            self.counters.received += 1
+            self.counters.bits += worst_case_bits(frame)
+            frames.append(frame)
+            if self._errors.state is LinkState.BUS_OFF:  # a controller that is off hears nothing
+                self._errors.state = LinkState.ACTIVE
+
+    def _count_sent(self, frame: Frame) -> None:
+        self.counters.sent += 1
+        if frame.is_remote:
+            self.counters.bits += worst_case_bits(frame._replace(data=b""))
+            return
+        self.counters.bits += worst_case_bits(frame)
+        key = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
+        if key not in self._own and len(self._own) < _MAX_IDENTIFIERS:
+            self._own.add(key)
+
+    def _open(self) -> _Opened:
+        """Open a port; takes its time, and touches nothing that the loop uses."""
+        self._close_lost_ports()
+        port = self._open_port(self.counters)
+        return _Opened(port, self._now_ns(), self._interface.read())
+
+    def _use(self, opened: _Opened) -> None:
+        self._port, self._drained_ns, state = opened
+        self._reason = ""
+        self._failures = 0
+        self._errors.begin()
+        self._interface.begin(state)
+        self._learn(state)
+
+    def _lose(self, port: CanPort, error: PortError) -> None:
+        self._lost_ports.append(port)
+        self._port = None
+        self._reason = str(error)
+
+    def _regain(self) -> CanPort:
+        if not self._reason:
+            raise LinkLostError(f"CAN bus {self.description} is not open")
+        opened = self._reopening.poll()
+        if opened is None:
+            raise LinkLostError(self._lost())
+        self._use(opened)
+        self.counters.reopened += 1
+        return opened.port
+
+    def _lost(self) -> str:
+        return f"CAN bus {self.description} is gone: {self._reason}"
+
+    def _learn(self, state: InterfaceState) -> None:
+        self._errors.learn(state.state, state.tec, state.rec)
+
+    def _close_lost_ports(self) -> None:
+        # Each is closed by whoever takes it out: the thread that opens again, or `close`.
+        while True:
+            try:
+                port = self._lost_ports.popleft()
+            except IndexError:
+                return
+            port.close()
+
+
+def _close(opened: _Opened) -> None:
+    opened.port.close()

@@ -1,0 +1,61 @@
+"""The seam between a CAN link and what it is open on."""
+
+import errno
+from collections.abc import Iterator
+from typing import Final, Protocol
+
+from firmware_io.links.link import Frame
+
+EXTENDED: Final = 0x80000000
+"""Flags of linux/can.h in an identifier."""
+REMOTE: Final = 0x40000000
+ERROR: Final = 0x20000000
+EXTENDED_IDENTIFIER: Final = 0x1FFFFFFF
+STANDARD_IDENTIFIER: Final = 0x7FF
+
+GONE: Final = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF})
+"""What the system says of an interface that is down or away."""
+MAX_FRAMES: Final = 512
+"""Taken in one drain, so that a flooded bus cannot hold up the loop; the rest waits for the next."""
+MAX_DATA: Final = 8
+
+Arrival = tuple[int, bytes, int]
+"""An identifier with flags, up to 8 bytes, and when it came on the wall clock, ns; 0 where that is not known."""
+
+
+class PortError(Exception):
+    """Sending or receiving failed.
+
+    Attributes:
+        is_gone: Whether the interface is down or not there any more.
+    """
+
+    def __init__(self, text: str, *, is_gone: bool = False) -> None:
+        self.is_gone = is_gone
+        super().__init__(text)
+
+
+class CanPort(Protocol):
+    """An open connection to a CAN bus, used until it fails. Nothing here waits, except perhaps `close`."""
+
+    def send(self, frame: Frame) -> None:
+        """Queue a frame.
+
+        Raises:
+            PortError: It was not queued.
+        """
+
+    def drain(self) -> Iterator[Arrival]:
+        """What has arrived, at most `MAX_FRAMES`.
+
+        Raises:
+            PortError: Receiving failed; what came before it was good.
+        """
+
+    def close(self) -> None:
+        """Close it; never raises."""
+
+
+def wire_length(frame: Frame) -> int:
+    """The length that a frame states: of its data; of a remote frame without any, all 8 bytes."""
+    return len(frame.data) or (MAX_DATA if frame.is_remote else 0)

@@ -1,0 +1,115 @@
+"""Consistent Overhead Byte Stuffing: packets without a zero byte, so that zero can stand between them.
+
+Source: Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7 (1999). Each
+block begins with a code, one more than the number of its bytes that follow; a code below 255 stands for a zero after
+them, except in the last block.
+"""
+
+from collections import Counter
+from typing import Final
+
+DELIMITER: Final = b"\x00"
+
+_FULL: Final = 0xFF
+"""The code of a block of 254 bytes that no zero follows."""
+_LONGEST_BLOCK: Final = _FULL - 1
+
+
+class CobsError(ValueError):
+    """Bytes that no packet is stuffed into."""
+
+
+def encode(data: bytes) -> bytes:
+    """Stuff a packet; the result has no zero byte and is at least one byte long."""
+    *runs, last = data.split(DELIMITER)
+    coded = bytearray()
+    for run in runs:
+        rest = _take_full_blocks(run, coded)
+        coded.append(len(rest) + 1)
+        coded += rest
+    rest = _take_full_blocks(last, coded)
+    if rest or not last:  # after a full block at the very end there is nothing to say
+        coded.append(len(rest) + 1)
+        coded += rest
+    return bytes(coded)
+
+
+def decode(coded: bytes) -> bytes:
+    """The packet that was stuffed.
+
+    Raises:
+        CobsError: Empty, a zero byte within, or a code that points beyond the end.
+    """
+    if not coded or DELIMITER in coded:
+        raise CobsError("a stuffed packet is empty, or has a zero byte in it")
+    data = bytearray()
+    begin = 0
+    while True:
+        code = coded[begin]
+        end = begin + code
+        if end > len(coded):
+            raise CobsError(f"a code points {end - len(coded)} byte(s) beyond the end of a stuffed packet")
+        data += coded[begin + 1 : end]
+        if end == len(coded):
+            return bytes(data)
+        if code != _FULL:
+            data += DELIMITER
+        begin = end
+
+
+def _take_full_blocks(run: bytes, coded: bytearray) -> bytes:
+    """Write the full blocks at the beginning of a run without zeros; return what is left of it."""
+    while len(run) >= _LONGEST_BLOCK:
+        coded.append(_FULL)
+        coded += run[:_LONGEST_BLOCK]
+        run = run[_LONGEST_BLOCK:]
+    return run
+
+
+class CobsReceiver:
+    """Cuts a stream into packets at the zero bytes; whatever is broken ends at the next one."""
+
+    def __init__(self, longest: int, refused: Counter[str]) -> None:
+        """Take packets of up to `longest` stuffed bytes; count others in `refused` as `length` or `cobs`."""
+        self._longest = longest
+        self._refused = refused
+        self._begun = bytearray()
+        self._is_too_long = False
+
+    def take(self, data: bytes) -> list[bytes]:
+        """Take the next bytes of the stream, and return the packets that end in them, no longer stuffed."""
+        *ended, begun = data.split(DELIMITER)
+        packets = []
+        for piece in ended:
+            self._append(piece)
+            packet = self._end()
+            if packet is not None:
+                packets.append(packet)
+        self._append(begun)
+        return packets
+
+    def reset(self) -> None:
+        """Forget the packet that has begun."""
+        self._begun.clear()
+        self._is_too_long = False
+
+    def _append(self, piece: bytes) -> None:
+        if len(self._begun) + len(piece) > self._longest:
+            self._is_too_long = True
+        else:
+            self._begun += piece
+
+    def _end(self) -> bytes | None:
+        """The packet that a zero byte has ended; None where there is none between it and the one before."""
+        coded, is_too_long = bytes(self._begun), self._is_too_long
+        self.reset()
+        if is_too_long:
+            self._refused["length"] += 1
+            return None
+        if not coded:
+            return None
+        try:
+            return decode(coded)
+        except CobsError:
+            self._refused["cobs"] += 1
+            return None

@@ -1,0 +1,97 @@
+"""Work that may take its time, done off the loop."""
+
+import _thread
+from collections import deque
+from collections.abc import Callable
+from typing import Final, Generic, TypeVar
+
+T = TypeVar("T")
+NowNs = Callable[[], int]
+
+RETRY_NS: Final = 100_000_000
+"""A lost bus is opened again at most this often."""
+
+
+class BackgroundTask(Generic[T]):
+    """One call in a thread of its own, whose outcome is looked for and never waited for."""
+
+    def __init__(self, work: Callable[[], T], discard: Callable[[T], None] = lambda _: None) -> None:
+        """Start `work`; what it made is given to `discard` if nobody wants it any more."""
+        self._work = work
+        self._discard = discard
+        self._outcomes: deque[T | Exception] = deque()
+        self._is_abandoned = False
+        # Not threading.Thread: its start waits until the new thread runs.
+        _thread.start_new_thread(self._run, ())
+
+    def take(self) -> T | Exception | None:
+        """What it made, or what it failed with, once; None before it has ended."""
+        try:
+            return self._outcomes.popleft()
+        except IndexError:
+            return None
+
+    def abandon(self) -> None:
+        """Want no outcome any more; may be called at any time."""
+        self._is_abandoned = True
+        self._discard_outcome()
+
+    def _run(self) -> None:
+        try:
+            outcome: T | Exception = self._work()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the loop is told of it
+            outcome = error
+        self._outcomes.append(outcome)
+        # Kept first and asked afterwards, and `abandon` the other way round: so exactly one of the two takes it out.
+        if self._is_abandoned:
+            self._discard_outcome()
+
+    def _discard_outcome(self) -> None:
+        outcome = self.take()
+        if outcome is not None and not isinstance(outcome, Exception):
+            self._discard(outcome)
+
+
+class Reopening(Generic[T]):
+    """Tries again and again to open something, one attempt at a time and no faster than `RETRY_NS`.
+
+    Attributes:
+        failure: Why the last attempt failed; empty before one has, and when one has not.
+    """
+
+    def __init__(self, open_again: Callable[[], T], close: Callable[[T], None], now_ns: NowNs) -> None:
+        """Describe it; `poll` drives it. `close` is for what is opened when it is no longer wanted."""
+        self.failure = ""
+        self._open_again = open_again
+        self._close = close
+        self._now_ns = now_ns
+        self._began_ns: int | None = None
+        self._attempt: BackgroundTask[T] | None = None
+
+    def poll(self) -> T | None:
+        """What has been opened, once; otherwise None, and an attempt is begun where one is due."""
+        if self._attempt is None:
+            self._begin_if_due()
+            return None
+        outcome = self._attempt.take()
+        if outcome is None:
+            return None
+        self._attempt = None
+        if isinstance(outcome, Exception):
+            self.failure = str(outcome)
+            return None
+        self.failure = ""
+        return outcome
+
+    def cancel(self) -> None:
+        """End it: what an attempt still opens is closed at once."""
+        self.failure = ""
+        if self._attempt is not None:
+            self._attempt.abandon()
+            self._attempt = None
+
+    def _begin_if_due(self) -> None:
+        now_ns = self._now_ns()
+        if self._began_ns is None or now_ns - self._began_ns >= RETRY_NS:
+            self._began_ns = now_ns
+            self._attempt = BackgroundTask(self._open_again, self._close)

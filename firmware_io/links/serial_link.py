@@ -1,0 +1,282 @@
+"""A serial line through pyserial, on any URL it offers, which carries the frames of one drive family."""
+
+import operator
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from typing import Final, Protocol
+
+from firmware_io.errors import BusNotFoundError, LinkLostError
+from firmware_io.links.link import Frame, LinkCounters, LinkState
+from firmware_io.links.meter import Meter
+from firmware_io.links.reopening import Reopening
+from firmware_io.links.serial_port import cure, open_serial_port
+from firmware_io.settings import SerialSettings
+
+NowNs = Callable[[], int]
+
+LOST: Final = "lost"
+"""The cause under which a line counts what never arrived, by its sequence numbers."""
+
+_ASK_EVERY_NS: Final = {False: 100_000_000, True: 500_000}
+"""Least time between two requests: in standby ten a second; else one in each cycle, at up to 1 kHz."""
+_MAX_BYTES: Final = 4096
+"""Read in one go, so that a flooded line cannot hold up the loop; the rest waits for the next."""
+_BITS_PER_BYTE: Final = 10
+"""On the wire: start bit, eight bits, stop bit."""
+_BACKLOG_S: Final = 0.01
+_LEAST_BACKLOG: Final = 64
+"""Room for the words of one cycle, also where the line is too slow for it."""
+_MOST_BACKLOG: Final = 1024
+_FINISHED_WITHIN_NS: Final = 20_000_000
+"""What is left of a packet is sent for this long; later it would bring an old command to a drive."""
+
+
+class Port(Protocol):
+    """What is used of a serial port; `serial.Serial` fulfils it. Nothing here waits."""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived and wait to be read."""
+
+    def read(self, size: int, /) -> bytes:
+        """Take up to `size` bytes."""
+
+    def write(self, data: bytes, /) -> int | None:
+        """Queue bytes; how many there was room for, where that is known."""
+
+    def close(self) -> None:
+        """Close the port."""
+
+
+class Line(Protocol):
+    """A serial protocol as a codec: bytes to the frames of a drive family and back. It knows no port.
+
+    Attributes:
+        refused: What was received and not taken, by cause.
+    """
+
+    refused: Counter[str]
+
+    def encode(self, frame: Frame) -> bytes | None:
+        """The bytes that say what a frame says; None where this line has no words for it."""
+
+    def request(self) -> bytes:
+        """The bytes that ask the device for its telemetry; empty where it is sent unasked."""
+
+    def decode(self, data: bytes, now_ns: int) -> list[Frame]:
+        """Take received bytes, in pieces of any size, and return the frames that they complete, stamped `now_ns`.
+
+        Never raises: after garbage, a half frame or an inserted byte it finds the next good frame again.
+        """
+
+    def reset(self) -> None:
+        """Forget what was received of an unfinished frame."""
+
+
+OpenPort = Callable[[SerialSettings], Port]
+"""Opens a port, may take its time, and raises OSError where it cannot."""
+
+
+class SerialLink:
+    """A link over one serial line; see `Link` and `StandbyLink`.
+
+    What the drives have to tell is asked for; the answer to a request is read in the next cycle. A command that the
+    port has no room for is dropped: an old command is worse than none. Of a packet that went out in part the rest goes
+    first next time, so that what follows is whole; where it is too old for that, the other end refuses the half.
+
+    Frames are stamped when they are read, so they are up to one cycle older than they look.
+
+    Attributes:
+        counters: What passed over it; a byte counts as ten bits.
+        is_active: Whether it carries the robot's commands, and so asks in every cycle instead of ten times a second.
+    """
+
+    def __init__(
+        self, settings: SerialSettings, line: Line, now_ns: NowNs, open_port: OpenPort = open_serial_port
+    ) -> None:
+        """Describe the line; `open` opens its port."""
+        self.counters = LinkCounters()
+        self.is_active = False
+        self._settings = settings
+        self._line = line
+        self._now_ns = now_ns
+        self._open_port = open_port
+        self._most_waiting = min(max(_in_time(settings.baudrate), _LEAST_BACKLOG), _MOST_BACKLOG)
+        self._port: Port | None = None
+        self._lost_ports: deque[Port] = deque()
+        self._reason = ""
+        self._unwritten = b""
+        self._unwritten_ns = 0
+        self._asked_ns: int | None = None
+        self._requests = 0
+        self._not_carried = 0
+        self._full_reads = 0
+        self._meter = Meter(self.counters, now_ns)
+        self._reopening: Reopening[Port] = Reopening(self._open, operator.methodcaller("close"), now_ns)
+
+    @property
+    def description(self) -> str:
+        """The port and its rate."""
+        return f"serial {self._settings.port} at {self._settings.baudrate} bit/s"
+
+    @property
+    def state(self) -> LinkState:
+        """Whether the port is there; a serial line knows nothing of its other end."""
+        return LinkState.ACTIVE if self._port is not None else LinkState.GONE
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """State, counts, what was refused, and rates since the last call; the load is that of both ways together."""
+        return {
+            "state": str(self.state),
+            **({"lost": self._reason} if self._reason else {}),
+            **self.counters.as_text(),
+            "requests": str(self._requests),
+            "not_carried": str(self._not_carried),
+            "full_reads": str(self._full_reads),
+            **{f"refused.{cause}": str(count) for cause, count in sorted(self._line.refused.items())},
+            **self._meter.measure(self._settings.baudrate),
+        }
+
+    def open(self) -> None:
+        """Open the port; see `Link.open`."""
+        self.close()
+        try:
+            self._use(self._open())
+        except OSError as error:
+            raise BusNotFoundError(
+                f"cannot open {self.description}: {_text(error)}; {cure(self._settings, error)}"
+            ) from error
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame's words; see `Link.send`. A frame that the line has no words for is passed over: True."""
+        words = self._line.encode(frame)
+        if words is None:
+            self._not_carried += 1
+            return True
+        if self._port is not None and self._try_to_write(self._port, words):
+            self.counters.sent += 1
+            return True
+        self.counters.send_dropped += 1
+        return False
+
+    def receive(self) -> list[Frame]:
+        """Take what has arrived, and ask for more where it is time; see `Link.receive`."""
+        port = self._port or self._regain()
+        try:
+            data = self._read(port)
+            self._ask(port)
+        except OSError as error:
+            self._lose(port, error)
+            raise LinkLostError(self._lost()) from error
+        frames = self._line.decode(data, self._now_ns())
+        self.counters.received += len(frames)
+        self.counters.bits += _BITS_PER_BYTE * len(data)
+        self.counters.undecodable = self._line.refused.total() - self._line.refused[LOST]
+        return frames
+
+    def close(self) -> None:
+        """Close the port, and whatever is on its way to be opened."""
+        self._reopening.cancel()
+        self._close_lost_ports()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+        self._reason = ""
+
+    def _read(self, port: Port) -> bytes:
+        data = bytearray()
+        while len(data) < _MAX_BYTES:
+            piece = port.read(_MAX_BYTES - len(data))
+            if not piece:
+                return bytes(data)
+            data += piece
+        self._full_reads += 1
+        return bytes(data)
+
+    def _ask(self, port: Port) -> None:
+        now_ns = self._now_ns()
+        if self._asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS[self.is_active]:
+            return
+        words = self._line.request()
+        if words and self._write(port, words):
+            self._requests += 1
+        self._asked_ns = now_ns
+
+    def _try_to_write(self, port: Port, words: bytes) -> bool:
+        try:
+            was_written = self._write(port, words)
+            if self.is_active:
+                # In the cycle in which this line becomes the owner, its first answer must not wait for the next.
+                self._ask(port)
+        except OSError as error:
+            self._lose(port, error)
+            return False
+        return was_written
+
+    def _write(self, port: Port, words: bytes) -> bool:
+        """Queue words after what is left of those before; False where there is no room for any of them."""
+        if getattr(port, "out_waiting", 0) > self._most_waiting:
+            return False
+        now_ns = self._now_ns()
+        if now_ns - self._unwritten_ns > _FINISHED_WITHIN_NS:
+            self._unwritten = b""
+        queue, due = self._unwritten + words, len(self._unwritten)
+        count = port.write(queue)
+        written = len(queue) if count is None else count
+        self.counters.bits += _BITS_PER_BYTE * written
+        was_begun = written > due
+        if was_begun:
+            self._unwritten, self._unwritten_ns = queue[written:], now_ns
+        else:
+            self._unwritten = self._unwritten[written:]
+        return was_begun
+
+    def _open(self) -> Port:
+        """Open the port; takes its time, and touches nothing that the loop uses."""
+        self._close_lost_ports()
+        return self._open_port(self._settings)
+
+    def _use(self, port: Port) -> None:
+        self._port = port
+        self._reason = ""
+        self._unwritten = b""
+        self._asked_ns = None
+        self._line.reset()
+
+    def _lose(self, port: Port, error: OSError) -> None:
+        self._lost_ports.append(port)
+        self._port = None
+        self._reason = _text(error)
+
+    def _regain(self) -> Port:
+        if not self._reason:
+            raise LinkLostError(f"{self.description} is not open")
+        port = self._reopening.poll()
+        if port is None:
+            raise LinkLostError(self._lost())
+        self._use(port)
+        self.counters.reopened += 1
+        return port
+
+    def _lost(self) -> str:
+        return f"{self.description} is gone: {self._reason}; plug it in again"
+
+    def _close_lost_ports(self) -> None:
+        # Each is closed by whoever takes it out: the thread that opens again, or `close`.
+        while True:
+            try:
+                port = self._lost_ports.popleft()
+            except IndexError:
+                return
+            port.close()
+
+
+def _in_time(baudrate: int) -> int:
+    """Bytes that the line carries in the time that a command may wait."""
+    return round(baudrate / _BITS_PER_BYTE * _BACKLOG_S)
+
+
+def _text(error: OSError) -> str:
+    """What a port says is wrong, without the number that pyserial puts before it; never empty."""
+    return (str(error.args[-1]) if error.args else "") or type(error).__name__

@@ -1,0 +1,158 @@
+"""When a redundant link passes from one line to the other, and how long that took."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_io.links.redundant_link import RedundantLink
+
+NowNs = Callable[[], int]
+
+SWITCH_WITHIN_NS: Final = 60_000_000
+"""While lines change, values may be this old: a robot with a fall time of 0.2 s has moved little."""
+_KEPT: Final = 32
+
+
+@dataclass(slots=True)
+class Switch:
+    """One change of lines.
+
+    Attributes:
+        reason: Why.
+        last_good_ns: When the last good frame came on the line that was left.
+        telemetry_gap_ns: From then to the first good frame on the other line; None until it came.
+        torque_gap_ns: From then until the drives followed commands again; None until they did.
+    """
+
+    reason: str
+    last_good_ns: int
+    telemetry_gap_ns: int | None = None
+    torque_gap_ns: int | None = None
+
+    @property
+    def gaps(self) -> Mapping[str, int | None]:
+        """Both gaps by name."""
+        return {"telemetry_gap": self.telemetry_gap_ns, "torque_gap": self.torque_gap_ns}
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchRules:
+    """When to change.
+
+    Attributes:
+        silence_ns: A drive unheard for longer than this is lost on the line in use.
+        dwell_ns: Shortest time between two changes, so that two bad lines do not take turns.
+    """
+
+    silence_ns: int = 20_000_000
+    dwell_ns: int = 1_000_000_000
+
+
+class Switching:
+    """Judges the line in use, once a cycle.
+
+    To the other line: as soon as the line in use reports that it is lost, cannot send, or some drive is unheard on it,
+    if the other is good. Back to the bus: only while the robot is disarmed, once the bus has been good for a while.
+
+    Attributes:
+        switches: The last changes, oldest first.
+        count: How many there were.
+    """
+
+    def __init__(self, link: RedundantLink, now_ns: NowNs, rules: SwitchRules) -> None:
+        """Judge the lines of `link`."""
+        self.switches: deque[Switch] = deque(maxlen=_KEPT)
+        self.count = 0
+        self._link = link
+        self._now_ns = now_ns
+        self._rules = rules
+        self._began_ns: int | None = None
+        self._changed_ns: int | None = None
+        self._bus_good_since_ns: int | None = None
+        self._unmeasured: Switch | None = None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether a change began a moment ago and values may be a little old."""
+        return self._changed_ns is not None and self._now_ns() - self._changed_ns <= SWITCH_WITHIN_NS
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The changes so far, as text."""
+        health = {"link.switches": str(self.count)}
+        if self.switches:
+            last = self.switches[-1]
+            health["link.last_switch"] = last.reason
+            health |= {f"link.last_{name}_ms": _ms(gap) for name, gap in last.gaps.items() if gap is not None}
+        return health
+
+    def judge(self, heard_ns: Sequence[int | None], *, is_armed: bool) -> str | None:
+        """Look at the lines, and pass to the other one where it must be.
+
+        Args:
+            heard_ns: When each drive was last heard intact; None for one that never was.
+            is_armed: Whether the robot's motors are on, or are being switched on.
+
+        Returns:
+            What was done and why, or None where nothing was.
+        """
+        now_ns = self._now_ns()
+        self._began_ns = self._began_ns or now_ns
+        last_good_ns = min(self._began_ns if at_ns is None else at_ns for at_ns in heard_ns)
+        self._follow_bus(now_ns)
+        reason = self._reason(now_ns, last_good_ns, is_armed=is_armed)
+        return None if reason is None else self._pass_over(now_ns, last_good_ns, reason)
+
+    def measure(self, heard_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
+        """Complete the measurement of the last change, and tell what was found.
+
+        Args:
+            heard_ns: As for `judge`.
+            is_ready: Whether the drives follow commands.
+        """
+        switch, now_ns = self._unmeasured, self._now_ns()
+        if switch is None or self._changed_ns is None:
+            return
+        heard = [at_ns for at_ns in heard_ns if at_ns is not None and at_ns >= self._changed_ns]
+        if switch.telemetry_gap_ns is None and len(heard) == len(heard_ns):
+            switch.telemetry_gap_ns = max(heard) - switch.last_good_ns
+            yield f"telemetry is back {_ms(switch.telemetry_gap_ns)} ms after the last good frame"
+        if switch.torque_gap_ns is None and is_ready:
+            switch.torque_gap_ns = now_ns - switch.last_good_ns
+            yield f"the motors follow again {_ms(switch.torque_gap_ns)} ms after the last good frame"
+        if None not in switch.gaps.values():
+            self._unmeasured = None
+
+    def _follow_bus(self, now_ns: int) -> None:
+        """Note since when the bus, in standby, has been good."""
+        if not self._link.is_on_fallback or not self._link.standby_is_good:
+            self._bus_good_since_ns = None
+        elif self._bus_good_since_ns is None:
+            self._bus_good_since_ns = now_ns
+
+    def _reason(self, now_ns: int, last_good_ns: int, *, is_armed: bool) -> str | None:
+        dwell_ns = self._rules.dwell_ns
+        if not self._link.standby_is_good or (self._changed_ns is not None and now_ns - self._changed_ns < dwell_ns):
+            return None
+        if self._link.trouble is not None:
+            return self._link.trouble
+        if now_ns - last_good_ns > self._rules.silence_ns:
+            return f"no good frame for {_ms(now_ns - last_good_ns)} ms"
+        since_ns = self._bus_good_since_ns
+        if not is_armed and since_ns is not None and now_ns - since_ns >= dwell_ns:
+            return "the bus is good again and the robot is disarmed"
+        return None
+
+    def _pass_over(self, now_ns: int, last_good_ns: int, reason: str) -> str:
+        left = self._link.owner_name
+        self._link.pass_over()
+        self._changed_ns = now_ns
+        self.count += 1
+        self._unmeasured = Switch(reason, last_good_ns)
+        self.switches.append(self._unmeasured)
+        return f"from {left} to {self._link.owner_name}: {reason}"
+
+
+def _ms(duration_ns: int) -> str:
+    return f"{duration_ns * 1e-6:.1f}"

@@ -1,0 +1,186 @@
+"""One axis of a simulated ODrive: its states, errors, watchdog and torque."""
+
+from typing import Final
+
+from firmware_io.drives.odrive.commands import TORQUE_CONTROL, AxisState
+from firmware_io.drives.odrive.errors import WATCHDOG
+from firmware_io.drives.odrive.frames import Firmware
+from firmware_io.drives.odrive.settings import OdriveWheelSettings
+from firmware_io.drivetrain import TURN
+
+INVALID_STATE: Final = 0x1
+"""Error bit of 0.5."""
+PROCEDURE_INVALID_STATE: Final = 13
+"""Procedure result of 0.6."""
+ESTOP: Final = {Firmware.V0_5: 0x4000, Firmware.V0_6: 0x2000000}
+_VELOCITY_CONTROL: Final = 2
+_POSITION_CONTROL: Final = 3
+_ENTER_NS: Final = 2_000_000
+"""From the request until the state is another."""
+_TORQUE_CONSTANT: Final = 0.1
+_MORE_THAN_ASKED: Final = 1.25
+_VELOCITY_GAIN: Final = 0.16
+_POSITION_GAIN: Final = 20.0
+
+
+class SimulatedAxis:
+    """What the firmware keeps of one axis. The current loop, faster than a tick, is taken as perfect.
+
+    Attributes:
+        firmware: Whose behaviour it has.
+        node_id: Its number on the bus.
+        settings: Gear, direction and torque constant of its wheel.
+        state: See `AxisState`.
+        error: Bits that are latched until they are cleared.
+        procedure_result: How the last request ended; 0.6.
+        watchdog_s: Time-out of the watchdog, s; None where it is off.
+        current_limit_a: Largest motor current, A.
+        velocity_limit_rev_s: Speed beyond which torque mode gives less torque; None where there is no limit.
+        counts_per_turn: Of the encoder.
+        control_mode: What the input is.
+        input_mode: How it is taken: as it is (1), or not at all.
+        input_torque_nm: The set-point that is held until another comes.
+        velocity_rev_s: Of the motor.
+    """
+
+    def __init__(self, firmware: Firmware, settings: OdriveWheelSettings, watchdog_s: float | None) -> None:
+        """Make an axis as it is after power-on."""
+        self.firmware = firmware
+        self.node_id = settings.node_id
+        self.settings = settings
+        self.watchdog_s = watchdog_s
+        self.torque_constant = settings.torque_constant or _TORQUE_CONSTANT
+        largest = abs(settings.drivetrain.motor_torque(settings.max_torque))
+        self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
+        self.velocity_limit_rev_s: float | None = None
+        self.counts_per_turn = 8192
+        self.restart()
+
+    def restart(self) -> None:
+        """Be as after power-on: idle, position mode, counting from here; the watchdog's time begins."""
+        self.state = AxisState.IDLE
+        self.error = 0
+        self.procedure_result = 0
+        self.control_mode = _POSITION_CONTROL
+        self.input_mode = 1
+        self.input_torque_nm = 0.0
+        self.input_velocity_rev_s = 0.0
+        self.input_position_rev = 0.0
+        self.velocity_rev_s = 0.0
+        self._turns = 0.0
+        self._origin_turns: float | None = None
+        self._requested: AxisState | None = None
+        self._requested_ns = 0
+        self._fed_ns: int | None = None
+
+    @property
+    def counts(self) -> int:
+        """Encoder counts since power-on."""
+        return int((self._turns - (self._origin_turns or 0.0)) * self.counts_per_turn // 1)
+
+    @property
+    def position_rev(self) -> float:
+        """Turns since power-on, as the encoder resolves them."""
+        return self.counts / self.counts_per_turn
+
+    @property
+    def torque_nm(self) -> float:
+        """Torque of the motor now: nothing unless in closed loop."""
+        if self.state is not AxisState.CLOSED_LOOP_CONTROL:
+            return 0.0
+        limit = self.current_limit_a * self.torque_constant
+        return min(max(self._wanted(), -limit), limit)
+
+    @property
+    def current_a(self) -> float:
+        """Motor current now."""
+        return self.torque_nm / self.torque_constant
+
+    @property
+    def power_w(self) -> float:
+        """Mechanical power now."""
+        return self.torque_nm * self.velocity_rev_s * TURN
+
+    def move(self, angle: float, velocity: float) -> None:
+        """Take where the wheel is, rad, and how fast it turns, rad/s."""
+        motor = self.settings.drivetrain.motor
+        self._turns, self.velocity_rev_s = motor(angle) / TURN, motor(velocity) / TURN
+        if self._origin_turns is None:
+            self._origin_turns = self._turns
+
+    def feed(self, now_ns: int) -> None:
+        """Start the watchdog's time anew."""
+        self._fed_ns = now_ns
+
+    def request(self, state: int, now_ns: int) -> None:
+        """Ask for a state; a new request takes an earlier complaint about a state back."""
+        if self.firmware is Firmware.V0_5:
+            self.error &= ~INVALID_STATE
+        self._requested = AxisState(state) if state in set(AxisState) else AxisState.UNDEFINED
+        self._requested_ns = now_ns
+
+    def set_torque(self, torque_nm: float) -> None:
+        """Take a torque, which counts only in torque mode."""
+        if self.input_mode:
+            self.input_torque_nm = torque_nm
+
+    def set_velocity(self, velocity_rev_s: float, torque_nm: float) -> None:
+        """Take a velocity, which counts only in velocity mode, with a feedforward."""
+        if self.input_mode:
+            self.input_velocity_rev_s, self.input_torque_nm = velocity_rev_s, torque_nm
+
+    def set_position(self, position_rev: float, velocity_rev_s: float, torque_nm: float) -> None:
+        """Take a position, which counts only in position mode, with feedforwards."""
+        if self.input_mode:
+            self.input_position_rev = position_rev
+            self.set_velocity(velocity_rev_s, torque_nm)
+
+    def set_origin(self, position_rev: float) -> None:
+        """Call the present position this."""
+        self._origin_turns = self._turns - position_rev
+
+    def latch(self, bits: int) -> None:
+        """Raise errors: they stay until cleared, and the motor is off at once."""
+        self.error |= bits
+        if self.error and self.state is not AxisState.IDLE:
+            self.state = AxisState.IDLE
+
+    def tick(self, now_ns: int, *, board_has_errors: bool) -> None:
+        """One pass: the watchdog, in whatever state, then what was asked for."""
+        if self._fed_ns is None:
+            self._fed_ns = now_ns
+        if self.watchdog_s is not None and now_ns - self._fed_ns > self.watchdog_s * 1e9:
+            self.latch(WATCHDOG[self.firmware])
+        if self._requested is not None and now_ns - self._requested_ns >= _ENTER_NS:
+            requested, self._requested = self._requested, None
+            self._enter(requested, now_ns, refused=board_has_errors or bool(self.error))
+
+    def _enter(self, state: AxisState, now_ns: int, *, refused: bool) -> None:
+        if state is AxisState.IDLE:
+            self.state, self.procedure_result = state, 0
+        elif state is AxisState.CLOSED_LOOP_CONTROL and not refused:
+            self.state, self.procedure_result = state, 0
+            self.input_position_rev = self.position_rev
+            self.feed(now_ns)
+        elif self.firmware is Firmware.V0_5:
+            self.latch(INVALID_STATE)
+        else:
+            self.state, self.procedure_result = AxisState.IDLE, PROCEDURE_INVALID_STATE
+
+    def _wanted(self) -> float:
+        """The torque that the control mode makes of the input; velocity and position without integrators."""
+        velocity = self.velocity_rev_s
+        if self.control_mode == TORQUE_CONTROL:
+            return self._within_velocity_limit(self.input_torque_nm, velocity)
+        wanted = self.input_velocity_rev_s
+        if self.control_mode == _POSITION_CONTROL:
+            wanted += _POSITION_GAIN * (self.input_position_rev - self.position_rev)
+        elif self.control_mode != _VELOCITY_CONTROL:
+            return 0.0
+        return _VELOCITY_GAIN * (wanted - velocity) + self.input_torque_nm
+
+    def _within_velocity_limit(self, torque_nm: float, velocity: float) -> float:
+        limit = self.velocity_limit_rev_s
+        if limit is None:
+            return torque_nm
+        return min(max(torque_nm, _VELOCITY_GAIN * (-limit - velocity)), _VELOCITY_GAIN * (limit - velocity))

@@ -1,0 +1,202 @@
+"""One VESC controller with its motor, as its firmware behaves.
+
+Simplified: the current follows its target with a lag, whatever the supply voltage; the modes that the driver does not
+use follow their targets proportionally.
+"""
+
+import enum
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from firmware_io.drives.vesc.comm import FIELD_NAMES, SET_PACKETS, TIMED_OUT, encode_values, mask_of, read_mask
+from firmware_io.drives.vesc.frames import Command, Payload, Status, Status5, arbitration_id, frame_of
+from firmware_io.drives.vesc.settings import VescWheelSettings
+from firmware_io.drivetrain import TURN
+from firmware_io.links.link import Frame
+
+TICK_NS: Final = 1_000_000
+"""Period of the simulated firmware's loop."""
+
+_WATCH_NS: Final = 10_000_000
+"""How often the firmware looks at its time-out."""
+_FAULT_NS: Final = 500_000_000
+_CURRENT_LAG_S: Final = 0.001
+_CURRENT_STEP: Final = 1.0 - math.exp(-TICK_NS * 1e-9 / _CURRENT_LAG_S)
+_MIN_CURRENT: Final = 0.05
+_MAX_DUTY: Final = 0.95
+_RESISTANCE: Final = 0.1
+_SPEED_GAIN: Final = 0.01
+_POSITION_GAIN: Final = 5.0
+_STEPS_PER_TURN: Final = 6
+_TACHOMETER_MESSAGE: Final = 5
+_SET: Final = frozenset(SET_PACKETS) | {Command.SET_CURRENT_BRAKE_REL, Command.SET_CURRENT_HANDBRAKE_REL}
+_RELATIVE: Final = frozenset(command for command in _SET if command.name.endswith("_REL"))
+_BRAKING: Final = frozenset(command for command in _SET if "BRAKE" in command.name)
+_FLAGS: Final = mask_of(("flags",))
+
+
+class Fault(enum.IntEnum):
+    """Faults that a test can call up; the numbers are the firmware's."""
+
+    NONE = 0
+    OVER_VOLTAGE = 1
+    OVER_TEMPERATURE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """What is set with VESC Tool; the defaults are those of a new controller.
+
+    Attributes:
+        timeout_s: Time without a command after which the motor is let go, s; 0 never.
+        timeout_brake_current: Current that brakes it then, A.
+        status: Which of the status messages 1 to 6 are sent, and how often, 1/s.
+        max_current: Limit of the motor current, A.
+        knows_flags: Whether the release is new enough to tell its flags.
+    """
+
+    timeout_s: float = 1.0
+    timeout_brake_current: float = 0.0
+    status: Mapping[int, float] = field(default_factory=dict)
+    max_current: float = 60.0
+    knows_flags: bool = True
+
+
+class Controller:
+    """One VESC with its motor.
+
+    Attributes:
+        firmware: Its settings.
+        controller_id: Its identifier.
+        current: Motor current, A.
+        fault: The fault that it reports.
+        bus_voltage: Supply, V.
+        has_timed_out: Whether its time-out has acted and no command has come since.
+    """
+
+    def __init__(self, settings: VescWheelSettings, firmware: Firmware) -> None:
+        """Switch a controller on."""
+        self.firmware = firmware
+        self.controller_id = settings.controller_id
+        self.current = 0.0
+        self.fault = Fault.NONE
+        self.bus_voltage = 36.0
+        self.has_timed_out = False
+        self._settings = settings
+        self._mode = Command.SET_CURRENT
+        self._target = 0.0
+        self._commanded_ns = 0
+        self._watched_ns = -_WATCH_NS
+        self._fault_until_ns: int | None = None
+        self._told_ns: dict[int, int] = {}
+        self._angle = 0.0
+        self._velocity = 0.0
+
+    def measure(self, angle: float, velocity: float) -> None:
+        """Take the wheel's angle, rad, and velocity, rad/s."""
+        self._angle = self._settings.drivetrain.motor(angle)
+        self._velocity = self._settings.drivetrain.motor(velocity)
+
+    def fail(self, fault: Fault) -> None:
+        """Report a fault for half a second from the next pass on, with the motor free."""
+        self.fault, self._fault_until_ns = fault, None
+
+    def obey(self, command: Command, payload: Payload, now_ns: int) -> None:
+        """Take a set command; any other is ignored."""
+        if command in _SET:
+            self._mode, self._target = command, payload[0]
+            self.stay_alive(now_ns)
+
+    def stay_alive(self, now_ns: int) -> None:
+        """Take a sign of life."""
+        self._commanded_ns = now_ns
+
+    def run(self, now_ns: int) -> float:
+        """One pass of the loops; returns the torque at the wheel, N m."""
+        if now_ns - self._watched_ns >= _WATCH_NS:
+            self._watched_ns = now_ns
+            self._watch(now_ns)
+        self._follow_fault(now_ns)
+        limit = self.firmware.max_current
+        wanted = 0.0 if self.fault else min(max(self._wanted_current(), -limit), limit)
+        self.current += ((wanted if abs(wanted) >= _MIN_CURRENT else 0.0) - self.current) * _CURRENT_STEP
+        return self._settings.drivetrain.wheel_torque(self.current * self._settings.torque_constant)
+
+    def due(self, now_ns: int) -> list[Frame]:
+        """The status messages that are to be sent now."""
+        frames = []
+        for number, rate_hz in self.firmware.status.items():
+            told_ns = self._told_ns.get(number)
+            if told_ns is None or now_ns - told_ns >= round(1e9 / rate_hz):
+                self._told_ns[number] = now_ns
+                frames.append(self._status(number))
+        return frames
+
+    def reply(self, question: bytes) -> bytes:
+        """The reply to a GET_VALUES or GET_VALUES_SELECTIVE packet."""
+        reply = encode_values(question, self._values())
+        return reply if self.firmware.knows_flags or not read_mask(question) & _FLAGS else reply[:-1]
+
+    def _watch(self, now_ns: int) -> None:
+        timeout_ns = self.firmware.timeout_s * 1e9
+        self.has_timed_out = timeout_ns > 0 and now_ns - self._commanded_ns > timeout_ns
+        if self.has_timed_out:
+            self._mode, self._target = Command.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
+
+    def _follow_fault(self, now_ns: int) -> None:
+        if self.fault and self._fault_until_ns is None:
+            self._fault_until_ns = now_ns + _FAULT_NS
+        if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
+            self.fault, self._fault_until_ns = Fault.NONE, None
+
+    def _wanted_current(self) -> float:
+        """The motor current that the mode asks for, A."""
+        target = self._target
+        if self._mode in _RELATIVE:
+            target = min(max(target, -1.0), 1.0) * self.firmware.max_current
+        if self._mode in _BRAKING:
+            return -math.copysign(target, self._velocity) if self._velocity else 0.0
+        match self._mode:
+            case Command.SET_DUTY:
+                return (min(max(target, -_MAX_DUTY), _MAX_DUTY) - self._duty) * self.bus_voltage / _RESISTANCE
+            case Command.SET_RPM:
+                return (target - self._erpm) * _SPEED_GAIN
+            case Command.SET_POS:
+                return math.remainder(math.radians(target) - self._angle, TURN) * _POSITION_GAIN
+        return target
+
+    @property
+    def _duty(self) -> float:
+        """As far as speed makes it."""
+        return min(max(self._settings.torque_constant * self._velocity / self.bus_voltage, -1.0), 1.0)
+
+    @property
+    def _erpm(self) -> int:
+        return int(self._velocity * self._settings.pole_pairs * 60.0 / TURN)
+
+    @property
+    def _tachometer(self) -> int:
+        steps = math.floor(self._angle * self._settings.pole_pairs * _STEPS_PER_TURN / TURN)
+        return (steps + (1 << 31)) % (1 << 32) - (1 << 31)
+
+    def _values(self) -> Mapping[str, float]:
+        return dict.fromkeys(FIELD_NAMES, 0.0) | {
+            "motor_current": self.current,
+            "duty": self._duty,
+            "erpm": self._erpm,
+            "bus_voltage": self.bus_voltage,
+            "tachometer": self._tachometer,
+            "fault": self.fault,
+            "controller_id": self.controller_id,
+            "flags": TIMED_OUT if self.has_timed_out else 0,
+        }
+
+    def _status(self, number: int) -> Frame:
+        """A status message; what the model does not know is zero in it."""
+        if number == 1:
+            return frame_of(Command.STATUS, self.controller_id, Status(self._erpm, self.current, self._duty))
+        if number == _TACHOMETER_MESSAGE:
+            return frame_of(Command.STATUS_5, self.controller_id, Status5(self._tachometer, self.bus_voltage))
+        return Frame(arbitration_id(Command[f"STATUS_{number}"], self.controller_id), bytes(8), is_extended=True)

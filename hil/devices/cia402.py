@@ -1,0 +1,196 @@
+"""Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque mode."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from firmware_io.drives.cia402.frames import Emergency
+from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from firmware_io.drives.cia402.states import DriveState
+from firmware_io.drivetrain import TURN
+from firmware_io.links.link import Frame, Link
+from firmware_io.links.serial_link import Port
+from hil.devices._canopen_objects import Entry, Key
+from hil.devices._canopen_slave import CanopenSlave
+
+TICK_NS: Final = 1_000_000
+"""Period of the firmware's loop."""
+RATED_TORQUE_MNM: Final = 1_500
+"""What 0x6076 reads."""
+MAX_TORQUE_PERMILLE: Final = 3_000
+"""Where the motor's current saturates, 0x6072."""
+SIMULATED_FAULT: Final = Emergency(0x2310, 0x03)
+"""Continuous over-current; error register: generic, and current."""
+_PERMILLE_MNM: Final = 1e-6 * RATED_TORQUE_MNM
+"""One step of 0x6071, N m."""
+_TORQUE_MODE: Final = 10
+
+_STATUSWORDS: Final = {
+    DriveState.NOT_READY: 0x0000,
+    DriveState.SWITCH_ON_DISABLED: 0x0240,
+    DriveState.READY: 0x0231,
+    DriveState.SWITCHED_ON: 0x0233,
+    DriveState.OPERATION_ENABLED: 0x1237,
+    DriveState.QUICK_STOP_ACTIVE: 0x0217,
+    DriveState.FAULT_REACTION_ACTIVE: 0x021F,
+    DriveState.FAULT: 0x0218,
+}
+"""With remote (bit 9), voltage (bit 4) and, in operation, following (bit 12)."""
+_ON: Final = (DriveState.READY, DriveState.SWITCHED_ON, DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+
+
+class SimulatedDrive:
+    """One drive.
+
+    Attributes:
+        slave: Its CANopen side.
+        state: The state of the profile.
+        torque: What its motor gives, N m.
+    """
+
+    def __init__(self, link: Link, settings: Cia402WheelSettings) -> None:
+        """Switch a drive on."""
+        self._settings = settings
+        self._drivetrain = settings.drivetrain
+        self.state = DriveState.SWITCH_ON_DISABLED
+        self.torque = 0.0
+        self._last_controlword = 0
+        self._origin_counts = 0
+        self._position_counts = 0
+        self.slave = CanopenSlave(link, settings.node_id, _objects(), self._lose_host)
+
+    def switch_off(self) -> None:
+        """Cut its supply: it is silent, and its motor free."""
+        self.slave.is_powered = False
+        self.state, self.torque = DriveState.NOT_READY, 0.0
+
+    def switch_on(self) -> None:
+        """Give it its supply again: it counts from zero, and has forgotten what it was set up to."""
+        self.slave.is_powered = True
+        self.slave.reset()
+        self._origin_counts = self._position_counts
+        self._last_controlword = 0
+        self.state = DriveState.SWITCH_ON_DISABLED
+
+    def latch_fault(self, emergency: Emergency = SIMULATED_FAULT) -> None:
+        """Let an error happen inside it."""
+        self.slave.send_emergency(emergency)
+        self.state = DriveState.FAULT_REACTION_ACTIVE
+
+    def obey(self, frames: Sequence[Frame], now_ns: int) -> float:
+        """Take what has arrived, and return the torque at the wheel, N m."""
+        if self.state is DriveState.FAULT_REACTION_ACTIVE:
+            self.state = DriveState.FAULT
+        for frame in frames:
+            self.slave.take(frame, now_ns)
+        self._follow(self.slave.get(0x6040))
+        if self.slave.is_powered:
+            self.slave.watch(now_ns)
+        self.slave.put(0x6061, self.slave.get(0x6060))
+        is_on = self.state is DriveState.OPERATION_ENABLED and self.slave.get(0x6061) == _TORQUE_MODE
+        limit = self.slave.get(0x6072)
+        permille = min(max(self.slave.get_signed(0x6071), -limit), limit) if is_on else 0
+        self.slave.put(0x6077, permille)
+        self.torque = permille * _PERMILLE_MNM
+        return self._drivetrain.wheel_torque(self.torque)
+
+    def tell(self, now_ns: int, angle: float, velocity: float) -> None:
+        """Measure the wheel (rad, rad/s), and send what is due."""
+        counts = self._settings.counts_per_turn
+        self._position_counts = int(self._drivetrain.motor(angle) / TURN * counts // 1)
+        self.slave.put(0x6064, self._position_counts - self._origin_counts)
+        self.slave.put(0x606C, round(self._drivetrain.motor(velocity) / TURN / self._settings.velocity_unit_turns))
+        self.slave.put(0x6041, _STATUSWORDS[self.state])
+        self.slave.tell(now_ns)
+
+    def _lose_host(self) -> None:
+        """What 0x6007 asks for where the host's heartbeat has stopped; a quick stop ends at once in torque mode."""
+        if self.state is not DriveState.OPERATION_ENABLED:
+            return
+        match self.slave.get(0x6007):
+            case 1:
+                self.state = DriveState.FAULT_REACTION_ACTIVE
+            case 2 | 3:
+                self.state = DriveState.SWITCH_ON_DISABLED
+
+    def _follow(self, controlword: int) -> None:
+        """The transitions of the profile's state machine, one a controlword."""
+        rising, self._last_controlword = controlword & ~self._last_controlword, controlword
+        if self.state is DriveState.FAULT:
+            if rising & 0x80:
+                self.state = DriveState.SWITCH_ON_DISABLED
+                self.slave.send_emergency(Emergency(0, 0))
+        elif not controlword & 0x02:
+            self.state = DriveState.SWITCH_ON_DISABLED if self.state in _ON else self.state
+        elif not controlword & 0x04:
+            self._quick_stop()
+        else:
+            self._climb(controlword & 0x0F)
+
+    def _quick_stop(self) -> None:
+        if self.state is DriveState.OPERATION_ENABLED:
+            stays = self.slave.get_signed(0x605A) > 4  # noqa: PLR2004 - 5 to 8 stay in quick stop active
+            self.state = DriveState.QUICK_STOP_ACTIVE if stays else DriveState.SWITCH_ON_DISABLED
+        elif self.state in (DriveState.READY, DriveState.SWITCHED_ON):
+            self.state = DriveState.SWITCH_ON_DISABLED
+
+    def _climb(self, command: int) -> None:
+        match self.state, command:
+            case ((DriveState.SWITCH_ON_DISABLED | DriveState.SWITCHED_ON | DriveState.OPERATION_ENABLED), 0x06 | 0x0E):
+                self.state = DriveState.READY
+            case (DriveState.READY, 0x07 | 0x0F) | (DriveState.OPERATION_ENABLED, 0x07):
+                self.state = DriveState.SWITCHED_ON
+            case ((DriveState.SWITCHED_ON | DriveState.QUICK_STOP_ACTIVE), 0x0F):
+                self.state = DriveState.OPERATION_ENABLED
+
+
+class SimulatedCia402:
+    """Both drives; see `Device`.
+
+    Attributes:
+        left: The drive of the left wheel.
+        right: The drive of the right wheel.
+    """
+
+    inputs: Sequence[str] = ("left.torque", "right.torque")
+    needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+
+    def __init__(self, link: Link, settings: Cia402Settings, port: Port | None = None) -> None:
+        """Switch both drives on; they have no serial line."""
+        del port
+        self.left = SimulatedDrive(link, settings.left)
+        self.right = SimulatedDrive(link, settings.right)
+
+    @property
+    def refused_frames(self) -> int:
+        """Frames refused since power-on."""
+        return self.left.slave.refused_frames + self.right.slave.refused_frames
+
+    def obey(self, frames: Sequence[Frame], now_ns: int, _outputs: Mapping[str, float]) -> Sequence[float]:
+        """Take commands and watch the host's heartbeat; see `Device.obey`."""
+        return self.left.obey(frames, now_ns), self.right.obey(frames, now_ns)
+
+    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send what is due; see `Device.tell`."""
+        self.left.tell(now_ns, outputs["left.angle"], outputs["left.velocity"])
+        self.right.tell(now_ns, outputs["right.angle"], outputs["right.velocity"])
+
+
+def _objects() -> dict[Key, Entry]:
+    """The objects of the profile, as after power-on."""
+    return {
+        (0x1000, 0): Entry(4, 0x0002_0192, "r"),
+        (0x1001, 0): Entry(1, 0, "r"),
+        (0x6007, 0): Entry(2, 1),
+        (0x6040, 0): Entry(2, 0, mappable=True),
+        (0x6041, 0): Entry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
+        (0x605A, 0): Entry(2, 2),
+        (0x6060, 0): Entry(1, 0, mappable=True),
+        (0x6061, 0): Entry(1, 0, "r", mappable=True),
+        (0x6064, 0): Entry(4, 0, "r", mappable=True),
+        (0x606C, 0): Entry(4, 0, "r", mappable=True),
+        (0x6071, 0): Entry(2, 0, mappable=True),
+        (0x6072, 0): Entry(2, MAX_TORQUE_PERMILLE),
+        (0x6076, 0): Entry(4, RATED_TORQUE_MNM, "r"),
+        (0x6077, 0): Entry(2, 0, "r", mappable=True),
+        (0x6502, 0): Entry(4, 0x0200, "r"),
+    }

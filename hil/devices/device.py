@@ -1,0 +1,34 @@
+"""What stands at the other end of a link in simulation."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from firmware_io.links.link import Frame
+
+
+class Device(Protocol):
+    """The firmware of a drive or sensor, one pass of its loop at a time. It sends over the links that it was given.
+
+    Attributes:
+        inputs: The plant's inputs that its motors drive, such as `left.torque`.
+        needs: The plant's outputs that it measures, such as `left.angle`.
+    """
+
+    inputs: Sequence[str]
+    needs: Sequence[str]
+
+    def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
+        """Take what arrived since the last pass, run the watchdog, and return what the motors give the plant.
+
+        Args:
+            frames: All frames on the bus, oldest first; other devices' are among them.
+            now_ns: The time, on the clock that stamps the frames.
+            outputs: The plant's newest outputs by name.
+        """
+
+    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send the telemetry that is due."""
+
+    @property
+    def refused_frames(self) -> int:
+        """Frames meant for it that it refused since power-on."""

@@ -1,0 +1,219 @@
+"""ODrives as their firmware behaves: one board with two axes (0.5), or a board for each wheel (0.6)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_io.drives.odrive import commands as c
+from firmware_io.drives.odrive import telemetry as t
+from firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, FrameRefusedError, Message, decode, encode
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.links.link import Frame, Link
+from firmware_io.links.serial_link import Port
+from hil.devices._odrive_ascii import AsciiPort
+from hil.devices._odrive_axis import ESTOP, SimulatedAxis
+
+TICK_NS: Final = 1_000_000
+"""Period of the firmware's server of the bus."""
+SUPPLY_VOLTAGE: Final = 36.0
+_NAMES: Final = ("left", "right")
+_FULL: Final = 8
+_VERSION: Final = t.Version(2, 4, 4, 58, 0, 6, 10, 0)
+_SETPOINTS: Final = (c.SetInputPosition, c.SetInputVelocity, c.SetInputTorque)
+_TOLD: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
+    t.Heartbeat: lambda axis: t.Heartbeat(axis.error, axis.state),
+    t.ProcedureHeartbeat: lambda axis: t.ProcedureHeartbeat(axis.error, axis.state, axis.procedure_result),
+    t.EncoderEstimates: lambda axis: t.EncoderEstimates(axis.position_rev, axis.velocity_rev_s),
+    t.EncoderCount: lambda axis: t.EncoderCount(axis.counts, axis.counts % axis.counts_per_turn),
+    t.Currents: lambda axis: t.Currents(axis.current_a, axis.current_a),
+    t.Torques: lambda axis: t.Torques(axis.torque_nm, axis.torque_nm),
+    t.BusVoltageCurrent: lambda axis: t.BusVoltageCurrent(SUPPLY_VOLTAGE, axis.power_w / SUPPLY_VOLTAGE),
+    t.Errors: lambda axis: t.Errors(axis.error, axis.error),
+    t.Temperatures: lambda _: t.Temperatures(30.0, None),
+    t.MotorError: lambda _: t.MotorError(0),
+    t.EncoderError: lambda _: t.EncoderError(0),
+    t.Version: lambda _: _VERSION,
+}
+"""What an axis tells in each message that is simulated."""
+_UNASKED: Final = (t.Heartbeat, t.ProcedureHeartbeat)
+"""What is not told on request."""
+
+
+@dataclass(slots=True)
+class _Cycle:
+    """A message that is sent again and again."""
+
+    message: type[Message]
+    period_ns: int
+    last_ns: int | None = None
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether to send it now; it then counts as sent."""
+        if not self.period_ns or (self.last_ns is not None and now_ns - self.last_ns < self.period_ns):
+            return False
+        self.last_ns = now_ns
+        return True
+
+
+class SimulatedOdrive:
+    """Two wheels on ODrives; see `Device`.
+
+    Attributes:
+        firmware: Whose behaviour they have.
+        axes: The axes of the left and the right wheel.
+        is_on: Whether there is power.
+        cycles: For each axis, what it sends unasked, and how often.
+    """
+
+    inputs: Sequence[str] = ("left.torque", "right.torque")
+    needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+
+    def __init__(
+        self, link: Link, settings: OdriveSettings, port: Port | None = None, firmware: Firmware | None = None
+    ) -> None:
+        """Switch the drives on, configured as the settings say.
+
+        Args:
+            link: The bus.
+            settings: What the robot file says of them.
+            port: The board's end of a serial line; 0.5.
+            firmware: What runs on them; by default what the settings say, 0.5 for `auto`.
+        """
+        auto = Firmware.V0_5 if settings.firmware == "auto" else Firmware(settings.firmware)
+        self.firmware = auto if firmware is None else firmware
+        self.axes = [SimulatedAxis(self.firmware, settings.wheel(name), settings.watchdog_s) for name in _NAMES]
+        self.is_on = True
+        self.cycles = [self._cycles(settings) for _ in self.axes]
+        self._link = link
+        self._refused = 0
+        self._by_node = {axis.node_id: axis for axis in self.axes}
+        in_board_order = sorted(self.axes, key=lambda axis: axis.settings.axis)
+        self._ascii = None if port is None else AsciiPort(port, in_board_order, self._clear_board)
+
+    @property
+    def refused_frames(self) -> int:
+        """Frames and lines refused since power-on."""
+        return self._refused + (0 if self._ascii is None else self._ascii.refused)
+
+    def switch_off(self) -> None:
+        """Take the power away."""
+        self.is_on = False
+
+    def switch_on(self) -> None:
+        """Give the power back: everything but the configuration is forgotten."""
+        self.is_on = True
+        for axis in self.axes:
+            axis.restart()
+
+    def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
+        """Take frames and lines, run the states and watchdogs; see `Device.obey`."""
+        if not self.is_on:
+            if self._ascii is not None:
+                self._ascii.forget()
+            return (0.0, 0.0)
+        self._move(outputs)
+        for frame in frames:
+            axis = None if frame.is_extended else self._by_node.get(frame.arbitration_id // COMMANDS)
+            if axis is not None:
+                self._hear(axis, frame, now_ns)
+        if self._ascii is not None:
+            self._ascii.serve(now_ns)
+        for axis in self.axes:
+            axis.tick(now_ns, board_has_errors=self._board_has_errors())
+        return [axis.settings.drivetrain.wheel_torque(axis.torque_nm) for axis in self.axes]
+
+    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send what is due."""
+        if not self.is_on:
+            return
+        self._move(outputs)
+        for axis, cycles in zip(self.axes, self.cycles, strict=True):
+            for cycle in cycles:
+                if cycle.is_due(now_ns):
+                    self._send(axis, cycle.message)
+
+    def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
+        torque = t.Currents if self.firmware is Firmware.V0_5 else t.Torques
+        beat = t.Heartbeat if self.firmware is Firmware.V0_5 else t.ProcedureHeartbeat
+        periods: list[tuple[type[Message], float]] = [
+            (beat, settings.heartbeat_period_s),
+            (t.EncoderEstimates, settings.encoder_period_s),
+            (torque, settings.torque_period_s),
+            (t.BusVoltageCurrent, 0.1),
+        ]
+        return [_Cycle(message, round(period_s * 1e9)) for message, period_s in periods]
+
+    def _move(self, outputs: Mapping[str, float]) -> None:
+        for name, axis in zip(_NAMES, self.axes, strict=True):
+            axis.move(outputs[f"{name}.angle"], outputs[f"{name}.velocity"])
+
+    def _board_has_errors(self) -> bool:
+        """Whether an error on one axis keeps the other from closed loop; each 0.6 is a board of its own."""
+        return self.firmware is Firmware.V0_5 and any(axis.error for axis in self.axes)
+
+    def _clear_board(self) -> None:
+        for axis in self.axes:
+            axis.error = 0
+
+    def _hear(self, axis: SimulatedAxis, frame: Frame, now_ns: int) -> None:
+        """Take a frame to an axis. To 0.5 any one feeds the watchdog; to 0.6 a set-point does, as far as is known."""
+        if self.firmware is Firmware.V0_5:
+            axis.feed(now_ns)
+        if frame.is_remote or not frame.data:
+            layout = LAYOUTS[self.firmware].get(frame.arbitration_id % COMMANDS)
+            if layout is not None and layout.message in _TOLD:
+                self._answer(axis, layout.message)
+                return
+        # 0.5 reads its buffer however short the frame was.
+        data = frame.data.ljust(_FULL, b"\0") if self.firmware is Firmware.V0_5 else frame.data
+        try:
+            message = decode(self.firmware, frame.arbitration_id, data)
+        except FrameRefusedError:
+            self._refused += 1
+            return
+        if isinstance(message, _SETPOINTS):
+            axis.feed(now_ns)
+        self._obey(axis, message, now_ns)
+
+    def _answer(self, axis: SimulatedAxis, kind: type[Message]) -> None:
+        if kind not in _UNASKED:
+            self._send(axis, kind)
+
+    def _obey(self, axis: SimulatedAxis, message: Message, now_ns: int) -> None:
+        """Do what a message says; a control mode is changed by its own frame only."""
+        match message:
+            case c.SetAxisState(state):
+                axis.request(state, now_ns)
+            case c.SetControllerMode(control_mode, input_mode):
+                axis.control_mode, axis.input_mode = control_mode, input_mode
+            case c.SetInputTorque(torque):
+                axis.set_torque(torque)
+            case c.SetInputVelocity(velocity, torque):
+                axis.set_velocity(velocity, torque)
+            case c.SetInputPosition(position, velocity, torque):
+                axis.set_position(position, velocity, torque)
+            case _:
+                self._manage(axis, message)
+
+    def _manage(self, axis: SimulatedAxis, message: Message) -> None:
+        match message:
+            case c.Estop():
+                axis.latch(ESTOP[self.firmware])
+            case c.ClearErrors():
+                self._clear_board()
+            case c.ClearAxisErrors():
+                axis.error = 0
+            case c.Reboot():
+                for each in self.axes:
+                    each.restart()
+            case c.RebootAction(action) if action == 0:
+                axis.restart()
+            case c.SetLimits(velocity, current):
+                axis.velocity_limit_rev_s, axis.current_limit_a = velocity, current
+            case c.SetLinearCount(counts):
+                axis.set_origin(counts / axis.counts_per_turn)
+            case c.SetAbsolutePosition(position):
+                axis.set_origin(position)
+
+    def _send(self, axis: SimulatedAxis, kind: type[Message]) -> None:
+        self._link.send(encode(self.firmware, axis.node_id, _TOLD[kind](axis)))

@@ -1,0 +1,85 @@
+"""An MTi as it behaves on the bus: it sends a set of measurements each period, unasked, and obeys nobody."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, encode
+from firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
+from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from firmware_io.links.link import Frame, Link
+
+_ANGULAR_VELOCITY: Final = ("imu.angular_velocity_x", "imu.angular_velocity_y", "imu.angular_velocity_z")
+_LINEAR_ACCELERATION: Final = ("imu.linear_acceleration_x", "imu.linear_acceleration_y", "imu.linear_acceleration_z")
+
+
+class SimulatedXsensMti:
+    """Sends group counter, sample time, rate of turn and acceleration; see `Device`.
+
+    Its period must be a multiple of the rig's tick: it sends no more than one set in a tick.
+
+    Attributes:
+        powered: Whether it is switched on. Counter and sample time begin anew when it is switched on again.
+        frozen: Whether it sends the same set again and again.
+    """
+
+    inputs: Sequence[str] = ()
+    needs: Sequence[str] = (*_ANGULAR_VELOCITY, *_LINEAR_ACCELERATION)
+
+    def __init__(self, link: Link, settings: XsensMtiSettings) -> None:
+        """Switch a sensor on, which sends over `link`."""
+        self.powered = True
+        self.frozen = False
+        self._link = link
+        self._settings = settings
+        self._period_ns = round(settings.period_s * 1e9)
+        self._on_since_ns: int | None = None
+        self._sets = 0
+        self._newest: list[Frame] = []
+
+    @property
+    def refused_frames(self) -> int:
+        """None: it listens to no frame."""
+        return 0
+
+    def report_error(self, code: int) -> None:
+        """Send the error message with a code from 0 to 255."""
+        self._link.send(self._frame(Message.ERROR, (code,)))
+
+    def obey(self, _frames: Sequence[Frame], _now_ns: int, _outputs: Mapping[str, float]) -> Sequence[float]:
+        """Drive nothing; see `Device.obey`."""
+        return ()
+
+    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send a set of measurements where one is due; see `Device.tell`."""
+        if not self.powered:
+            self._on_since_ns = None
+            return
+        if self._on_since_ns is None:
+            self._on_since_ns, self._sets = now_ns, 0
+        # Counted from when it was switched on, so that a tick that came late shifts none of those after it.
+        if now_ns - self._on_since_ns < self._sets * self._period_ns:
+            return
+        if not self.frozen or not self._newest:
+            self._newest = self._measure(now_ns - self._on_since_ns, outputs)
+        self._sets += 1
+        for frame in self._newest:
+            self._link.send(frame)
+
+    def _measure(self, uptime_ns: int, outputs: Mapping[str, float]) -> list[Frame]:
+        ticks = round(uptime_ns * 1e-9 / self._settings.sample_time_tick_s)
+        return [
+            self._frame(Message.GROUP_COUNTER, (self._sets % GROUP_COUNTS,)),
+            self._frame(Message.SAMPLE_TIME, (ticks % SAMPLE_TIME_TICKS,)),
+            self._vector(Message.RATE_OF_TURN, [outputs[name] for name in _ANGULAR_VELOCITY], MAX_ANGULAR_VELOCITY),
+            self._vector(
+                Message.ACCELERATION, [outputs[name] for name in _LINEAR_ACCELERATION], MAX_LINEAR_ACCELERATION
+            ),
+        ]
+
+    def _vector(self, message: Message, vector: Sequence[float], largest: float) -> Frame:
+        turned = self._settings.rotation.to_sensor(vector)
+        return self._frame(message, [min(max(value, -largest), largest) for value in turned])
+
+    def _frame(self, message: Message, values: Sequence[float]) -> Frame:
+        arbitration_id, is_extended = self._settings.key(message)
+        return Frame(arbitration_id, encode(message, values), is_extended=is_extended)

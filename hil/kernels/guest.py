@@ -1,0 +1,210 @@
+"""What the guests have in common: the job that one is given, the time it has, and how its command ended."""
+
+import argparse
+import contextlib
+import os
+import secrets
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from hil.kernels.console import Console
+
+GUEST_ERROR_STATUS = 125
+_SYSTEM_PATH = "/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+_ENDS_WITHIN_S = 2.0
+
+
+class GuestError(RuntimeError):
+    """The guest could not be started, did not finish in time, or ended without saying how the command ended."""
+
+
+@dataclass(frozen=True)
+class GuestResult:
+    """How a command in the guest ended.
+
+    Attributes:
+        exit_status: The command's own; 128 plus the signal's number where a signal ended it.
+        output: What it wrote to standard output and standard error, as one text.
+    """
+
+    exit_status: int
+    output: str
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a guest is to run, and the folder of the host through which it gets it.
+
+    Attributes:
+        scratch: The guest's first process finds here `job.sh`, settings as shell variables; `guest.sh`, what the
+            guests share; and `command.sh`, what to run. It writes the command's exit status to `status`.
+        results: The host folder that the guest can write, or None.
+        console: Where the guest's console is read.
+    """
+
+    scratch: Path
+    results: Path | None
+    console: Console
+
+
+def search_path() -> str:
+    """Return the PATH to look for programs in: Debian keeps ip where that of an ordinary user does not always look."""
+    return f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
+
+
+def missing_programs(packages: Mapping[str, str]) -> list[str]:
+    """Return those of the programs, each named with its Debian package, that this machine lacks."""
+    return [program for program in packages if shutil.which(program, path=search_path()) is None]
+
+
+@contextlib.contextmanager
+def prepared_job(  # noqa: PLR0913 - what every guest is told, and all but the first two are named at the call
+    command: Sequence[str],
+    cwd: Path,
+    *,
+    environment: Mapping[str, str] | None,
+    on_output: Callable[[str], None] | None,
+    results: Path | None,
+    settings: Mapping[str, str],
+) -> Iterator[Job]:
+    """Write a job to a folder of its own, which goes when the guest has ended.
+
+    Args:
+        command: The program and its arguments.
+        cwd: The folder to run it in.
+        environment: Added to the command's PATH, HOME, LANG and TERM.
+        on_output: Called with each line of the command's output as it comes.
+        results: A host folder, made if missing, that the guest can write.
+        settings: Shell variables for the guest's first process, besides the common ones.
+    """
+    token = f"guest-{secrets.token_hex(8)}"
+    if results is not None:
+        results.mkdir(parents=True, exist_ok=True)
+        results = results.resolve()
+    with tempfile.TemporaryDirectory(prefix="guest-", ignore_cleanup_errors=True) as folder:
+        scratch = Path(folder).resolve()
+        common = {"GUEST_TOKEN": token, "GUEST_SCRATCH": str(scratch), "GUEST_RESULTS": str(results or "")}
+        lines = (f"{name}={shlex.quote(value)}\n" for name, value in {**common, **settings}.items())
+        (scratch / "job.sh").write_text("".join(lines), encoding="utf-8")
+        (scratch / "guest.sh").write_text(script("guest.sh"), encoding="utf-8")
+        _write_command(scratch, command, cwd, environment or {})
+        yield Job(scratch, results, Console(token, on_output))
+
+
+def script(name: str) -> str:
+    """Return a shell script that stands beside this module."""
+    return resources.files("hil.kernels").joinpath(name).read_text("utf-8")
+
+
+def _write_command(scratch: Path, command: Sequence[str], cwd: Path, environment: Mapping[str, str]) -> None:
+    # TERM: the console is a terminal, and colours would only spoil the output that is handed back.
+    variables = {
+        "PATH": f"{Path(sys.executable).parent}:{_SYSTEM_PATH}",
+        "HOME": "/run/home",
+        "LANG": "C.UTF-8",
+        "TERM": "dumb",
+        **environment,
+    }
+    assignments = [f"{name}={value}" for name, value in variables.items()]
+    words = shlex.join(["env", "-i", *assignments, *command])
+    text = f"cd {shlex.quote(str(cwd.resolve()))} || exit 126\nexec {words}\n"
+    (scratch / "command.sh").write_text(text, encoding="utf-8")
+
+
+def run_job(job: Job, kernel: Sequence[str], variables: Mapping[str, str], timeout_s: float) -> GuestResult:
+    """Run the program that is the guest's kernel, or emulates its machine, until the guest has switched itself off.
+
+    Args:
+        job: What the guest finds in its scratch folder.
+        kernel: The program and its arguments. Its standard output is the guest's console.
+        variables: The program's environment.
+        timeout_s: The guest is killed after this long.
+
+    Raises:
+        GuestError: The guest ran out of time, or ended without an exit status.
+    """
+    # setpriv: the guest must not outlive this process, even one that is killed. TERM, since a kernel in user mode
+    # then ends its helper processes too.
+    words = ["setpriv", "--pdeathsig", "TERM", *kernel]
+    with subprocess.Popen(  # noqa: S603 - the arguments are ours, and no shell reads them
+        words,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=variables,
+        start_new_session=True,
+    ) as process:
+        try:
+            finished = job.console.follow(process.stdout, time.monotonic() + timeout_s)
+        finally:
+            _end(process)
+    if not finished:
+        raise GuestError(
+            f"The guest was killed after {timeout_s:g} s, unfinished: allow more time{job.console.last_lines()}"
+        )
+    return GuestResult(_exit_status(job), "".join(job.console.output))
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End every process of the guest, each of which is one of the host's."""
+    # Asked to end, the guest's kernel ends and reaps its own; killed, it would leave orphans to the host.
+    process.terminate()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_ENDS_WITHIN_S)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def _exit_status(job: Job) -> int:
+    try:
+        return int((job.scratch / "status").read_text("ascii"))
+    except (FileNotFoundError, ValueError) as error:
+        raise GuestError(
+            "The guest ended without the command's exit status: its kernel or its set-up failed"
+            f"{job.console.last_lines()}"
+        ) from error
+
+
+def command_line(
+    parser: argparse.ArgumentParser,
+    arguments: Sequence[str] | None,
+    run: Callable[[argparse.Namespace, Sequence[str]], GuestResult],
+) -> int:
+    """Run the command line of a kind of guest.
+
+    Args:
+        parser: Knows the options of that kind; those that all kinds have are added here.
+        arguments: The command line's words, or None for those of this process.
+        run: Runs the command, the words after --, as the options say.
+
+    Returns:
+        The exit status of the command in the guest, or 125 where the guest itself failed.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser.usage = "%(prog)s [options] -- COMMAND..."
+    parser.add_argument("--timeout", type=float, default=300.0, help="seconds, boot included (default: %(default)g)")
+    parser.add_argument("--results", type=Path, help="a folder that the guest may write")
+    split = words.index("--") if "--" in words else len(words)
+    (options, unknown), command = parser.parse_known_args(words[:split]), words[split + 1 :]
+    if unknown or not command:
+        parser.error(f"options, then --, then the command, as in: {parser.prog} -- python -m pytest tests/kernel/guest")
+    try:
+        return run(options, command).exit_status
+    except GuestError as error:
+        sys.stderr.write(f"{error}\n")
+        return GUEST_ERROR_STATUS
+
+
+def to_stdout(text: str) -> None:
+    """Write the command's output as it comes."""
+    sys.stdout.write(text)
+    sys.stdout.flush()

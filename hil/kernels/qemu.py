@@ -1,0 +1,189 @@
+"""Runs a command in QEMU, on Debian's PREEMPT_RT kernel with two CAN controllers on one bus.
+
+The machine is emulated, so nothing is asked of the host's processor or kernel. The controllers are SJA1000, on Kvaser
+PCI cards, driven by the kernel's own kvaser_pci and sja1000 as real ones are: can0 and can1. The guest sees the host's
+files, so the same virtual environment and checkout run inside, but what it writes stays in its memory: only the
+results folder is the host's own. Also a command:
+
+    python -m hil.kernels.qemu --bitrate 500000 --timeout 60 -- python -m pytest tests/kernel/rt_guest
+
+What the emulated bus does not do: it has no bit timing, no arbitration and no errors. A frame is on the other
+controller at once and counts as sent even where no other controller is up, so the state stays error-active and the
+error counters at zero; error frames come of a receive buffer that ran over, and of nothing else. A remote frame with a
+DLC above 0 puts the receiving controller's buffer out of step, and what it hears afterwards is spoilt. What can be had
+of a real adapter is that it goes: unbind and bind, in /sys/bus/pci/drivers/kvaser_pci, take it away and bring it back.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from hil.kernels import initramfs
+from hil.kernels.guest import (
+    GuestError,
+    GuestResult,
+    Job,
+    command_line,
+    missing_programs,
+    prepared_job,
+    run_job,
+    script,
+    search_path,
+    to_stdout,
+)
+
+_PACKAGES = {
+    "qemu-system-x86_64": "qemu-system-x86",
+    "busybox": "busybox-static",
+    "ip": "iproute2",
+    "setpriv": "util-linux",
+}
+_KERNEL_PACKAGE = "linux-image-rt-amd64"
+_KERNELS, _MODULES = Path("/boot"), Path("/lib/modules")
+_KERNEL_NAME = "vmlinuz-*-rt-amd64"
+_NEEDED_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay", "can-raw", "kvaser_pci")
+
+
+def available() -> str | None:
+    """Tell whether this machine can run a guest.
+
+    Returns:
+        None when it can, else one line: what is missing and the Debian command that installs it.
+    """
+    missing = {program: _PACKAGES[program] for program in missing_programs(_PACKAGES)}
+    if "busybox" not in missing and not initramfs.is_static(_busybox()):
+        missing["a busybox that needs no libraries"] = _PACKAGES["busybox"]
+    if _newest_kernel() is None:
+        missing[f"{_KERNELS}/{_KERNEL_NAME} (readable, with its modules)"] = _KERNEL_PACKAGE
+    if not missing:
+        return None
+    packages = " ".join(missing.values())
+    return f"not installed: {', '.join(missing)}: sudo apt-get install --no-install-recommends {packages}"
+
+
+def _busybox() -> bytes:
+    return Path(shutil.which("busybox", path=search_path()) or "/bin/busybox").read_bytes()
+
+
+def _newest_kernel() -> Path | None:
+    """Find the newest PREEMPT_RT kernel that has its modules."""
+    kernels = [path for path in _KERNELS.glob(_KERNEL_NAME) if os.access(path, os.R_OK)]
+    whole = [path for path in kernels if (_modules_of(path) / "modules.dep").is_file()]
+    return max(whole, key=lambda path: [int(number) for number in re.findall(r"\d+", path.name)], default=None)
+
+
+def _modules_of(kernel: Path) -> Path:
+    return _MODULES / kernel.name.removeprefix("vmlinuz-")
+
+
+def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call and have defaults
+    command: Sequence[str],
+    *,
+    cwd: Path,
+    bitrate: int = 500_000,
+    environment: Mapping[str, str] | None = None,
+    memory_mib: int = 2048,
+    timeout_s: float = 300.0,
+    on_output: Callable[[str], None] | None = None,
+    results: Path | None = None,
+) -> GuestResult:
+    """Boot a guest with two processors, run one command in it as root, and shut it down.
+
+    Args:
+        command: The program and its arguments. This interpreter's folder comes first in the guest's PATH.
+        cwd: The folder to run it in, not below /run, /dev, /proc or /sys, which are the guest's own.
+        bitrate: Of can0 and can1, bit/s: what the driver is told, the emulated bus has none.
+        environment: Added to the guest's PATH, HOME, LANG and TERM. Nothing else comes from the host's environment.
+        memory_mib: The guest's memory; half of it holds the files it writes.
+        timeout_s: Everything, boot included, is killed after this long.
+        on_output: Called with each line of the command's output as it comes.
+        results: A host folder, made if missing, that the guest can write, at the same path.
+
+    Returns:
+        The command's exit status and output.
+
+    Raises:
+        GuestError: The guest cannot run here, ran out of time, or ended without an exit status.
+    """
+    missing, kernel = available(), _newest_kernel()
+    if missing is not None or kernel is None:
+        raise GuestError(f"No guest can run here: {missing}")
+    modules = initramfs.modules_in_order(_modules_of(kernel), _NEEDED_MODULES)
+    settings = {"GUEST_MODULES": " ".join(path.name for path in modules), "GUEST_BITRATE": str(bitrate)}
+    prepared = prepared_job(
+        command, cwd, environment=environment, on_output=on_output, results=results, settings=settings
+    )
+    with prepared as job:
+        first_files = job.scratch / "initramfs"
+        first_files.write_bytes(_first_files(job.scratch, modules))
+        words = ["qemu-system-x86_64", *_machine(memory_mib), *_folders(job), *_start(kernel, first_files)]
+        return run_job(job, words, {"PATH": search_path()}, timeout_s)
+
+
+def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
+    entries = [
+        *(initramfs.folder(name) for name in ("bin", "dev", "modules", "proc", "run")),
+        initramfs.program("bin/busybox", _busybox()),
+        initramfs.symbolic_link("bin/sh", "busybox"),
+        initramfs.program("init", script("qemu_init.sh").encode()),
+        *(initramfs.file(name, (scratch / name).read_bytes()) for name in ("guest.sh", "job.sh")),
+        *(initramfs.file(f"modules/{path.name}", initramfs.module_content(path)) for path in modules),
+    ]
+    return initramfs.archive(entries)
+
+
+def _machine(memory_mib: int) -> list[str]:
+    # No five-level page tables: emulated, each level costs time.
+    computer = ["-machine", "pc", "-accel", "tcg,thread=multi", "-cpu", "max,la57=off", "-smp", "2"]
+    # -no-reboot: a kernel that panics restarts the machine, which is to end instead.
+    only = ["-nodefaults", "-no-user-config", "-no-reboot", "-display", "none", "-serial", "stdio"]
+    card = ["-device", "kvaser_pci,canbus=bus0"]
+    return [*computer, "-m", f"{memory_mib}M", *only, "-object", "can-bus,id=bus0", *card, *card]
+
+
+def _folders(job: Job) -> list[str]:
+    words = [*_folder("host", Path("/"), ",readonly=on"), *_folder("scratch", job.scratch)]
+    return words if job.results is None else [*words, *_folder("results", job.results)]
+
+
+def _folder(tag: str, path: Path, more: str = "") -> list[str]:
+    # multidevs: what is mounted below the folder has file numbers of its own, which may be the same.
+    escaped = str(path).replace(",", ",,")
+    return ["-virtfs", f"local,path={escaped},mount_tag={tag},security_model=none,multidevs=remap{more}"]
+
+
+def _start(kernel: Path, first_files: Path) -> list[str]:
+    screen = "console=ttyS0 quiet loglevel=1"
+    # tsc=reliable: the emulated counter is the host's clock, so there is nothing to watch or to measure.
+    options = f"{screen} panic=-1 oops=panic mitigations=off tsc=reliable"
+    return ["-kernel", str(kernel), "-initrd", str(first_files), "-append", options]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Returns:
+        The exit status of the command in the guest, or 125 where the guest itself failed.
+    """
+    parser = argparse.ArgumentParser(prog="python -m hil.kernels.qemu")
+    parser.add_argument("--bitrate", type=int, default=500_000, help="of can0 and can1, bit/s (default: %(default)s)")
+    return command_line(parser, arguments, _run)
+
+
+def _run(options: argparse.Namespace, command: Sequence[str]) -> GuestResult:
+    return run_in_guest(
+        command,
+        cwd=Path.cwd(),
+        bitrate=options.bitrate,
+        timeout_s=options.timeout,
+        on_output=to_stdout,
+        results=options.results,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

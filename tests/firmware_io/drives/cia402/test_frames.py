@@ -1,0 +1,168 @@
+import itertools
+
+import canopen.emcy
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_io.drives.cia402.frames import (
+    Command,
+    Emergency,
+    FrameRefusedError,
+    NmtCommand,
+    NmtState,
+    Sdo,
+    Service,
+    Status,
+    pack_heartbeat,
+    pack_nmt,
+    unpack_heartbeat,
+    unpack_velocity,
+)
+from firmware_io.integrity import Refusal
+
+many = settings(max_examples=10_000)
+DECODERS = {
+    "status": (Status.unpack, 8),
+    "velocity": (unpack_velocity, 4),
+    "emergency": (Emergency.unpack, 8),
+    "heartbeat": (unpack_heartbeat, 1),
+    "sdo": (Sdo.unpack, 8),
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (Command(0x0006, 0.0), "06000000"),
+        (Command(0x000F, 0.5), "0f00f401"),
+        (Command(0x000F, -0.25), "0f0006ff"),
+        (Command(0x0080, 32.767), "8000ff7f"),
+        (Command(0xFFFF, -32.768), "ffff0080"),
+    ],
+)
+def test_a_command_is_controlword_and_torque_in_permille(command: Command, expected: str) -> None:
+    assert command.pack().hex() == expected
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Command(0, 32.7676),
+        Command(0, -32.7686),
+        Command(0, float("nan")),
+        Command(0, float("inf")),
+        Command(0, -float("inf")),
+        Command(-1, 0.0),
+        Command(0x10000, 0.0),
+    ],
+)
+def test_what_does_not_fit_a_command_is_refused(command: Command) -> None:
+    with pytest.raises(FrameRefusedError, match="a command refused: range") as refused:
+        command.pack()
+    assert refused.value.refusal is Refusal.RANGE
+
+
+@many
+@given(st.floats())
+def test_a_torque_is_packed_or_refused(share: float) -> None:
+    try:
+        data = Command(0x000F, share).pack()
+    except FrameRefusedError:
+        assert not abs(share) <= 32.767
+    else:
+        assert data[:2] == b"\x0f\0"
+        assert int.from_bytes(data[2:], "little", signed=True) == pytest.approx(share * 1000, abs=0.500001)
+
+
+@many
+@given(st.binary(min_size=8, max_size=8))
+def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
+    def number(start: int, end: int, *, signed: bool = False) -> int:
+        return int.from_bytes(data[start:end], "little", signed=signed)
+
+    status = Status.unpack(data)
+    assert (status.statusword, status.position_counts) == (number(0, 2), number(2, 6, signed=True))
+    assert status.torque_share == pytest.approx(number(6, 8, signed=True) / 1000)
+    assert unpack_velocity(data[:4]) == number(0, 4, signed=True)
+    assert tuple(Emergency.unpack(data)) == canopen.emcy.EMCY_STRUCT.unpack(data)
+    assert Emergency.unpack(data).pack() == data
+    sdo = Sdo.unpack(data)
+    assert tuple(sdo) == (data[0], number(1, 3), data[3], data[4:])
+    assert sdo.pack() == data
+
+
+@many
+@given(st.binary(max_size=9))
+def test_a_decoder_gives_values_or_its_one_error(data: bytes) -> None:
+    for decoder, length in DECODERS.values():
+        try:
+            decoder(data)
+        except FrameRefusedError as error:
+            is_length = error.refusal is Refusal.LENGTH
+        else:
+            is_length = False
+            assert len(data) == length
+        assert is_length == (len(data) != length)
+
+
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [
+        (0x0000, "no error"),
+        (0x1000, "generic"),
+        (0x2310, "current"),
+        (0x3210, "voltage"),
+        (0x4210, "temperature"),
+        (0x5080, "hardware of the drive"),
+        (0x6100, "software of the drive"),
+        (0x7305, "sensor"),
+        (0x7100, "additional modules"),
+        (0x8110, "CAN overrun"),
+        (0x8120, "CAN error passive"),
+        (0x8130, "heartbeat of the host missed"),
+        (0x8140, "recovered from bus-off"),
+        (0x8150, "communication"),
+        (0x8210, "protocol"),
+        (0x8611, "monitoring"),
+        (0x9000, "external"),
+        (0xF001, "additional functions"),
+        (0xFF01, "of the manufacturer"),
+        (0xA000, "reserved"),
+    ],
+)
+def test_emergencies_are_named_by_their_class(code: int, name: str) -> None:
+    assert Emergency(code, 0).description == f"EMCY 0x{code:04X} ({name})"
+
+
+@pytest.mark.parametrize(
+    ("state", "byte"), [("STOPPED", 4), ("OPERATIONAL", 5), ("PRE_OPERATIONAL", 127), ("BOOT_UP", 0)]
+)
+def test_heartbeats_are_one_byte(state: str, byte: int) -> None:
+    assert pack_heartbeat(NmtState[state]) == bytes((byte,))
+    assert unpack_heartbeat(bytes((byte,))) is NmtState[state]
+
+
+def test_no_other_byte_is_a_heartbeat() -> None:
+    known = []
+    for byte in range(256):
+        try:
+            known.append(int(unpack_heartbeat(bytes((byte,)))))
+        except FrameRefusedError as error:
+            assert error.refusal is Refusal.RANGE  # noqa: PT017 - most bytes must raise, four must not
+    assert known == [0, 4, 5, 127]
+
+
+@pytest.mark.parametrize(
+    ("command", "byte"),
+    [("START", 1), ("STOP", 2), ("PRE_OPERATIONAL", 128), ("RESET_NODE", 129), ("RESET_COMMUNICATION", 130)],
+)
+def test_an_nmt_frame_is_command_and_node(command: str, byte: int) -> None:
+    assert pack_nmt(NmtCommand[command], 5) == bytes((byte, 5))
+
+
+def test_identifiers_are_those_of_the_predefined_connection_set() -> None:
+    assert [int(service) for service in Service] == [
+        0x000, 0x080, 0x180, 0x200, 0x280, 0x380, 0x480, 0x580, 0x600, 0x700,
+    ]  # fmt: skip
+    assert all(a + 127 < b for a, b in itertools.pairwise(sorted(service for service in Service if service > 0x180)))

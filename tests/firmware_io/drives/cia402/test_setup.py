@@ -1,0 +1,206 @@
+"""Our set-up against a node of the canopen library."""
+
+import itertools
+import logging
+import struct
+from typing import Any
+
+import pytest
+
+from firmware_io.drives.cia402.network import LinkNetwork
+from firmware_io.drives.cia402.plan import Plan
+from firmware_io.drives.cia402.setup import SetUpError, set_up
+from firmware_io.links.link import Frame
+
+PLAN = Plan(node_id=5, host_node_id=127, watchdog_ms=50, cycle_us=2_000, max_torque=3.0)
+MS = 1_000_000
+
+
+@pytest.fixture
+def network(memory: Any) -> LinkNetwork:
+    return LinkNetwork(memory, memory.clock, memory.sleep_until_ns)
+
+
+def test_every_object_is_what_it_was_asked_to_be(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+    assert set_up(network, PLAN) == pytest.approx(1.25)
+
+    read = node.sdo
+    assert read[0x1016][1].raw == 0x007F0032
+    assert read[0x1017].raw == 20
+    assert read[0x1005].raw == 0x80
+    assert read[0x1006].raw == 2_000
+    assert read[0x6007].raw == 2
+    assert read[0x605A].raw == 0
+    assert read[0x6060].raw == 10
+    assert read[0x6040].raw == 0
+
+
+def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+    set_up(network, PLAN)
+    node.rpdo.read()
+    node.tpdo.read()
+
+    def mapped(pdo: Any) -> tuple[Any, ...]:
+        return pdo.cob_id, pdo.trans_type, pdo.enabled, [(variable.index, variable.length) for variable in pdo.map]
+
+    assert mapped(node.rpdo[1]) == (0x205, 255, True, [(0x6040, 16), (0x6071, 16)])
+    assert mapped(node.tpdo[1]) == (0x185, 1, True, [(0x6041, 16), (0x6064, 32), (0x6077, 16)])
+    assert mapped(node.tpdo[2]) == (0x285, 1, True, [(0x606C, 32)])
+    assert not node.tpdo[3].enabled
+    assert not node.tpdo[4].enabled
+
+
+def test_a_drive_that_refuses_remote_requests_keeps_doing_so(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+    set_up(network, PLAN)
+    assert node.sdo[0x1400][1].raw == 0x40000205
+    assert node.sdo[0x1800][1].raw == 0x40000185
+
+
+def test_it_begins_with_the_node_pre_operational_and_its_voltage_off(memory: Any, network: LinkNetwork) -> None:
+    memory.add(5)
+    set_up(network, PLAN)
+    assert memory.heard()[:3] == [(0, "8005"), (0x605, "4000100000000000"), (0x605, "2b40600000000000")]
+
+
+@pytest.mark.parametrize("missing", [0x605A, 0x1006, 0x1802, 0x1803])
+def test_a_drive_need_not_have_everything(memory: Any, network: LinkNetwork, missing: int) -> None:
+    memory.add(5, without=frozenset({missing, missing + 0x200}))
+    assert set_up(network, PLAN) == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        (0x1000, "0x1000:00 cannot be read: Code 0x06020000"),
+        (0x1016, "0x1016:01 cannot be written: Code 0x06020000"),
+        (0x1017, "0x1017:00 cannot be written"),
+        (0x6007, "0x6007:00 cannot be written"),
+        (0x6060, "0x6060:00 cannot be written"),
+        (0x6071, "RPDO1 is not mapped as asked|RPDO1 cannot be mapped"),
+        (0x6076, "0x6076:00 cannot be read"),
+        (0x1801, "TPDO2 cannot be mapped: Code 0x06020000"),
+    ],
+)
+def test_a_drive_that_lacks_what_it_needs_is_told(
+    memory: Any, network: LinkNetwork, missing: int, message: str
+) -> None:
+    memory.add(5, without=frozenset({missing}))
+    if missing == 0x6071:
+        memory.nodes[5].add_write_callback(refuse_mapping_of_6071)
+    with pytest.raises(SetUpError, match=message):
+        set_up(network, PLAN)
+
+
+def refuse_mapping_of_6071(index: int, data: bytes, **_: Any) -> None:
+    from canopen import SdoAbortedError  # noqa: PLC0415 - only here
+
+    if index == 0x1600 and struct.unpack("<L", data.ljust(4, b"\0"))[0] >> 16 == 0x6071:
+        raise SdoAbortedError(0x06040041)
+
+
+def answer(memory: Any, wanted: int, value: int) -> None:
+    """Let a node read one of its objects as another value, whatever is written."""
+    memory.nodes[5].add_read_callback(lambda index, subindex, **_: value if (index, subindex) == (wanted, 0) else None)
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "message"),
+    [
+        (0x1000, 0x00020191, "tells profile 401, not 402"),
+        (0x1017, 0, "0x1017:00 reads 0 after 20 was written"),
+        (0x6007, 0, "0x6007:00 reads 0 after 2 was written"),
+        (0x605A, 2, "0x605A:00 reads 2 after 0 was written"),
+        (0x6061, 8, "does not take mode 10"),
+        (0x6076, 0, "0x6076 reads 0 N m"),
+        (0x6076, 91, r"0x6076 reads 0\.091 N m, which a torque of 3 N m"),
+        (0x1005, 0x81, "0x1005:00 reads 129"),
+    ],
+)
+def test_what_reads_otherwise_is_refused(
+    memory: Any, network: LinkNetwork, index: int, value: int, message: str
+) -> None:
+    node = memory.add(5)
+    node._read_callbacks.clear()
+    answer(memory, index, value)
+    if index != 0x6061:
+        answer(memory, 0x6061, 10)
+    with pytest.raises(SetUpError, match=message):
+        set_up(network, PLAN)
+
+
+@pytest.mark.parametrize("found", [0x00000000, 0x007F0033, 0x007F0013, 0x007E0032, 0x007F0000])
+def test_a_watchdog_that_is_off_too_long_or_of_another_node_is_refused(
+    memory: Any, network: LinkNetwork, found: int
+) -> None:
+    node = memory.add(5)
+    node.add_read_callback(lambda index, subindex, **_: found if (index, subindex) == (0x1016, 1) else None)
+    with pytest.raises(SetUpError, match=rf"0x1016:01 stands at {found & 0xFFFF} ms for node {found >> 16}"):
+        set_up(network, PLAN)
+
+
+def test_a_mapping_that_is_not_kept_is_refused(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+    node.add_read_callback(lambda index, subindex, **_: 254 if (index, subindex) == (0x1800, 2) else None)
+    with pytest.raises(SetUpError, match="TPDO1 is not mapped as asked"):
+        set_up(network, PLAN)
+
+
+def test_a_node_that_is_not_there_is_told_after_a_third_of_a_second(memory: Any, network: LinkNetwork) -> None:
+    before_ns = memory.now_ns
+    with pytest.raises(SetUpError, match="0x1000:00 cannot be read: no answer"):
+        set_up(network, PLAN)
+    assert memory.now_ns - before_ns == 300 * MS
+    assert set(memory.waited) == {MS}
+
+
+def test_a_link_that_takes_nothing_is_told(memory: Any, network: LinkNetwork) -> None:
+    memory.add(5)
+    memory.is_full = True
+    with pytest.raises(SetUpError, match="memory does not take frames"):
+        set_up(network, PLAN)
+
+
+def test_foreign_and_damaged_frames_meanwhile_change_nothing(memory: Any, network: LinkNetwork) -> None:
+    memory.add(5)
+    for frame in (
+        Frame(0x585, b"\x43"),
+        Frame(0x085, b"\x01"),
+        Frame(0x705, b""),
+        Frame(0x705, b"\x33"),
+        Frame(0x586, bytes(8)),
+        Frame(0x585, bytes(8), is_extended=True),
+        Frame(0x7E5, bytes(8)),
+    ):
+        memory.arrived.append(frame)
+    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert network.boots[5] == 0
+
+
+def test_every_answered_request_is_kept_with_its_last_answer(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+    node._read_callbacks.clear()
+    modes = iter((0, 0, 10))
+    node.add_read_callback(lambda index, **_: next(modes) if index == 0x6061 else None)
+    set_up(network, PLAN)
+
+    asked = [frame.data for frame in memory.sent if frame.arbitration_id == 0x605]
+    assert asked.count(bytes.fromhex("4061600000000000")) == 3
+    kept = [exchange.request for exchange in network.exchanges[5]]
+    assert kept == [request for request, _ in itertools.groupby(asked)]
+    (mode,) = (e.answer for e in network.exchanges[5] if e.request == bytes.fromhex("4061600000000000"))
+    assert mode == bytes.fromhex("4f6160000a000000")
+
+
+def test_the_library_logs_nothing_of_its_own(
+    memory: Any, network: LinkNetwork, caplog: pytest.LogCaptureFixture
+) -> None:
+    memory.add(5)
+    with caplog.at_level(logging.DEBUG):
+        set_up(network, PLAN)
+        memory.peer.unsubscribe(0x605)
+        with pytest.raises(SetUpError):
+            set_up(network, PLAN)
+    assert caplog.records == []

@@ -1,0 +1,287 @@
+import math
+import struct
+from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import xor
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_io.drives.odrive import commands as c
+from firmware_io.drives.odrive.frames import Firmware, encode, request
+from firmware_io.drives.odrive.serial_line import OdriveLine, checked
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.links.link import Frame
+from firmware_io.links.serial_link import Line
+
+Configure = Callable[..., OdriveSettings]
+NOW = 123_456_789
+LEFT = Frame(0x009, struct.pack("<ff", 1.5, 0.25), NOW)
+RIGHT = Frame(0x029, struct.pack("<ff", -2.5, -0.125), NOW)
+BEATS = (Frame(0x001, struct.pack("<IBxxx", 64, 1), NOW), Frame(0x021, struct.pack("<IBxxx", 2048, 8), NOW))
+REPLIES = ("1.500000 0.250000", "-2.500000 -0.125000")
+STATES = ("1", "64", "8", "2048")
+TRUE = {LEFT, RIGHT, *BEATS}
+
+
+def reply(text: str) -> bytes:
+    """A line as the board sends it."""
+    return f"{text}*{reduce(xor, text.encode(), 0)}\r\n".encode()
+
+
+def replies(poll: int, texts: Sequence[str] | None = None) -> list[bytes]:
+    """All lines that answer one poll, counted from 0."""
+    told = [*REPLIES, *STATES] if texts is None else texts
+    return [reply(text) for text in (*told, f"invalid motor {10 + poll % 90}")]
+
+
+@pytest.fixture
+def line(configure: Configure) -> OdriveLine:
+    return OdriveLine(configure())
+
+
+@pytest.fixture
+def started(line: OdriveLine) -> OdriveLine:
+    """A line whose first poll, the second of which is under way, is answered."""
+    line.request()
+    assert line.decode(b"".join(replies(0)), NOW) == []
+    line.request()
+    return line
+
+
+def test_is_a_line(line: OdriveLine) -> None:
+    fulfilled: Line = line
+    assert not fulfilled.refused
+
+
+def test_checksums_are_those_of_the_firmwares_documents() -> None:
+    assert checked("r vbus_voltage ") == b"r vbus_voltage *93\n"
+    assert checked("c 0 0.5") == b"c 0 0.5*120\n"
+
+
+@pytest.mark.parametrize(
+    ("node", "message", "words"),
+    [
+        (0, c.SetInputTorque(0.5), ["c 0 0.500000"]),
+        (1, c.SetInputTorque(-12.25), ["c 1 -12.250000"]),
+        (1, c.SetAxisState(8), ["w axis1.requested_state 8"]),
+        (0, c.ClearErrors(), ["sc"]),
+        (
+            1,
+            c.SetControllerMode(1, 1),
+            ["w axis1.controller.config.control_mode 1", "w axis1.controller.config.input_mode 1"],
+        ),
+    ],
+)
+def test_commands_become_words(line: OdriveLine, node: int, message: c.Command, words: list[str]) -> None:
+    expected = b"".join(reply(word).replace(b"\r", b"") for word in words)
+    assert line.encode(encode(Firmware.V0_5, node, message)) == expected
+
+
+def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
+    swapped = OdriveLine(
+        configure(
+            left={"node_id": 7, "axis": 1, "max_torque": 1.0},
+            right={"node_id": 9, "axis": 0, "max_torque": 1.0},
+        )
+    )
+    words = swapped.encode(encode(Firmware.V0_5, 7, c.SetAxisState(1)))
+    assert words is not None
+    assert words.startswith(b"w axis1.requested_state 1*")
+    swapped.request()
+    swapped.decode(b"".join(replies(0)), NOW)
+    swapped.request()
+    frames = swapped.decode(b"".join(replies(1)), NOW)
+    # Axis 0 is node 9, axis 1 is node 7.
+    assert [frame.arbitration_id for frame in frames] == [0x129, 0x0E9, 0x121, 0x0E1]
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        encode(Firmware.V0_5, 2, c.SetInputTorque(0.0)),
+        encode(Firmware.V0_5, 0, c.SetInputVelocity(1.0)),
+        request(0, 0x00),
+        Frame(0x00E, bytes(8), is_extended=True),
+        Frame(0x00E, b"\0\0\xc0\x7f" + bytes(4)),
+        Frame(0x007, b""),
+    ],
+)
+def test_there_are_no_words_for_anything_else(line: OdriveLine, frame: Frame) -> None:
+    assert line.encode(frame) is None
+
+
+def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: OdriveLine) -> None:
+    polls = [line.request().decode().splitlines() for _ in range(91)]
+
+    texts = [[words.rpartition("*")[0] for words in poll] for poll in polls]
+    asked = ["f 0", "f 1", *(f"r axis{axis}.{name}" for axis in (0, 1) for name in ("current_state", "error"))]
+    assert all(poll[:-1] == asked for poll in texts)
+    assert [poll[-1] for poll in texts] == [f"f {10 + index % 90}" for index in range(91)]
+    assert all(words == reply(words.rpartition("*")[0]).decode().strip() for poll in polls for words in poll)
+
+
+def test_replies_become_the_frames_of_both_nodes(started: OdriveLine) -> None:
+    assert started.decode(b"".join(replies(1)), NOW) == [LEFT, RIGHT, *BEATS]
+    started.request()
+    assert started.decode(b"".join(replies(2)), NOW) == [LEFT, RIGHT, *BEATS]
+    assert not started.refused
+
+
+def test_what_was_lost_of_a_poll_costs_that_poll_only(started: OdriveLine) -> None:
+    for poll in range(1, 6):
+        lines = replies(poll)
+        if poll == 2:
+            del lines[0]
+        found = started.decode(b"".join(lines), NOW)
+        assert (found == []) is (poll == 2)
+        started.request()
+    assert started.refused == {"lost": 1}
+
+
+def test_a_lost_count_costs_two_polls(started: OdriveLine) -> None:
+    assert started.decode(b"".join(replies(1)[:-1]), NOW) == []
+    started.request()
+    assert started.decode(b"".join(replies(2)), NOW) == []
+    started.request()
+    assert started.decode(b"".join(replies(3)), NOW) == [LEFT, RIGHT, *BEATS]
+
+
+def test_counts_go_round(line: OdriveLine) -> None:
+    for poll in range(200):
+        line.request()
+        assert len(line.decode(b"".join(replies(poll)), NOW)) == (4 if poll else 0)
+    assert not line.refused
+
+
+@pytest.mark.parametrize(("behind", "taken"), [(2, True), (3, False)])
+def test_replies_to_polls_of_long_ago_are_too_old(started: OdriveLine, behind: int, *, taken: bool) -> None:
+    for _ in range(behind):
+        started.request()
+    assert bool(started.decode(b"".join(replies(1)), NOW)) is taken
+    assert started.refused == ({} if taken else {"late": 1})
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("nan 0.0", REPLIES[1], *STATES),
+        (REPLIES[0], "inf inf", *STATES),
+        (f"{'9' * 39}.0 0.0", REPLIES[1], *STATES),
+        ("1.5", REPLIES[1], *STATES),
+        (*REPLIES, "256", "0", "1", "0"),
+        (*REPLIES, "8", "0", "1", "4294967296"),
+        (*REPLIES, "-1", "0", "1", "0"),
+        (*REPLIES, "not implemented", "0", "1", "0"),
+        (*STATES, *REPLIES),
+    ],
+)
+def test_replies_that_do_not_answer_their_questions_are_refused(started: OdriveLine, texts: Sequence[str]) -> None:
+    assert started.decode(b"".join(replies(1, texts)), NOW) == []
+    assert started.refused == {"reply": 1}
+    started.request()
+    assert started.decode(b"".join(replies(2)), NOW) == [LEFT, RIGHT, *BEATS]
+
+
+@pytest.mark.parametrize("text", [b"1.5 0.25\r\n", b"1.500000 0.250000*1\r\n", b"1.5*x\r\n", b"*\r\n", b"a*0*1\n"])
+def test_a_line_without_its_checksum_is_refused(started: OdriveLine, text: bytes) -> None:
+    assert started.decode(text, NOW) == []
+    assert started.refused == {"checksum": 1}
+
+
+def test_a_line_without_an_end_is_dropped_and_the_next_one_taken(started: OdriveLine) -> None:
+    assert started.decode(b"x" * 65, NOW) == []
+    assert started.decode(b"x" * 1000, NOW) == []
+    assert started.decode(b"y\n" + b"".join(replies(1)), NOW) == [LEFT, RIGHT, *BEATS]
+    assert started.refused == {"length": 2}
+
+
+def test_replies_without_end_take_no_memory(started: OdriveLine) -> None:
+    for _ in range(100):
+        started.decode(reply("1"), NOW)
+    assert len(started._replies) < 10
+
+
+def test_what_was_received_can_be_forgotten(started: OdriveLine) -> None:
+    started.decode(b"".join(replies(1)[:2]) + b"8*", NOW)
+    started.reset()
+    assert started.decode(b"".join(replies(1)), NOW) == []
+    started.request()
+    assert started.decode(b"".join(replies(2)), NOW) == [LEFT, RIGHT, *BEATS]
+
+
+@given(st.lists(st.integers(1, 20), max_size=40))
+def test_pieces_of_any_size_say_the_same(sizes: list[int]) -> None:
+    line = _started()
+    data = b"".join(replies(1))
+    found: list[Frame] = []
+    for size in sizes:
+        found += line.decode(data[:size], NOW)
+        data = data[size:]
+    assert found + line.decode(data, NOW) == [LEFT, RIGHT, *BEATS]
+
+
+@given(st.binary(max_size=200), st.sampled_from([b"\r", b"\n", b"\r\n"]))
+def test_after_garbage_and_the_end_of_its_line_the_next_good_line_is_taken(garbage: bytes, end: bytes) -> None:
+    line = _started()
+    line.decode(garbage + end, NOW)
+    line._replies.clear()  # what a good line among the garbage said
+    assert line.decode(b"".join(replies(1)), NOW)[:2] == [LEFT, RIGHT]
+
+
+def test_every_flipped_bit_in_a_poll_is_noticed() -> None:
+    data = b"".join(replies(1))
+    for bit in range(8 * len(data)):
+        line = _started()
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        found = line.decode(bytes(damaged), NOW)
+        # The end of a line is two characters, of which one is enough.
+        ending = data[bit // 8] in b"\r\n"
+        assert found == [] or (ending and found == [LEFT, RIGHT, *BEATS])
+        line.request()
+        line.decode(b"".join(replies(2)), NOW)
+        line.request()
+        assert line.decode(b"".join(replies(3)), NOW) == [LEFT, RIGHT, *BEATS]
+
+
+@settings(max_examples=10_000)
+@given(st.integers(0, (1 << 28) - 1), st.integers(0, (1 << 28) - 1))
+def test_whatever_replies_are_lost_or_cut_no_value_is_taken_for_another(kept: int, whole: int) -> None:
+    line = _started()
+    for poll in range(1, 5):
+        data = b""
+        for index, text in enumerate(replies(poll)):
+            bit = 1 << (7 * (poll - 1) + index)
+            if kept & bit or whole & bit:
+                data += text if whole & bit else text[: len(text) // 2]
+        assert set(line.decode(data, NOW)) <= TRUE
+        line.request()
+
+
+PIECES = [reply(text) for text in (*REPLIES, "8", "nan nan", "invalid motor 11", "invalid motor 12")]
+
+
+@settings(max_examples=10_000)
+@given(st.binary(max_size=40))
+def test_nothing_that_is_received_raises_or_makes_a_value_that_is_not_finite(drawn: bytes) -> None:
+    line = _started()
+    data = b"".join(PIECES[byte] if byte < len(PIECES) else bytes((byte,)) for byte in drawn)
+    for frame in line.decode(data, NOW):
+        if frame.arbitration_id % 32 == 0x09:
+            assert all(math.isfinite(value) for value in struct.unpack("<ff", frame.data))
+
+
+def _started() -> OdriveLine:
+    left: dict[str, object] = {"node_id": 0, "axis": 0, "max_torque": 3.0}
+    line = OdriveLine(_settings(left, {**left, "node_id": 1, "axis": 1}))
+    line.request()
+    line.decode(b"".join(replies(0)), NOW)
+    line.request()
+    return line
+
+
+def _settings(left: dict[str, object], right: dict[str, object]) -> OdriveSettings:
+    return msgspec.convert({"type": "odrive", "left": left, "right": right}, OdriveSettings)

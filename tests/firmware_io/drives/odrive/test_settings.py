@@ -1,0 +1,58 @@
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from firmware_io.drives.odrive.settings import OdriveSettings
+from node.documents import decode_yaml
+
+Configure = Callable[..., OdriveSettings]
+MINIMAL = b"""
+type: odrive
+left: {node_id: 3, max_torque: 2.5}
+right: {node_id: 4, max_torque: 2.5, direction: -1}
+"""
+WHEEL = {"node_id": 5, "max_torque": 1.0}
+
+
+def test_what_need_not_be_said_has_a_default() -> None:
+    settings = msgspec.yaml.decode(MINIMAL, type=OdriveSettings)
+
+    assert (settings.firmware, settings.watchdog_s, settings.serial) == ("auto", 0.05, None)
+    assert (settings.heartbeat_period_s, settings.encoder_period_s) == (0.02, 0.005)
+    assert (settings.wheel("left").node_id, settings.wheel("right").node_id) == (3, 4)
+    assert settings.wheel("right").drivetrain.wheel(2.0) == -2.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"left": WHEEL, "right": WHEEL}, "left and right have the same node_id, 5"),
+        ({"left": {**WHEEL, "node_id": 63}}, "<= 62"),
+        ({"left": {**WHEEL, "node_id": -1}}, ">= 0"),
+        ({"left": {**WHEEL, "axis": 2}}, "axis"),
+        ({"left": {**WHEEL, "torque_constant": 0.0}}, "> 0.0"),
+        ({"firmware": "0.4"}, "firmware"),
+        ({"watchdog_s": 0.02}, "heartbeat_period_s must be shorter than watchdog_s"),
+        ({"watchdog_s": 0.06}, "<= 0.05"),
+        ({"encoder_period_s": 0.0005}, ">= 0.001"),
+        ({"firmware": "0.6", "serial": {"port": "/dev/x"}}, "0.6 is reached over CAN only"),
+        ({"serial": {"port": "/dev/x", "baudrate": 115_200}}, "serial.baudrate must be 460800 or more"),
+        ({"left": {**WHEEL, "axis": 1}, "serial": {"port": "/dev/x"}}, "serial reaches both axes of one board"),
+        ({"wheels": 2}, "unknown field `wheels`"),
+    ],
+)
+def test_what_cannot_be_is_refused(configure: Configure, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=message):
+        configure(**changes)
+
+
+def test_a_serial_line_with_both_axes_is_taken(configure: Configure) -> None:
+    serial = configure(serial={"port": "/dev/ttyS0"}).serial
+    assert serial is not None
+    assert serial.port == "/dev/ttyS0"
+
+
+def test_the_robot_files_reader_takes_it() -> None:
+    assert decode_yaml(MINIMAL.decode(), OdriveSettings, "robot").left.max_torque == 2.5

@@ -1,0 +1,387 @@
+"""One wheel: 7 pole pairs, 0.1 N m/A, geared 2 to 1 and turned around; values worked out by hand."""
+
+import math
+import random
+
+import pytest
+
+from firmware_io.devices import Drive, FrameKey
+from firmware_io.drives.enabling import ENABLE_WITHIN_NS
+from firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
+from firmware_io.drives.vesc.driver import Vesc
+from firmware_io.drives.vesc.frames import Command, Current, Payload, Status, Status5, frame_of
+from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from firmware_io.integrity import Refusal
+from firmware_io.links.link import Frame, Link
+
+MS = 1_000_000
+RIGHT = VescWheelSettings(
+    controller_id=9, pole_pairs=7, torque_constant=0.1, max_torque=3.0, gear_ratio=2.0, direction=-1
+)
+LEFT = VescWheelSettings(controller_id=8, pole_pairs=7, torque_constant=0.1, max_torque=3.0)
+SETTINGS = VescSettings(left=LEFT, right=RIGHT, timeout_set_s=0.05)
+SETUP = "in VESC Tool, App Settings > General, set Timeout to 50 ms and Timeout Brake Current to 0 A"
+
+
+def current(amperes: float) -> Frame:
+    return frame_of(Command.SET_CURRENT, 9, Current(amperes))
+
+
+class Bench:
+    """The driver of the right wheel, a manual clock, and the controller's side of the conversation."""
+
+    def __init__(self, link: Link, sent: list[Frame]) -> None:
+        self.now_ns = 1_000 * MS
+        self.vesc = Vesc(link, "right", SETTINGS, 0.01, lambda: self.now_ns)
+        self._sent = sent
+
+    def tell(self, command: Command, payload: Payload, controller_id: int = 9) -> bool:
+        frame = frame_of(command, controller_id, payload)
+        return self.vesc.take(frame._replace(received_ns=self.now_ns))
+
+    def tell_status(self) -> None:
+        assert self.tell(Command.STATUS, Status(0, 0.0, 0.0))
+        assert self.tell(Command.STATUS_5, Status5(0, 36.0))
+
+    def answer(self, packet: str) -> bool:
+        data = bytes.fromhex("0901" + packet)
+        return self.vesc.take(Frame(0x8FD, data, self.now_ns, is_extended=True))
+
+    def is_enabled(self) -> bool:
+        return self.vesc.is_enabled
+
+    def commands(self) -> list[Frame]:
+        """The commands sent since the last call, without questions."""
+        found = [frame for frame in self._sent if frame.arbitration_id >> 8 != 8]
+        self._sent.clear()
+        return found
+
+    def cycle(self, torque: float = 0.0) -> list[Frame]:
+        """What one cycle sends, and 10 ms."""
+        self._sent.clear()
+        self.vesc.command((torque,))
+        frames = list(self._sent)
+        self.now_ns += 10 * MS
+        return frames
+
+    def measure(self, *, timed_out: bool | None = True) -> None:
+        """Let the time-out be measured."""
+        for _ in range(60):
+            self.tell_status()
+            if ask("right", 9, FLAGS) in self.cycle() and timed_out is not None:
+                self.answer(f"32002000000{int(timed_out)}")
+        self.tell_status()
+
+    def enable(self) -> None:
+        self.measure()
+        assert self.vesc.obstacles() == []
+        self.vesc.enable()
+        self.vesc.command((0.0,))
+        self.now_ns += 10 * MS
+        self.tell_status()
+        assert self.vesc.is_enabled
+        self._sent.clear()
+
+
+@pytest.fixture
+def bench(link: Link, sent: list[Frame]) -> Bench:
+    return Bench(link, sent)
+
+
+def test_is_a_drive_with_named_and_limited_ports(bench: Bench) -> None:
+    drive: Drive = bench.vesc
+    assert drive.name == "right"
+    assert drive.signals == {"right.angle": "rad", "right.velocity": "rad/s", "right.torque": "N m"}
+    assert drive.commands == {"right.torque": "N m"}
+    assert drive.limits == (3.0,)
+    assert set(drive.listens_to) == {FrameKey(i, is_extended=True) for i in (0x909, 0x1B09, 0x8FD)}
+
+
+def test_both_wheels_listen_to_frames_of_their_own(link: Link) -> None:
+    left, right = (Vesc(link, name, SETTINGS, 0.01) for name in ("left", "right"))
+    assert set(left.listens_to).isdisjoint(right.listens_to)
+
+
+def test_starting_sends_zero(bench: Bench) -> None:
+    bench.vesc.start()
+    assert bench.commands() == [current(0.0)]
+
+
+def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(bench: Bench) -> None:
+    readings = bench.vesc.read()
+    assert readings.values == (0.0, 0.0, 0.0)
+    assert readings.ages == (math.inf,) * 3
+    assert readings.valid == (False,) * 3
+
+
+def test_values_are_those_of_the_wheel(bench: Bench) -> None:
+    bench.tell(Command.STATUS, Status(4200, -5.0, 0.1))  # 4200 / 7 = 600 turns a minute
+    bench.tell(Command.STATUS_5, Status5(-84, 36.5))  # 84 / 42 = 2 turns
+    readings = bench.vesc.read()
+    assert readings.values == pytest.approx((2 * math.tau / 2, -10.0 * math.tau / 2, 5.0 * 0.1 * 2))
+    assert readings.ages == (0.0,) * 3
+    assert readings.valid == (True,) * 3
+
+
+def test_the_angle_goes_on_where_the_tachometer_wraps(bench: Bench) -> None:
+    bench.tell(Command.STATUS_5, Status5(2**31 - 1, 36.0))
+    before = bench.vesc.read().values[0]
+    bench.tell(Command.STATUS_5, Status5(-(2**31) + 41, 36.0))
+    assert bench.vesc.read().values[0] - before == pytest.approx(-math.tau / 2, abs=1e-6)
+
+
+def test_each_kind_of_status_has_an_age_of_its_own(bench: Bench) -> None:
+    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.now_ns += 30 * MS
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    assert bench.vesc.read().valid == (True, True, True)
+    bench.now_ns += 1
+    readings = bench.vesc.read()
+    assert readings.valid == (False, True, True), "three periods of the loop"
+    assert readings.ages == pytest.approx((0.03, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_damaged_frame_changes_nothing_and_is_counted(bench: Bench) -> None:
+    bench.tell(Command.STATUS, Status(700, 1.0, 0.0))
+    before = bench.vesc.read()
+    assert not bench.vesc.take(Frame(0x909, bytes(7), bench.now_ns, is_extended=True))
+    assert not bench.vesc.take(Frame(0x8FD, b"\x09", bench.now_ns, is_extended=True))
+    assert not bench.vesc.take(Frame(0x8FD, bytes.fromhex("0801320000800005"), bench.now_ns, is_extended=True))
+    assert bench.vesc.read() == before
+    health = bench.vesc.health
+    assert (health["refused.length"], health["refused.unknown"], health["fault"]) == ("2", "1", "not told")
+
+
+@pytest.mark.parametrize("length", range(9))
+def test_frames_that_are_not_listed_change_nothing(bench: Bench, length: int) -> None:
+    bench.tell_status()
+    before = bench.vesc.read(), bench.vesc.health, bench.vesc.obstacles(), bench.vesc.faults()
+    chance = random.Random(length)  # noqa: S311 - a test's chance, not a secret
+    extended = [i for i in (chance.getrandbits(29) for _ in range(10_000)) if i not in (0x909, 0x1B09, 0x8FD)]
+    data = b"\xff" * length
+    frames = [Frame(i, data, bench.now_ns) for i in range(2_048)]
+    frames += [Frame(i, data, bench.now_ns, is_extended=True) for i in extended]
+    assert not any(bench.vesc.take(frame) for frame in frames)
+    assert (bench.vesc.read(), bench.vesc.health, bench.vesc.obstacles(), bench.vesc.faults()) == before
+
+
+def test_a_silent_controller_refuses_arming_and_says_what_to_set(bench: Bench) -> None:
+    (reason,) = bench.vesc.obstacles()
+    assert reason == (
+        "the right VESC (id 9) does not send STATUS and STATUS_5 on memory; is it powered and on this bus? "
+        f"{SETUP}, and CAN status messages 1 and 5 to 200 Hz"
+    )
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    (reason,) = bench.vesc.obstacles()
+    assert "does not send STATUS_5 on memory" in reason
+
+
+def test_zero_is_sent_in_every_cycle_of_a_silent_controller(bench: Bench) -> None:
+    assert all(current(0.0) in bench.cycle(1.0) for _ in range(50))
+
+
+def test_the_time_out_is_measured_by_a_silence_before_arming(bench: Bench) -> None:
+    bench.tell_status()
+    assert current(0.0) in bench.cycle()
+    assert bench.vesc.obstacles() == ["the time-out of the right VESC (id 9) is being measured; try again in a moment"]
+    silent = 0
+    while ask("right", 9, FLAGS) not in (frames := bench.cycle(1.0)):
+        assert current(0.0) not in frames
+        silent += 1
+        bench.tell_status()
+    assert silent == 7, "75 ms"
+    bench.answer("320020000001")
+    assert current(0.0) in bench.cycle()
+    bench.tell_status()
+    assert bench.vesc.obstacles() == []
+    assert bench.vesc.health["timeout"] == "measured, acts within 90 ms"
+    assert bench.vesc.health["timeout_set_s"] == "0.05"
+
+
+def test_a_time_out_that_does_not_act_refuses_arming(bench: Bench) -> None:
+    bench.measure(timed_out=False)
+    assert bench.vesc.obstacles() == [
+        f"the right VESC (id 9) did not time out within 130 ms without a command; {SETUP}"
+    ]
+    assert bench.vesc.health["timeout"] == "does not act"
+
+
+def test_a_controller_that_does_not_tell_is_taken_at_the_word_of_the_robot_file(bench: Bench) -> None:
+    bench.measure(timed_out=None)
+    assert bench.vesc.obstacles() == []
+    assert bench.vesc.health["timeout"].startswith("affirmed in the robot file, not measured")
+
+
+def test_a_controller_that_was_away_is_measured_anew(bench: Bench) -> None:
+    bench.measure()
+    bench.now_ns += 31 * MS
+    bench.cycle()
+    bench.tell_status()
+    assert "is being measured" in bench.vesc.obstacles()[0]
+
+
+def test_enabling_sends_zero_until_status_of_both_kinds_came_after_it(bench: Bench) -> None:
+    bench.measure()
+    bench.vesc.enable()
+    bench.tell_status()
+    assert not bench.is_enabled(), "nothing was sent yet"
+    assert current(0.0) in bench.cycle(1.0)
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    assert not bench.is_enabled()
+    assert current(0.0) in bench.cycle(1.0)
+    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    assert bench.is_enabled()
+    assert bench.vesc.faults() == ()
+
+
+def test_status_from_before_the_first_zero_confirms_nothing(bench: Bench) -> None:
+    bench.measure()
+    bench.vesc.enable()
+    bench.vesc.command((0.0,))
+    bench.tell_status()  # stamped no later than the zero
+    assert not bench.is_enabled()
+
+
+def test_it_is_the_first_zero_that_counts(bench: Bench) -> None:
+    bench.measure()
+    bench.vesc.enable()
+    for _ in range(2):
+        bench.cycle()
+    bench.now_ns -= 15 * MS  # between the two
+    bench.tell_status()
+    assert bench.is_enabled()
+
+
+def test_torque_becomes_motor_current_only_while_enabled(bench: Bench) -> None:
+    bench.enable()
+    bench.vesc.command((1.5,))
+    assert bench.commands() == [current(-1.5 / 2 / 0.1)]
+    bench.vesc.disable()
+    assert bench.commands() == [current(0.0)]
+    assert not bench.is_enabled()
+    bench.vesc.command((1.5,))
+    assert bench.commands() == [current(0.0)]
+
+
+@pytest.mark.parametrize(("torque", "amperes"), [(3.1, -15.0), (-99.0, 15.0), (math.nan, 0.0), (math.inf, 0.0)])
+def test_torque_is_limited_and_what_is_no_number_is_zero(bench: Bench, torque: float, amperes: float) -> None:
+    bench.enable()
+    bench.vesc.command((torque,))
+    assert bench.commands() == [current(amperes)]
+    assert bench.vesc.health.get("refused.range") == (None if math.isfinite(torque) else "1")
+
+
+def test_enabling_again_waits_for_status_again(bench: Bench) -> None:
+    bench.enable()
+    bench.vesc.disable()
+    bench.vesc.enable()
+    assert current(0.0) in bench.cycle(1.0)
+    assert not bench.is_enabled()
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    assert not bench.is_enabled()
+    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    assert bench.is_enabled()
+
+
+def test_a_measurement_is_broken_off_by_enabling(bench: Bench) -> None:
+    bench.tell_status()
+    bench.cycle()
+    bench.cycle()
+    bench.vesc.enable()
+    assert current(0.0) in bench.cycle()
+    bench.vesc.disable()
+    bench.tell_status()
+    assert current(0.0) in bench.cycle(), "it begins with a zero again"
+    assert current(0.0) not in bench.cycle()
+
+
+def test_answers_that_come_while_it_is_commanded_measure_nothing(bench: Bench) -> None:
+    bench.tell_status()
+    bench.cycle()
+    bench.vesc.enable()
+    bench.now_ns += 100 * MS
+    bench.answer("320020000001")
+    assert bench.vesc.health["timeout"] == "not measured yet"
+
+
+def test_a_measurement_is_broken_off_by_disabling_too(bench: Bench) -> None:
+    bench.tell_status()
+    bench.cycle()
+    assert current(0.0) not in bench.cycle()
+    bench.vesc.disable()
+    assert current(0.0) in bench.cycle(), "it begins with a zero again"
+
+
+def test_one_that_does_not_confirm_in_time_is_a_fault(bench: Bench) -> None:
+    bench.measure()
+    bench.vesc.enable()
+    bench.cycle()
+    assert bench.vesc.faults() == ()
+    bench.now_ns += ENABLE_WITHIN_NS
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    (fault,) = bench.vesc.faults()
+    assert "the right VESC (id 9) does not send STATUS_5 on memory" in fault
+
+
+def test_one_that_is_not_commanded_in_time_is_a_fault_too(bench: Bench) -> None:
+    bench.measure()
+    bench.vesc.enable()
+    bench.now_ns += ENABLE_WITHIN_NS + 1
+    bench.tell_status()
+    (fault,) = bench.vesc.faults()
+    assert "does not send STATUS and STATUS_5" in fault
+
+
+def test_one_that_falls_silent_while_enabled_is_a_fault_until_disabled(bench: Bench) -> None:
+    bench.enable()
+    bench.now_ns += 30 * MS
+    assert bench.vesc.faults() == ()
+    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.now_ns += 1 * MS
+    assert bench.vesc.faults() == ("STATUS of the right VESC (id 9) is too old: 31 ms",)
+    bench.vesc.disable()
+    assert bench.vesc.faults() == ()
+
+
+def test_faults_are_asked_for_ten_times_a_second(bench: Bench) -> None:
+    asked = [ask("right", 9, FAULT) in bench.cycle() for _ in range(30)]
+    assert asked == ([True] + [False] * 9) * 3
+
+
+def test_a_reported_fault_refuses_arming_and_is_one_while_enabled(bench: Bench) -> None:
+    bench.measure()
+    assert bench.answer("320000800001")
+    assert bench.vesc.obstacles() == ["the right VESC (id 9) reports over-voltage (fault 1); mend its cause"]
+    assert bench.vesc.faults() == ()
+    assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
+    bench.answer("320000800000")
+    assert bench.vesc.health["fault"] == "none"
+    bench.enable()
+    bench.answer("320000800005")
+    assert bench.vesc.faults() == ("the right VESC (id 9) reports over-temperature of the power stage (fault 5)",)
+
+
+def test_a_fault_that_is_not_told_any_more_is_not_known(bench: Bench) -> None:
+    bench.answer("320000800001")
+    bench.now_ns += 300 * MS
+    assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
+    bench.now_ns += 1
+    assert bench.vesc.health["fault"] == "not told"
+
+
+def test_health_tells_supply_and_current(bench: Bench) -> None:
+    bench.tell(Command.STATUS, Status(0, -2.5, 0.0))
+    bench.tell(Command.STATUS_5, Status5(0, 36.5))
+    assert bench.vesc.health == {
+        "phase": "off",
+        "timeout_set_s": "0.05",
+        "timeout": "not measured yet",
+        "fault": "not told",
+        "bus_voltage_v": "36.5",
+        "current_a": "-2.5",
+    }
+
+
+def test_refused_frames_are_told_by_cause(bench: Bench) -> None:
+    bench.vesc.take(Frame(0x909, b"", is_extended=True))
+    assert bench.vesc.health[f"refused.{Refusal.LENGTH}"] == "1"

@@ -1,0 +1,100 @@
+import math
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_io.drivetrain import TURN, Drivetrain, WrappedCounter
+
+RATIOS = st.floats(0.01, 1_000.0)
+DIRECTIONS = st.sampled_from([1, -1])
+VALUES = st.floats(-1e6, 1e6)
+
+
+def test_a_turn_is_two_pi() -> None:
+    assert math.tau == TURN
+
+
+def test_without_a_gear_motor_and_wheel_are_one() -> None:
+    drivetrain = Drivetrain()
+    assert drivetrain.wheel(3.0) == drivetrain.motor(3.0) == 3.0
+    assert drivetrain.motor_torque(3.0) == drivetrain.wheel_torque(3.0) == 3.0
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_geared_motor_turns_faster_and_pulls_less_than_its_wheel(direction: int) -> None:
+    drivetrain = Drivetrain(gear_ratio=4.0, direction=direction)
+    assert drivetrain.wheel(8.0) == 2.0 * direction
+    assert drivetrain.motor(2.0) == 8.0 * direction
+    assert drivetrain.motor_torque(8.0) == 2.0 * direction
+    assert drivetrain.wheel_torque(2.0) == 8.0 * direction
+
+
+@given(RATIOS, DIRECTIONS, VALUES, VALUES)
+def test_there_and_back_is_the_same_and_no_power_is_made_or_lost(
+    ratio: float, direction: int, speed: float, torque: float
+) -> None:
+    drivetrain = Drivetrain(ratio, direction)
+    assert drivetrain.wheel(drivetrain.motor(speed)) == pytest.approx(speed, rel=1e-12)
+    assert drivetrain.wheel_torque(drivetrain.motor_torque(torque)) == pytest.approx(torque, rel=1e-12)
+    at_motor = drivetrain.motor(speed) * drivetrain.motor_torque(torque)
+    assert at_motor == pytest.approx(speed * torque, rel=1e-12)
+
+
+def _wrap(count: int, bits: int, *, signed: bool) -> int:
+    """What a counter of so many bits shows."""
+    shown = count & ((1 << bits) - 1)
+    return shown - (1 << bits) if signed and shown >> (bits - 1) else shown
+
+
+@st.composite
+def _walk(draw: st.DrawFn) -> tuple[int, bool, list[int]]:
+    """Draw a counter and counts of which none is half its range or more from the one before."""
+    bits = draw(st.sampled_from([2, 8, 12, 14, 16, 32]))
+    reach = (1 << (bits - 1)) - 1
+    counts = [draw(st.integers(-(10**12), 10**12))]
+    for step in draw(st.lists(st.integers(-reach, reach), max_size=30)):
+        counts.append(counts[-1] + step)
+    return bits, draw(st.booleans()), counts
+
+
+@settings(max_examples=1_000)
+@given(_walk())
+def test_a_counter_is_followed_exactly_through_its_wraps(walk: tuple[int, bool, list[int]]) -> None:
+    bits, signed, counts = walk
+    counter = WrappedCounter(bits)
+    first = _wrap(counts[0], bits, signed=signed)
+    for count in counts:
+        assert counter.take(_wrap(count, bits, signed=signed)) == first + count - counts[0]
+        assert counter.total == first + count - counts[0]
+
+
+@pytest.mark.parametrize(
+    ("raws", "totals"),
+    [
+        ((254, 255, 0, 1), (254, 255, 256, 257)),
+        ((1, 0, 255, 254), (1, 0, -1, -2)),
+        ((126, 127, -128, -127), (126, 127, 128, 129)),
+        ((0, 127, 254), (0, 127, 254)),
+        ((0, -127), (0, -127)),
+    ],
+)
+def test_eight_bits_by_hand(raws: Sequence[int], totals: Sequence[int]) -> None:
+    counter = WrappedCounter(8)
+    assert tuple(map(counter.take, raws)) == totals
+
+
+def test_the_first_count_after_a_restart_counts_as_itself() -> None:
+    counter = WrappedCounter(8)
+    counter.take(250)
+    counter.take(5)
+    assert counter.total == 261
+    counter.restart()
+    assert counter.total == 261, "what was reached stands until the next count"
+    assert counter.take(100) == 100
+    assert counter.take(101) == 101
+
+
+def test_a_new_counter_stands_at_nothing() -> None:
+    assert WrappedCounter(16).total == 0

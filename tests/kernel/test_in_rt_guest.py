@@ -1,0 +1,37 @@
+"""Runs the files of tests/kernel/rt_guest in QEMU, on a PREEMPT_RT kernel with two CAN controllers, in one boot."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from hil.kernels.guest import GuestResult, to_stdout
+from hil.kernels.qemu import run_in_guest
+
+ROOT = Path(__file__).parents[2]
+GUEST = Path("tests/kernel/rt_guest")
+FILES = sorted(path.stem for path in (ROOT / GUEST).glob("test_*.py"))
+BOOT_AND_TESTS_S = 240.0
+
+pytestmark = [pytest.mark.rt_kernel, pytest.mark.timeout(300)]
+
+
+def run(command: Sequence[str], environment: dict[str, str], results: Path) -> GuestResult:
+    return run_in_guest(
+        command,
+        cwd=ROOT,
+        environment=environment,
+        timeout_s=BOOT_AND_TESTS_S,
+        on_output=to_stdout,
+        results=results,
+    )
+
+
+@pytest.fixture(scope="module")
+def check(check_in_guest: Callable[..., Callable[[str], None]]) -> Callable[[str], None]:
+    return check_in_guest(GUEST, run)
+
+
+@pytest.mark.parametrize("stem", FILES)
+def test_file_passes_in_the_rt_guest(stem: str, check: Callable[[str], None]) -> None:
+    check(stem)

@@ -1,0 +1,112 @@
+"""Drives that take a while to arm: who asked has the answer once they have, or have failed."""
+
+import pytest
+
+from firmware_io.hardware import Sensors
+from node.cycle.authority import Authority
+from node.cycle.setpoints import SetpointSchedule
+from node.safety.modes import Action, Answer, Mode
+from node.testing import RecordingHardware
+
+
+class Desk:
+    """An authority, its hardware, and the answers it gave."""
+
+    def __init__(self, *, arm_at_start: bool = False) -> None:
+        self.hardware = RecordingHardware({}, {}, ())
+        schedule = SetpointSchedule(timeout_cycles=50, tolerance_cycles=10, horizon_cycles=100)
+        self.authority = Authority(self.hardware, schedule, arm_at_start=arm_at_start)
+        self.answers: list[Answer] = []
+
+    def ask(self, action: Action) -> None:
+        self.authority.act(action, self.answers.append)
+
+    def pass_cycle(self, *faults: str, ready: bool = False) -> Mode:
+        self.authority.observe(faults, ready=ready, setpoints_silent=False)
+        return self.authority.modes.mode
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+def test_the_robot_is_armed_once_its_drives_are_ready_and_not_before(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    assert [desk.pass_cycle() for _ in range(3)] == [Mode.DISARMED] * 3
+    assert desk.answers == []
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+    assert [answer.accepted for answer in desk.answers] == [True]
+    assert desk.hardware.journal == ["arm"]
+
+
+def test_drives_that_fail_on_the_way_are_switched_off_and_the_reason_is_told(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    desk.pass_cycle()
+    desk.pass_cycle("left drive: over-voltage", "right drive: silent")
+    assert desk.answers == [Answer(accepted=False, message="left drive: over-voltage; right drive: silent")]
+    assert desk.hardware.journal == ["arm", "disarm"]
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED, "what was given up does not arm later"
+
+
+def test_two_who_ask_are_both_answered_and_the_drives_asked_once(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    desk.pass_cycle()
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    assert [answer.accepted for answer in desk.answers] == [True, True]
+    assert desk.hardware.journal == ["arm"]
+
+
+@pytest.mark.parametrize(
+    ("action", "mode"), [(Action.DISARM, Mode.DISARMED), (Action.STOP, Mode.FAULT), (Action.CLEAR_FAULT, Mode.DISARMED)]
+)
+def test_anything_else_that_is_asked_breaks_the_arming_off(desk: Desk, action: Action, mode: Mode) -> None:
+    desk.ask(Action.ARM)
+    desk.ask(action)
+    first, _ = desk.answers
+    assert (first.accepted, first.message) == (False, f"broken off: asked to {action}")
+    assert desk.hardware.journal == ["arm", "disarm"]
+    assert desk.pass_cycle(ready=True) is mode
+
+
+def test_a_failure_while_arming_is_a_fault_and_answers(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    desk.authority.fail("the bus is gone")
+    assert desk.authority.modes.mode is Mode.FAULT
+    assert desk.answers == [Answer(accepted=False, message="the bus is gone")]
+    assert desk.hardware.armed is False
+
+
+def test_a_robot_that_arms_itself_tries_again_until_it_is_armed() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.authority.arm_itself()
+    desk.pass_cycle("left drive: silent")
+    told = [desk.authority.arming_obstacle]
+    desk.authority.arm_itself()
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+    told.append(desk.authority.arming_obstacle)
+    assert told == ["left drive: silent", None]
+    desk.authority.arm_itself()
+    assert desk.hardware.journal == ["arm", "disarm", "arm"]
+
+
+def test_a_robot_that_was_disarmed_while_it_armed_itself_stays_disarmed() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.authority.arm_itself()
+    desk.ask(Action.DISARM)
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED
+    assert desk.hardware.journal == ["arm", "disarm"]
+
+
+def test_drives_that_pass_through_their_states_again_while_armed_leave_the_mode_alone(desk: Desk) -> None:
+    """As they do when a redundant link changes lines: the hardware reports a fault where they fail to."""
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    assert desk.pass_cycle(ready=False) is Mode.ARMED
+
+
+def test_a_snapshot_is_ready_unless_it_says_otherwise() -> None:
+    assert Sensors().ready is True

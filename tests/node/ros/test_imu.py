@@ -1,0 +1,66 @@
+"""A robot with an IMU as other people's ROS tools see it."""
+
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+Ask = Callable[..., Any]
+Start = Callable[..., "subprocess.Popen[str]"]
+
+MODEL = '''
+from node.model.sectioned import SectionedModel
+from node.model.variables import Variable
+
+
+class Leaning(SectionedModel):
+    """Stands still at an angle, and tells so."""
+
+    name = "leaning"
+    step_size = 0.01
+    outputs = tuple(Variable(name) for name in ("RateX", "RateY", "RateZ", "ForceX", "ForceY", "ForceZ"))
+
+    def output(self):
+        return (0.25, -0.5, 0.75, 1.0, -2.0, 9.5)
+'''
+ROBOT = """
+name: leaning
+model: {source: "leaning_model:Leaning"}
+arming: at_start
+wiring:
+  RateX: imu.angular_velocity_x
+  RateY: imu.angular_velocity_y
+  RateZ: imu.angular_velocity_z
+  ForceX: imu.linear_acceleration_x
+  ForceY: imu.linear_acceleration_y
+  ForceZ: imu.linear_acceleration_z
+"""
+
+
+@pytest.fixture
+def robot(start: Start, foreign: Ask, tmp_path: Path) -> None:
+    (tmp_path / "leaning_model.py").write_text(MODEL, "utf-8")
+    file = tmp_path / "leaning.yaml"
+    file.write_text(ROBOT, "utf-8")
+    path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    start("leaning", "run", str(file), "--ros", "--no-log", env={"PYTHONPATH": path})
+    assert foreign("wait_for", node="model", namespace="/")
+
+
+@pytest.mark.usefixtures("robot")
+def test_an_imu_is_heard_as_any_ros_tool_hears_one(foreign: Ask) -> None:
+    heard = foreign("hear", topic="/imu/data")
+    assert heard, "nothing comes on /imu/data"
+    assert {**heard[-1], "stamp_ns": 0} == {
+        "stamp_ns": 0,
+        "frame": "imu_link",
+        "angular_velocity": [0.25, -0.5, 0.75],
+        "linear_acceleration": [1.0, -2.0, 9.5],
+        "orientation_covariance": [-1.0] + [0.0] * 8,
+        "other_covariances": [0.0] * 18,
+    }

@@ -1,0 +1,61 @@
+"""What each publisher says, message by message, in a node that only remembers."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from node.config import RosSection
+from node.cycle.wiring import PUBLISHED_SIGNALS
+from node.ros.publishers import make_publishers
+
+pytestmark = pytest.mark.ros
+
+STAMP_NS = 1_700_000_000_123_456_789
+IMU = [signal for signal in PUBLISHED_SIGNALS if signal.startswith("imu.")]
+
+
+class Node:
+    """Remembers the topics, and the last message on each."""
+
+    def __init__(self) -> None:
+        self.topics: list[str] = []
+        self.said: dict[str, Any] = {}
+
+    def create_publisher(self, _kind: type, topic: str, _depth: int) -> SimpleNamespace:
+        self.topics.append(topic)
+        return SimpleNamespace(publish=lambda message: self.said.update({topic: message}))
+
+
+def published(signals: list[str]) -> Node:
+    """A node that has published the numbers 1, 2, 3 and so on for these signals."""
+    node = Node()
+    for publish in make_publishers(node, RosSection(), signals):
+        publish(STAMP_NS, [float(number) for number in range(1, len(signals) + 1)])
+    return node
+
+
+def test_an_imu_says_rate_and_specific_force_and_that_it_knows_no_orientation() -> None:
+    imu = published(["left.angle", *IMU]).said["imu/data"]
+    assert (imu.header.frame_id, imu.header.stamp.sec, imu.header.stamp.nanosec) == (
+        "imu_link",
+        1_700_000_000,
+        123_456_789,
+    )
+    assert [getattr(imu.angular_velocity, axis) for axis in "xyz"] == [2.0, 3.0, 4.0]
+    assert [getattr(imu.linear_acceleration, axis) for axis in "xyz"] == [5.0, 6.0, 7.0]
+    assert list(imu.orientation_covariance) == [-1.0] + [0.0] * 8
+    assert list(imu.angular_velocity_covariance) == list(imu.linear_acceleration_covariance) == [0.0] * 9
+
+
+@pytest.mark.parametrize("missing", IMU)
+def test_half_an_imu_is_not_published(missing: str) -> None:
+    assert published([signal for signal in IMU if signal != missing]).topics == []
+
+
+def test_a_robot_without_an_imu_has_the_topics_it_always_had() -> None:
+    without = [signal for signal in PUBLISHED_SIGNALS if signal not in IMU]
+    assert without == list(PUBLISHED_SIGNALS[:9])
+    topics = ["linear_velocity", "angular_velocity", "position", "odom", "joint_states"]
+    assert published(without).topics == topics
+    assert published(list(PUBLISHED_SIGNALS)).topics == [*topics, "imu/data"]
