@@ -54,6 +54,19 @@ class Refusal(enum.StrEnum):
     UNKNOWN = "unknown"
 
 
+class FrameRefusedError(ValueError):
+    """A frame that must not be used, or a value that no frame can carry: what every codec raises, and nothing else.
+
+    Attributes:
+        refusal: Why.
+    """
+
+    def __init__(self, refusal: Refusal, what: str) -> None:
+        """State the cause and what it was."""
+        self.refusal = refusal
+        super().__init__(f"{what} refused: {refusal}")
+
+
 class CounterCheck:
     """Follows the message counter of one identifier.
 

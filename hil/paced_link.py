@@ -21,6 +21,7 @@ class PacedLink:
         sent: Data frames that went out here.
         lost: Frames of the other end that never arrived here.
         other: The other end.
+        link: The link that is paced.
     """
 
     def __init__(self, link: Link, sleep: Callable[[float], None] = time.sleep) -> None:
@@ -28,53 +29,53 @@ class PacedLink:
         self.sent = 0
         self.lost = 0
         self.other: PacedLink | None = None
-        self._link = link
+        self.link = link
         self._sleep = sleep
 
     @property
     def counters(self) -> LinkCounters:
         """Those of the link itself."""
-        return self._link.counters
+        return self.link.counters
 
     @property
     def description(self) -> str:
         """Which bus it is."""
-        return f"{self._link.description}, in lock step"
+        return f"{self.link.description}, in lock step"
 
     @property
     def state(self) -> LinkState:
         """That of the link itself."""
-        return self._link.state
+        return self.link.state
 
     @property
     def health(self) -> Mapping[str, str]:
         """That of the link itself."""
-        return self._link.health
+        return self.link.health
 
     def open(self) -> None:
         """Open the link."""
-        self._link.open()
+        self.link.open()
 
     def send(self, frame: Frame) -> bool:
         """Send, and count what the other end must wait for."""
-        was_sent = self._link.send(frame)
+        was_sent = self.link.send(frame)
         self.sent += was_sent and not frame.is_remote
         return was_sent
 
     def receive(self) -> list[Frame]:
         """Everything that the other end has sent."""
-        frames = self._link.receive()
+        frames = self.link.receive()
         deadline_s = time.monotonic() + _PATIENCE_S
         while (missing := self._missing()) > 0 and time.monotonic() < deadline_s:
             self._sleep(_POLL_S)
-            frames += self._link.receive()
+            frames += self.link.receive()
         self.lost += missing
         return frames
 
     def close(self) -> None:
         """Close the link."""
-        self._link.close()
+        self.link.close()
 
     def _missing(self) -> int:
         sent = 0 if self.other is None else self.other.sent
-        return max(sent - self.lost - self._link.counters.received, 0)
+        return max(sent - self.lost - self.link.counters.received, 0)

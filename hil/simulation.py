@@ -7,6 +7,7 @@ from firmware_io.drives.cia402.settings import Cia402Settings
 from firmware_io.drives.odrive.settings import OdriveSettings
 from firmware_io.drives.vesc.settings import VescSettings
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.links.base_can_link import BaseCanLink
 from firmware_io.links.link import Link
 from firmware_io.links.serial_link import Port
 from firmware_io.settings import CanSettings, SerialSettings
@@ -18,6 +19,7 @@ from hil.devices.vesc import SimulatedVesc
 from hil.devices.wheel_board import SimulatedWheelBoard
 from hil.devices.xsens_mti import SimulatedXsensMti
 from hil.errors import NoSimulationError
+from hil.paced_link import PacedLink
 from hil.simulated_robot import SimulatedRobot
 from node.config import NoHardwareSection, RobotFile
 from node.model.load import load_model
@@ -69,9 +71,17 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
         NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
     """
+    _hear_remote_frames(link)
     devices, tick_ns = _devices(_hardware(file), link, port)
     devices = [*devices, *_external_imu(_hardware(file), link, tick_ns)]
     return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
+
+
+def _hear_remote_frames(link: Link) -> None:
+    """Let devices on a real bus be asked by remote frame, as real ones can."""
+    end = link.link if isinstance(link, PacedLink) else link
+    if isinstance(end, BaseCanLink):
+        end.hears_remote = True
 
 
 def _external_imu(settings: HardwareSettings, link: Link, tick_ns: int) -> Sequence[Device]:

@@ -1,7 +1,6 @@
 """What every CAN link does, whatever it is open on: counting, stamps, the state of the bus, coming back."""
 
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
@@ -21,7 +20,7 @@ from firmware_io.links.interface_state import InterfaceState
 from firmware_io.links.interface_watch import InterfaceWatch
 from firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
 from firmware_io.links.meter import Meter
-from firmware_io.links.reopening import Reopening
+from firmware_io.links.reopening import Recovery
 
 NowNs = Callable[[], int]
 
@@ -63,6 +62,9 @@ class BaseCanLink:
     that neither a step of the wall clock nor a backend with a clock of its own can make a frame look fresh or old.
 
     On a CAN bus each identifier has one sender: what comes with one that we send is our own frame come back.
+
+    Attributes:
+        hears_remote: Whether remote frames are received too, as a simulated device needs; else they are only counted.
     """
 
     def __init__(
@@ -70,20 +72,19 @@ class BaseCanLink:
     ) -> None:
         """Describe the bus; `open` opens it, and `open_port` may take its time and raise BusNotFoundError."""
         self.counters = LinkCounters()
+        self.hears_remote = False
         self._settings = settings
         self._open_port = open_port
         self._now_ns = now_ns
         self._wall_ns = wall_ns
         self._port: CanPort | None = None
-        self._lost_ports: deque[CanPort] = deque()
-        self._reason = ""
         self._failures = 0
         self._drained_ns = 0
         self._errors = BusErrors()
         self._own: set[int] = set()
         self._interface = InterfaceWatch(settings.kernel_name)
         self._meter = Meter(self.counters, now_ns)
-        self._reopening = Reopening(self._open, _close, now_ns)
+        self._recovery = Recovery(self._open, _close, now_ns)
 
     @property
     def description(self) -> str:
@@ -103,8 +104,8 @@ class BaseCanLink:
         bitrate = self._interface.state.bitrate or self._settings.bitrate
         return {
             "state": str(self.state),
-            **({"lost": self._reason} if self._reason else {}),
-            **({"reopening": self._reopening.failure} if self._reopening.failure else {}),
+            **({"lost": self._recovery.reason} if self._recovery.reason else {}),
+            **({"reopening": self._recovery.failure} if self._recovery.failure else {}),
             **self.counters.as_text(),
             **self._meter.measure(bitrate),
             **self._errors.as_text(),
@@ -114,7 +115,7 @@ class BaseCanLink:
     def open(self) -> None:
         """Open the bus; see `Link.open`."""
         self.close()
-        self._use(self._open())
+        self._use(self._recovery.open())
 
     def send(self, frame: Frame) -> bool:
         """Queue a frame; see `Link.send`. A full queue drops it: an old command is worse than none."""
@@ -155,12 +156,10 @@ class BaseCanLink:
 
     def close(self) -> None:
         """Close the bus, and whatever is on its way to be opened."""
-        self._reopening.cancel()
-        self._close_lost_ports()
+        self._recovery.end()
         if self._port is not None:
             self._port.close()
             self._port = None
-        self._reason = ""
 
     def _take(self, arrival: Arrival, offset_ns: int, now_ns: int, frames: list[Frame]) -> None:
         word, data, stamp_ns = arrival
@@ -173,7 +172,10 @@ class BaseCanLink:
         identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
         if word & REMOTE:
             self.counters.remote_frames += 1
-            self.counters.bits += worst_case_bits(Frame(identifier, b"", 0, is_extended))
+            asked = Frame(identifier, b"", now_ns, is_extended, is_remote=True)
+            self.counters.bits += worst_case_bits(asked)
+            if self.hears_remote:
+                frames.append(asked)
         elif identifier | word & EXTENDED in self._own:
             self.counters.echoes += 1
         else:
@@ -197,27 +199,24 @@ class BaseCanLink:
 
     def _open(self) -> _Opened:
         """Open a port; takes its time, and touches nothing that the loop uses."""
-        self._close_lost_ports()
         port = self._open_port(self.counters)
         return _Opened(port, self._now_ns(), self._interface.read())
 
     def _use(self, opened: _Opened) -> None:
         self._port, self._drained_ns, state = opened
-        self._reason = ""
         self._failures = 0
         self._errors.begin()
         self._interface.begin(state)
         self._learn(state)
 
     def _lose(self, port: CanPort, error: PortError) -> None:
-        self._lost_ports.append(port)
+        self._recovery.lose(port.close, str(error))
         self._port = None
-        self._reason = str(error)
 
     def _regain(self) -> CanPort:
-        if not self._reason:
+        if not self._recovery.reason:
             raise LinkLostError(f"CAN bus {self.description} is not open")
-        opened = self._reopening.poll()
+        opened = self._recovery.regain()
         if opened is None:
             raise LinkLostError(self._lost())
         self._use(opened)
@@ -225,19 +224,10 @@ class BaseCanLink:
         return opened.port
 
     def _lost(self) -> str:
-        return f"CAN bus {self.description} is gone: {self._reason}"
+        return f"CAN bus {self.description} is gone: {self._recovery.reason}"
 
     def _learn(self, state: InterfaceState) -> None:
         self._errors.learn(state.state, state.tec, state.rec)
-
-    def _close_lost_ports(self) -> None:
-        # Each is closed by whoever takes it out: the thread that opens again, or `close`.
-        while True:
-            try:
-                port = self._lost_ports.popleft()
-            except IndexError:
-                return
-            port.close()
 
 
 def _close(opened: _Opened) -> None:

@@ -14,7 +14,7 @@ class Frame(NamedTuple):
         data: 0 to 8 bytes.
         received_ns: When it arrived, on the clock of the loop, ns; 0 for a frame to be sent.
         is_extended: Whether the identifier is a 29-bit one.
-        is_remote: Whether it asks for the data instead of carrying it; such a frame is sent, but never received.
+        is_remote: Whether it asks for the data instead of carrying it; a robot sends such frames, and hears none.
     """
 
     arbitration_id: int

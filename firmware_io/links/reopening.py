@@ -95,3 +95,55 @@ class Reopening(Generic[T]):
         if self._began_ns is None or now_ns - self._began_ns >= RETRY_NS:
             self._began_ns = now_ns
             self._attempt = BackgroundTask(self._open_again, self._close)
+
+
+class Recovery(Generic[T]):
+    """What a link does when its port is lost: it keeps why, closes it off the loop, and opens it again.
+
+    Attributes:
+        reason: Why the port was lost; empty while none is.
+    """
+
+    def __init__(self, open_port: Callable[[], T], close_port: Callable[[T], None], now_ns: NowNs) -> None:
+        """Recover with `open_port`, which may take its time and must touch nothing that the loop uses."""
+        self.reason = ""
+        self._open_port = open_port
+        self._lost: deque[Callable[[], None]] = deque()
+        self._reopening = Reopening(self.open, close_port, now_ns)
+
+    @property
+    def failure(self) -> str:
+        """Why the last attempt to open it failed; empty where none has."""
+        return self._reopening.failure
+
+    def open(self) -> T:
+        """Close what was lost, and open the port."""
+        self._close_lost()
+        return self._open_port()
+
+    def lose(self, close: Callable[[], None], reason: str) -> None:
+        """A port was lost; `close` closes it, which may take its time."""
+        self._lost.append(close)
+        self.reason = reason
+
+    def regain(self) -> T | None:
+        """The port, once it is open again."""
+        opened = self._reopening.poll()
+        if opened is not None:
+            self.reason = ""
+        return opened
+
+    def end(self) -> None:
+        """Want no port any more: close what was lost, and whatever is on its way to be opened."""
+        self._reopening.cancel()
+        self._close_lost()
+        self.reason = ""
+
+    def _close_lost(self) -> None:
+        # Each is closed by whoever takes it out: the thread that opens again, or `end`.
+        while True:
+            try:
+                close = self._lost.popleft()
+            except IndexError:
+                return
+            close()

@@ -1,14 +1,14 @@
 """A serial line through pyserial, on any URL it offers, which carries the frames of one drive family."""
 
 import operator
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from firmware_io.errors import BusNotFoundError, LinkLostError
 from firmware_io.links.link import Frame, LinkCounters, LinkState
 from firmware_io.links.meter import Meter
-from firmware_io.links.reopening import Reopening
+from firmware_io.links.reopening import Recovery
 from firmware_io.links.serial_port import cure, open_serial_port
 from firmware_io.settings import SerialSettings
 
@@ -100,11 +100,8 @@ class SerialLink:
         self._settings = settings
         self._line = line
         self._now_ns = now_ns
-        self._open_port = open_port
         self._most_waiting = min(max(_in_time(settings.baudrate), _LEAST_BACKLOG), _MOST_BACKLOG)
         self._port: Port | None = None
-        self._lost_ports: deque[Port] = deque()
-        self._reason = ""
         self._unwritten = b""
         self._unwritten_ns = 0
         self._asked_ns: int | None = None
@@ -112,7 +109,7 @@ class SerialLink:
         self._not_carried = 0
         self._full_reads = 0
         self._meter = Meter(self.counters, now_ns)
-        self._reopening: Reopening[Port] = Reopening(self._open, operator.methodcaller("close"), now_ns)
+        self._recovery: Recovery[Port] = Recovery(lambda: open_port(settings), operator.methodcaller("close"), now_ns)
 
     @property
     def description(self) -> str:
@@ -129,7 +126,7 @@ class SerialLink:
         """State, counts, what was refused, and rates since the last call; the load is that of both ways together."""
         return {
             "state": str(self.state),
-            **({"lost": self._reason} if self._reason else {}),
+            **({"lost": self._recovery.reason} if self._recovery.reason else {}),
             **self.counters.as_text(),
             "requests": str(self._requests),
             "not_carried": str(self._not_carried),
@@ -142,7 +139,7 @@ class SerialLink:
         """Open the port; see `Link.open`."""
         self.close()
         try:
-            self._use(self._open())
+            self._use(self._recovery.open())
         except OSError as error:
             raise BusNotFoundError(
                 f"cannot open {self.description}: {_text(error)}; {cure(self._settings, error)}"
@@ -177,12 +174,10 @@ class SerialLink:
 
     def close(self) -> None:
         """Close the port, and whatever is on its way to be opened."""
-        self._reopening.cancel()
-        self._close_lost_ports()
+        self._recovery.end()
         if self._port is not None:
             self._port.close()
             self._port = None
-        self._reason = ""
 
     def _read(self, port: Port) -> bytes:
         data = bytearray()
@@ -232,27 +227,20 @@ class SerialLink:
             self._unwritten = self._unwritten[written:]
         return was_begun
 
-    def _open(self) -> Port:
-        """Open the port; takes its time, and touches nothing that the loop uses."""
-        self._close_lost_ports()
-        return self._open_port(self._settings)
-
     def _use(self, port: Port) -> None:
         self._port = port
-        self._reason = ""
         self._unwritten = b""
         self._asked_ns = None
         self._line.reset()
 
     def _lose(self, port: Port, error: OSError) -> None:
-        self._lost_ports.append(port)
+        self._recovery.lose(port.close, _text(error))
         self._port = None
-        self._reason = _text(error)
 
     def _regain(self) -> Port:
-        if not self._reason:
+        if not self._recovery.reason:
             raise LinkLostError(f"{self.description} is not open")
-        port = self._reopening.poll()
+        port = self._recovery.regain()
         if port is None:
             raise LinkLostError(self._lost())
         self._use(port)
@@ -260,16 +248,7 @@ class SerialLink:
         return port
 
     def _lost(self) -> str:
-        return f"{self.description} is gone: {self._reason}; plug it in again"
-
-    def _close_lost_ports(self) -> None:
-        # Each is closed by whoever takes it out: the thread that opens again, or `close`.
-        while True:
-            try:
-                port = self._lost_ports.popleft()
-            except IndexError:
-                return
-            port.close()
+        return f"{self.description} is gone: {self._recovery.reason}; plug it in again"
 
 
 def _in_time(baudrate: int) -> int:

@@ -6,7 +6,6 @@ from typing import Final
 from firmware_io.drives.cia402.frames import (
     EMERGENCY,
     Emergency,
-    FrameRefusedError,
     NmtCommand,
     NmtState,
     Sdo,
@@ -14,6 +13,7 @@ from firmware_io.drives.cia402.frames import (
     pack_heartbeat,
     unpack_heartbeat,
 )
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame, Link
 from hil.devices._canopen_objects import (
     ABORTED,

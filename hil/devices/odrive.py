@@ -6,8 +6,9 @@ from typing import Final
 
 from firmware_io.drives.odrive import commands as c
 from firmware_io.drives.odrive import telemetry as t
-from firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, FrameRefusedError, Message, decode, encode
+from firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, Message, decode, encode
 from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import Port
 from hil.devices._odrive_ascii import AsciiPort

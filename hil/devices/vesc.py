@@ -8,7 +8,6 @@ from firmware_io.drives.vesc.comm import SET_PACKETS, Comm
 from firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
     Command,
-    FrameRefusedError,
     Ping,
     Pong,
     addressed,
@@ -17,6 +16,7 @@ from firmware_io.drives.vesc.frames import (
 )
 from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
 from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import Port
 from hil.devices._vesc_controller import TICK_NS, Controller, Firmware

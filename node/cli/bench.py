@@ -10,9 +10,13 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
+
+from hil.kernels import uml
 from hil.processes import command
 from node.case_study.can import ROBOT, LockstepCanSeat
 from node.case_study.offline import SUBMODEL_CART, has_compiler
+from node.cli.bench_links import links_cost, links_text
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
 from node.native.cost import step_cost
@@ -42,11 +46,13 @@ def run(options: argparse.Namespace) -> int:
     sys.stderr.write(f"segway-ecc: real time, {options.duration:g} s\n")
     real_time = _real_time(options.duration)
     native = _native() if has_compiler() else None
+    links = _links()
     if options.json:
-        print_json({"lock_step": lock_step, "native_model": native, "real_time": real_time})
+        print_json({"lock_step": lock_step, "native_model": native, "can_links": links, "real_time": real_time})
     else:
         _print(lock_step, real_time)
         _print_native(native)
+        _print_links(links)
     return 0
 
 
@@ -96,6 +102,17 @@ def _native() -> dict[str, float]:
     return {"load_first_s": first_s, "load_from_cache_s": again_s, **dataclasses.asdict(cost)}
 
 
+def _links() -> dict[str, float] | None:
+    """A cycle over the kernel's CAN: here where it has a virtual interface, else in a kernel that has one."""
+    cost = links_cost()
+    if cost is not None or uml.available() is not None:
+        return cost
+    sys.stderr.write("segway-ecc: CAN links, in user-mode Linux\n")
+    measure = [sys.executable, "-m", "node.cli.bench_links", "--json"]
+    said = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
+    return msgspec.json.decode(said, type=dict[str, float])
+
+
 def _timed_load() -> tuple[float, NativeModel]:
     start = time.perf_counter()
     model = load_native(Path(SUBMODEL_CART.source))
@@ -112,6 +129,15 @@ def _print_native(native: dict[str, float] | None) -> None:
         f"loaded in {native['load_first_s']:.2f} s the first time and "
         f"{native['load_from_cache_s'] * 1e3:.0f} ms from the cache\n"
     )
+
+
+def _print_links(links: dict[str, float] | None) -> None:
+    if links is None:
+        sys.stdout.write(
+            "CAN links: no SocketCAN here, and no user-mode Linux (sudo apt-get install user-mode-linux)\n"
+        )
+    else:
+        sys.stdout.write(links_text(links) + "\n")
 
 
 def _print(lock_step: dict[str, float], real_time: dict[str, Any]) -> None:

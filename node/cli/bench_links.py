@@ -61,11 +61,16 @@ def main(arguments: list[str] | None = None) -> int:
     elif cost is None:
         sys.stderr.write("no virtual CAN interface is up: sudo ip link add dev vcan0 type vcan; ip link set vcan0 up\n")
     else:
-        sys.stdout.write(
-            f"CAN, 4 frames in and 2 out in a cycle: {cost['python_can_us']:.0f} us through python-can, "
-            f"{cost['raw_us']:.0f} us through a raw socket, {cost['ratio']:.1f} times faster (medians)\n"
-        )
+        sys.stdout.write(links_text(cost) + "\n")
     return _EXIT_MISSING if cost is None else 0
+
+
+def links_text(cost: dict[str, float]) -> str:
+    """What `links_cost` found, in one line."""
+    return (
+        f"CAN links: 4 frames in and 2 out in a cycle cost {cost['python_can_us']:.0f} us through python-can, "
+        f"{cost['raw_us']:.0f} us through a raw socket, {cost['ratio']:.1f} times faster (medians, on vcan)"
+    )
 
 
 def _virtual_interface() -> str | None:

@@ -8,7 +8,7 @@ import enum
 import struct
 from typing import Final, NamedTuple, Self
 
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 PERMILLE: Final = 0.001
 """Step of 0x6071 and 0x6077, in parts of the rated torque."""
@@ -77,19 +77,6 @@ class NmtState(enum.IntEnum):
     STOPPED = 0x04
     OPERATIONAL = 0x05
     PRE_OPERATIONAL = 0x7F
-
-
-class FrameRefusedError(ValueError):
-    """A frame that must not be used.
-
-    Attributes:
-        refusal: Why.
-    """
-
-    def __init__(self, refusal: Refusal, what: str) -> None:
-        """State the cause and the frame."""
-        self.refusal = refusal
-        super().__init__(f"{what} refused: {refusal}")
 
 
 class Command(NamedTuple):

@@ -10,7 +10,6 @@ from firmware_io.drives.cia402.frames import (
     EMERGENCY,
     Command,
     Emergency,
-    FrameRefusedError,
     NmtState,
     Service,
     Status,
@@ -23,7 +22,7 @@ from firmware_io.drives.cia402.settings import Cia402WheelSettings
 from firmware_io.drives.cia402.states import Controlword, DriveState, state_of, step_towards_operation
 from firmware_io.drivetrain import TURN, WrappedCounter
 from firmware_io.freshness import Freshness, stale_after_ns
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 _HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)

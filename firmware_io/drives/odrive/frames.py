@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from firmware_io.drives.odrive import commands as c
 from firmware_io.drives.odrive import telemetry as t
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 MAX_NODE_ID: Final = 62
@@ -39,19 +39,6 @@ class Firmware(enum.StrEnum):
 
     V0_5 = "0.5"
     V0_6 = "0.6"
-
-
-class FrameRefusedError(ValueError):
-    """A frame that must not be used, or a message that no frame can say.
-
-    Attributes:
-        refusal: Why.
-    """
-
-    def __init__(self, refusal: Refusal, what: str) -> None:
-        """State the cause and the frame."""
-        self.refusal = refusal
-        super().__init__(f"{what} refused: {refusal}")
 
 
 class _Layout(NamedTuple):

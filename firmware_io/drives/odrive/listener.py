@@ -16,7 +16,6 @@ from firmware_io.drives.odrive.frames import (
     HEARTBEAT,
     VERSION,
     Firmware,
-    FrameRefusedError,
     Message,
     arbitration_id,
     decode,
@@ -25,7 +24,7 @@ from firmware_io.drives.odrive.settings import OdriveSettings
 from firmware_io.drives.odrive.watchdog import WatchdogProof
 from firmware_io.drivetrain import TURN
 from firmware_io.freshness import Freshness, stale_after_ns
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 _TOLD_IN_HEALTH: Final[Mapping[type[Message], str]] = {

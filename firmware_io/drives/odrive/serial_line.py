@@ -17,9 +17,10 @@ from operator import xor
 from typing import Final
 
 from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive.frames import COMMANDS, Firmware, FrameRefusedError, Message, decode, encode
+from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
 from firmware_io.drives.odrive.settings import OdriveSettings
 from firmware_io.drives.odrive.telemetry import EncoderEstimates, Heartbeat
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame
 from firmware_io.links.serial_link import LOST
 

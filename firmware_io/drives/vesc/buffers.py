@@ -10,8 +10,8 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from firmware_io.drives.vesc.frames import Command, FrameRefusedError, arbitration_id
-from firmware_io.integrity import Refusal, crc16_xmodem
+from firmware_io.drives.vesc.frames import Command, arbitration_id
+from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from firmware_io.links.link import Frame
 
 SHORT_BYTES: Final = 6

@@ -10,8 +10,8 @@ import struct
 from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
-from firmware_io.drives.vesc.frames import Command, FrameRefusedError
-from firmware_io.integrity import Refusal
+from firmware_io.drives.vesc.frames import Command
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 
 @enum.unique

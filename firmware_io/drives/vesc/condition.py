@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 
 from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, frames_of
 from firmware_io.drives.vesc.comm import TIMED_OUT, ask_selective, decode_values, mask_of
-from firmware_io.drives.vesc.frames import FrameRefusedError
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 HOST_IDS: Final = {"left": 254, "right": 253}

@@ -13,7 +13,6 @@ from firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, as
 from firmware_io.drives.vesc.frames import (
     Command,
     Current,
-    FrameRefusedError,
     Status,
     Status5,
     arbitration_id,
@@ -24,7 +23,7 @@ from firmware_io.drives.vesc.settings import VescSettings
 from firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
 from firmware_io.drivetrain import TURN, WrappedCounter
 from firmware_io.freshness import Freshness, stale_after_ns
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame, Link
 
 _ASK_EVERY_NS: Final = 100_000_000

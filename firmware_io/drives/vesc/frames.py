@@ -10,7 +10,7 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 BROADCAST_ID: Final = 255
@@ -210,19 +210,6 @@ _LAYOUTS: Final[dict[int, _Layout]] = {
     Command.STATUS_5: _Layout(Status5, struct.Struct(">ihxx"), (1, 10)),
     Command.STATUS_6: _Layout(Status6, struct.Struct(">hhhh"), (1_000, 1_000, 1_000, 1_000)),
 }
-
-
-class FrameRefusedError(ValueError):
-    """A frame or packet that must not be used.
-
-    Attributes:
-        refusal: Why.
-    """
-
-    def __init__(self, refusal: Refusal, what: str) -> None:
-        """State the cause and what it was."""
-        self.refusal = refusal
-        super().__init__(f"VESC {what} refused: {refusal}")
 
 
 _COMMANDS: Final = {int(command): command for command in Command}

@@ -8,8 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_io.drives.vesc.frames import FrameRefusedError
-from firmware_io.integrity import Refusal, crc16_xmodem
+from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 
 MAX_PACKET: Final = 512
 """The longest packet of the firmware, bytes."""

@@ -12,7 +12,6 @@ from firmware_io.drives.vesc.comm import SET_PACKETS, ask_selective, decode_valu
 from firmware_io.drives.vesc.condition import HOST_IDS
 from firmware_io.drives.vesc.frames import (
     Command,
-    FrameRefusedError,
     Status,
     Status5,
     addressed,
@@ -20,7 +19,7 @@ from firmware_io.drives.vesc.frames import (
 )
 from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
 from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 _NEEDED: Final = ("motor_current", "duty", "erpm", "bus_voltage", "tachometer", "fault", "controller_id")

@@ -3,8 +3,8 @@
 from collections import Counter
 from typing import NamedTuple, Protocol
 
-from firmware_io.drives.wheel_board.frames import FrameId, FrameRefusedError, Payload, decode, encode
-from firmware_io.integrity import CounterCheck, Refusal
+from firmware_io.drives.wheel_board.frames import FrameId, Payload, decode, encode
+from firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 

@@ -4,7 +4,7 @@ import enum
 import struct
 from typing import Final, NamedTuple, Self
 
-from firmware_io.integrity import Refusal, frame_crc
+from firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
 
 MAX_VOLTAGE: Final = 30.0
 MAX_ANGLE: Final = 200_000.0
@@ -213,17 +213,8 @@ _PAYLOADS: Final[dict[int, type[Payload]]] = {
 }
 
 
-class FrameRefusedError(ValueError):
-    """A frame that must not be used.
-
-    Attributes:
-        refusal: Why.
-    """
-
-    def __init__(self, refusal: Refusal, arbitration_id: int) -> None:
-        """State the cause and the frame."""
-        self.refusal = refusal
-        super().__init__(f"frame 0x{arbitration_id:03X} refused: {refusal}")
+def _name(arbitration_id: int) -> str:
+    return f"frame 0x{arbitration_id:03X}"
 
 
 def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
@@ -233,7 +224,7 @@ def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
         FrameRefusedError: A value is not finite or out of the DBC's range.
     """
     if not payload.in_range():
-        raise FrameRefusedError(Refusal.RANGE, arbitration_id)
+        raise FrameRefusedError(Refusal.RANGE, _name(arbitration_id))
     body = payload.pack(counter & _COUNTER_MASK)
     return body + bytes((frame_crc(arbitration_id, body),))
 
@@ -246,16 +237,16 @@ def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
     """
     payload_type = _PAYLOADS.get(arbitration_id)
     if payload_type is None:
-        raise FrameRefusedError(Refusal.UNKNOWN, arbitration_id)
+        raise FrameRefusedError(Refusal.UNKNOWN, _name(arbitration_id))
     if len(data) != _LENGTH:
-        raise FrameRefusedError(Refusal.LENGTH, arbitration_id)
+        raise FrameRefusedError(Refusal.LENGTH, _name(arbitration_id))
     body = data[:_BODY]
     if frame_crc(arbitration_id, body) != data[_BODY]:
-        raise FrameRefusedError(Refusal.CRC, arbitration_id)
+        raise FrameRefusedError(Refusal.CRC, _name(arbitration_id))
     try:
         payload = payload_type.unpack(body)
     except ValueError as error:
-        raise FrameRefusedError(Refusal.RANGE, arbitration_id) from error
+        raise FrameRefusedError(Refusal.RANGE, _name(arbitration_id)) from error
     if not payload.in_range():
-        raise FrameRefusedError(Refusal.RANGE, arbitration_id)
+        raise FrameRefusedError(Refusal.RANGE, _name(arbitration_id))
     return payload, body[-1] & _COUNTER_MASK

@@ -8,9 +8,9 @@ from typing import Final
 from firmware_io.devices import FrameKey, Readings
 from firmware_io.freshness import Freshness, stale_after_ns
 from firmware_io.imus.mounting import Vector
-from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, FrameRefusedError, Message, decode
+from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, decode
 from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame, Link
 
 _NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)

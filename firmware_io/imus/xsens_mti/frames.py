@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 
 @enum.unique
@@ -136,19 +136,6 @@ _LAYOUTS: Final = {
 }
 
 
-class FrameRefusedError(ValueError):
-    """A frame that must not be used.
-
-    Attributes:
-        refusal: Why.
-    """
-
-    def __init__(self, refusal: Refusal, message: Message) -> None:
-        """State the cause and the message."""
-        self.refusal = refusal
-        super().__init__(f"{message} of the MTi refused: {refusal}")
-
-
 def encode(message: Message, values: Sequence[float]) -> bytes:
     """The data of a message that carries `values`, as `Message` orders them.
 
@@ -157,10 +144,10 @@ def encode(message: Message, values: Sequence[float]) -> bytes:
     """
     layout = _LAYOUTS[message]
     if not all(map(math.isfinite, values)):
-        raise FrameRefusedError(Refusal.RANGE, message)
+        raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
     units = _delta_v_units(values) if message is Message.DELTA_V else layout.units
     if len(values) != len(units):
-        raise FrameRefusedError(Refusal.LENGTH, message)
+        raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
     raw = [round(value / unit) for value, unit in zip(values, units, strict=True)]
     if message is Message.DELTA_V:
         raw.append(-round(math.log2(units[0])))
@@ -176,7 +163,7 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
     """
     layout = _LAYOUTS[message]
     if len(data) != layout.fields.size:
-        raise FrameRefusedError(Refusal.LENGTH, message)
+        raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
     raw = layout.fields.unpack(data)
     _check(message, raw)
     units = (2.0 ** -raw[3],) * 3 if message is Message.DELTA_V else layout.units
@@ -185,7 +172,7 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
 
 def _check(message: Message, raw: Sequence[int]) -> None:
     if not all(value in allowed for value, allowed in zip(raw, _LAYOUTS[message].allowed, strict=True)):
-        raise FrameRefusedError(Refusal.RANGE, message)
+        raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
 
 
 def _delta_v_units(values: Sequence[float]) -> tuple[float, ...]:

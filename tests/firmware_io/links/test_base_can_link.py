@@ -158,6 +158,17 @@ def test_a_frame_that_was_not_sent_is_not_ours(link: BaseCanLink, bus: Bus) -> N
     assert len(link.receive()) == 1
 
 
+def test_remote_frames_are_heard_only_where_they_are_wanted(link: BaseCanLink, bus: Bus) -> None:
+    asked = (0x300 | REMOTE, b"", 0)
+    bus.port.arriving.append(asked)
+    assert link.receive() == []
+    link.hears_remote = True
+    bus.port.arriving.append(asked)
+    (frame,) = link.receive()
+    assert (frame.arbitration_id, frame.data, frame.is_remote, frame.is_extended) == (0x300, b"", True, False)
+    assert (link.counters.remote_frames, link.counters.received) == (2, 0)
+
+
 def test_only_so_many_identifiers_of_our_own_are_kept(link: BaseCanLink, bus: Bus) -> None:
     for number in range(5000):
         link.send(Frame(number, b"", is_extended=True))

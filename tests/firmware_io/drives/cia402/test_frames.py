@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from firmware_io.drives.cia402.frames import (
     Command,
     Emergency,
-    FrameRefusedError,
     NmtCommand,
     NmtState,
     Sdo,
@@ -19,7 +18,7 @@ from firmware_io.drives.cia402.frames import (
     unpack_heartbeat,
     unpack_velocity,
 )
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 many = settings(max_examples=10_000)
 DECODERS = {

@@ -16,7 +16,6 @@ from firmware_io.drives.odrive import telemetry as t
 from firmware_io.drives.odrive.frames import (
     LAYOUTS,
     Firmware,
-    FrameRefusedError,
     Message,
     arbitration_id,
     command_of,
@@ -24,7 +23,7 @@ from firmware_io.drives.odrive.frames import (
     encode,
     request,
 )
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 FILES = {Firmware.V0_5: "odrive-cansimple-0.5.6.dbc", Firmware.V0_6: "odrive-cansimple-0.6.10.dbc"}

@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short, frames_of
-from firmware_io.drives.vesc.frames import FrameRefusedError
-from firmware_io.integrity import Refusal, crc16_xmodem
+from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from firmware_io.links.link import Frame
 
 

@@ -19,8 +19,7 @@ from firmware_io.drives.vesc.comm import (
     mask_of,
     read_mask,
 )
-from firmware_io.drives.vesc.frames import FrameRefusedError
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 SIZES = [2, 2, 4, 4, 4, 4, 2, 4, 2, 4, 4, 4, 4, 4, 4, 1, 4, 1, 6, 4, 4, 1]
 """Bytes of each bit's field."""

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short
 from firmware_io.drives.vesc.condition import FAULT, FLAGS, Answer, answer, ask, fault_name
-from firmware_io.drives.vesc.frames import FrameRefusedError
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame
 
 

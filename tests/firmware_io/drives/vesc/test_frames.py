@@ -15,7 +15,6 @@ from firmware_io.drives.vesc.frames import (
     CurrentLimits,
     DelayedCurrent,
     Duty,
-    FrameRefusedError,
     Payload,
     Ping,
     Pong,
@@ -34,7 +33,7 @@ from firmware_io.drives.vesc.frames import (
     encode,
     frame_of,
 )
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
 CASES: list[tuple[Command, int, Payload, str]] = [
@@ -128,7 +127,7 @@ def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     ],
 )
 def test_a_payload_of_another_command_is_refused(command: Command, payload: Payload) -> None:
-    with pytest.raises(FrameRefusedError, match=r"VESC .* refused: unknown") as refused:
+    with pytest.raises(FrameRefusedError, match=r".* refused: unknown") as refused:
         encode(command, payload)
     assert refused.value.refusal is Refusal.UNKNOWN
 

@@ -14,7 +14,6 @@ from firmware_io.drives.wheel_board.frames import (
     BoardState,
     BoardStatus,
     FrameId,
-    FrameRefusedError,
     LinearAcceleration,
     Payload,
     Wheel,
@@ -22,7 +21,7 @@ from firmware_io.drives.wheel_board.frames import (
     decode,
     encode,
 )
-from firmware_io.integrity import Refusal
+from firmware_io.integrity import FrameRefusedError, Refusal
 
 Crc = Callable[[bytes], int]
 Signals = dict[str, float]

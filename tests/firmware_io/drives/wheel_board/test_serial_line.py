@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.wheel_board.frames import FrameId, FrameRefusedError, WheelCommand, decode, encode
+from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode, encode
 from firmware_io.drives.wheel_board.serial_line import REQUEST_ID, BoardLine
+from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame
 from firmware_io.links.serial_link import LOST, Line
 
