@@ -5,6 +5,8 @@
 # make bench   how fast this machine runs the loop
 
 VENV := .venv
+# Tests that no load can disturb, which run side by side.
+TIMELESS := tests/firmware_io tests/kernel tests/node/native tests/node/model tests/node/models
 READY := $(VENV)/.ready
 
 .PHONY: run test lint prove coverage bench clean
@@ -13,8 +15,8 @@ run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
 
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -n 2 --dist loadfile tests/firmware_io
-	$(VENV)/bin/python -m pytest --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -n 2 --dist loadfile $(TIMELESS)
+	$(VENV)/bin/python -m pytest $(TIMELESS:%=--ignore %)
 
 lint: $(READY)
 	$(VENV)/bin/ruff check
@@ -37,7 +39,7 @@ prove-%: $(READY)
 
 # Every line and branch of what turns bytes into values and back.
 coverage: $(READY)
-	$(VENV)/bin/python -m pytest -q tests/firmware_io --cov --cov-report=term-missing:skip-covered
+	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/firmware_io --cov --cov-report=term-missing:skip-covered
 
 bench: $(READY)
 	$(VENV)/bin/segway-ecc bench
