@@ -8,6 +8,7 @@ from typing import Final
 
 from firmware_io.devices import Drive, FrameKey, Sensor
 from firmware_io.errors import ArmingRefusedError
+from firmware_io.guard.heartbeat import Heartbeat
 from firmware_io.hardware import Sensors
 from firmware_io.links.link import Frame, Link
 from firmware_io.links.redundant_link import RedundantLink
@@ -25,15 +26,20 @@ class Assembly:
     the drives are switched off and on again through their own states, over that line.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what the robot is made of
         self,
         link: Link,
         drives: Sequence[Drive],
         sensors: Sequence[Sensor] = (),
         now_ns: NowNs = time.monotonic_ns,
         rules: SwitchRules | None = None,
+        *,
+        heartbeat: Heartbeat | None = None,
     ) -> None:
-        """Join devices that send over `link`; ValueError where two want the same frame or measure the same signal."""
+        """Join devices that send over `link`; ValueError where two want the same frame or measure the same signal.
+
+        `heartbeat` tells the guard after every exchange that commands were sent, whichever line they took.
+        """
         self._link = link
         self._drives = tuple(drives)
         self._devices: tuple[Sensor, ...] = (*drives, *sensors)
@@ -44,6 +50,7 @@ class Assembly:
         self._listeners = _listeners(self._devices)
         self._heard_ns: dict[str, int] = {}
         self._armed = False
+        self._heartbeat = heartbeat
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._redundant = link if isinstance(link, RedundantLink) else None
         self._switching = Switching(self._redundant, now_ns, rules or SwitchRules()) if self._redundant else None
@@ -70,6 +77,7 @@ class Assembly:
         if commands is not None:
             for drive, part in self._parts:
                 drive.command(commands[part])
+            self._beat()
         return self._snapshot()
 
     def arm(self) -> None:
@@ -86,11 +94,14 @@ class Assembly:
         self._armed = False
         for drive in self._drives:
             drive.disable()
+        self._beat()
 
     def close(self) -> None:
         """Disarm and close the link."""
         self.disarm()
         self._link.close()
+        if self._heartbeat is not None:
+            self._heartbeat.close()
 
     @property
     def health(self) -> Mapping[str, str]:
@@ -102,6 +113,10 @@ class Assembly:
         if self._switching is not None:
             health |= self._switching.health
         return health
+
+    def _beat(self) -> None:
+        if self._heartbeat is not None:
+            self._heartbeat.beat(is_on=self._armed)
 
     def _hand(self, frame: Frame) -> None:
         device = self._listeners.get((frame.arbitration_id, frame.is_extended))
@@ -137,10 +152,12 @@ class Assembly:
             readings = device.read()
             values += readings.values
             ages += readings.ages
-            valid += readings.valid
-        if self._switching is not None and self._switching.is_under_way:
-            # What is a little old because the lines are changing is still to be used: the robot must not be let fall.
-            valid = [v or age * 1e9 <= SWITCH_WITHIN_NS for v, age in zip(valid, ages, strict=True)]
+            if self._is_patient_with(device):
+                valid += [
+                    v or age * 1e9 <= SWITCH_WITHIN_NS for v, age in zip(readings.valid, readings.ages, strict=True)
+                ]
+            else:
+                valid += readings.valid
         events = tuple(self._events)
         self._events.clear()
         return Sensors(
@@ -151,6 +168,16 @@ class Assembly:
             all(drive.is_enabled for drive in self._drives),
             events,
         )
+
+    def _is_patient_with(self, device: Sensor) -> bool:
+        """Whether what a device told a little while ago is still to be used: the robot must not be let fall.
+
+        While the lines change, that of every device; a drive that has fallen silent on one line, while the other is
+        good, is about to be heard there.
+        """
+        if self._switching is None or self._redundant is None:
+            return False
+        return self._switching.is_under_way or (self._redundant.standby_is_good and device in self._drives)
 
 
 def _signals(devices: Sequence[Sensor]) -> dict[str, str]:

@@ -17,6 +17,7 @@ from firmware_io.drives.vesc.settings import VescSettings
 from firmware_io.drives.wheel_board.driver import WheelBoard
 from firmware_io.drives.wheel_board.serial_line import BoardLine
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.guard.heartbeat import HeartbeatSender
 from firmware_io.hardware import Hardware
 from firmware_io.imus.xsens_mti.driver import XsensMti
 from firmware_io.links.can_link import make_can_link, wall_ns
@@ -95,7 +96,9 @@ def build_hardware(
     imu = settings.external_imu
     if imu is not None:
         sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
-    return Assembly(used, drives, sensors, clocks.now_ns, _rules(serial_of(settings)))
+    # What runs on a link of the rig has no guard, and must be the same every time.
+    heartbeat = HeartbeatSender(settings.can) if link is None else None
+    return Assembly(used, drives, sensors, clocks.now_ns, _rules(serial_of(settings)), heartbeat=heartbeat)
 
 
 def _rules(serial: SerialSettings | None) -> SwitchRules:

@@ -117,10 +117,10 @@ class Switching:
         heard = [at_ns for at_ns in heard_ns if at_ns is not None and at_ns >= self._changed_ns]
         if switch.telemetry_gap_ns is None and len(heard) == len(heard_ns):
             switch.telemetry_gap_ns = max(heard) - switch.last_good_ns
-            yield f"telemetry is back {_ms(switch.telemetry_gap_ns)} ms after the last good frame"
+            yield f"link: telemetry is back {_ms(switch.telemetry_gap_ns)} ms after the last good frame"
         if switch.torque_gap_ns is None and is_ready:
             switch.torque_gap_ns = now_ns - switch.last_good_ns
-            yield f"the motors follow again {_ms(switch.torque_gap_ns)} ms after the last good frame"
+            yield f"link: the motors follow again {_ms(switch.torque_gap_ns)} ms after the last good frame"
         if None not in switch.gaps.values():
             self._unmeasured = None
 
@@ -151,7 +151,7 @@ class Switching:
         self.count += 1
         self._unmeasured = Switch(reason, last_good_ns)
         self.switches.append(self._unmeasured)
-        return f"from {left} to {self._link.owner_name}: {reason}"
+        return f"link: from {left} to {self._link.owner_name}: {reason}"
 
 
 def _ms(duration_ns: int) -> str:

@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import select
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +16,7 @@ from hil.errors import RigError
 
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
+_OUR_COMMAND: Final = "node.cli.main"
 
 
 class ProcessFailedError(RigError):
@@ -23,20 +26,31 @@ class ProcessFailedError(RigError):
 class Command:
     """One `segway-ecc` command, its messages kept in a file."""
 
-    def __init__(self, arguments: Sequence[str], messages: Path, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        messages: Path,
+        environment: Mapping[str, str],
+        *,
+        module: str = _OUR_COMMAND,
+        listens: bool = False,
+    ) -> None:
         """Start the command.
 
         Args:
             arguments: What follows `segway-ecc`.
             messages: Where its standard error goes.
             environment: Added to this process' own.
+            module: What is run, where it is something around our command.
+            listens: Whether it is told lines, with `ask`.
         """
         self._arguments = list(arguments)
         self._messages = messages
+        self._heard = b""
         with messages.open("wb") as errors:
             self.process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
-                [sys.executable, "-m", "node.cli.main", *arguments],
-                stdin=subprocess.DEVNULL,
+                [sys.executable, "-m", module, *arguments],
+                stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 env={**os.environ, **environment},
@@ -56,6 +70,28 @@ class Command:
             raise ProcessFailedError(self._failure(f"ended with exit code {self.process.returncode}"))
         return msgspec.json.decode(output, type=dict[str, Any])
 
+    def ask(self, line: str, timeout_s: float) -> str:
+        """Tell a command that listens a line, and return the line that it answers.
+
+        Raises:
+            ProcessFailedError: It ended, or did not answer in time.
+        """
+        if self.process.stdin is None or self.process.stdout is None:
+            raise ValueError("this command does not listen")
+        deadline = time.monotonic() + timeout_s
+        with contextlib.suppress(BrokenPipeError):
+            self.process.stdin.write(f"{line}\n".encode())
+            self.process.stdin.flush()
+        while b"\n" not in self._heard:
+            left = max(deadline - time.monotonic(), 0.0)
+            ready = select.select([self.process.stdout], [], [], left)[0]
+            said = os.read(self.process.stdout.fileno(), 4096) if ready else b""
+            if not said:
+                raise ProcessFailedError(self._failure(f"did not answer '{line}'"))
+            self._heard += said
+        answer, _, self._heard = self._heard.partition(b"\n")
+        return answer.decode()
+
     def end(self) -> None:
         """End the command, if it still runs, and wait for it."""
         if self.process.poll() is None:
@@ -73,10 +109,15 @@ class Command:
 
 @contextlib.contextmanager
 def command(
-    arguments: Sequence[str], messages: Path, environment: Mapping[str, str] | None = None
+    arguments: Sequence[str],
+    messages: Path,
+    environment: Mapping[str, str] | None = None,
+    *,
+    module: str = _OUR_COMMAND,
+    listens: bool = False,
 ) -> Iterator[Command]:
-    """A command that has ended when the context is left, whatever happens."""
-    started = Command(arguments, messages, environment or {})
+    """A command that has ended when the context is left, whatever happens; see `Command`."""
+    started = Command(arguments, messages, environment or {}, module=module, listens=listens)
     try:
         yield started
     finally:

@@ -1,8 +1,13 @@
 """The rig in real time: the devices and their plant as a process of their own at the other end of a real bus."""
 
+from collections.abc import Callable, Sequence
+
 from hil.simulated_robot import SimulatedRobot
 from hil.simulation import Observer
 from node.cycle.clock import Clock
+
+Trace = Callable[[int, int, Sequence[float]], None]
+"""Called after each tick with the monotonic and the wall-clock time at which it began, ns, and what the motors give."""
 
 
 class RealTimePlant:
@@ -36,15 +41,31 @@ class RealTimePlant:
         """
         self.robot.link.open()
 
-    def run(self, observe: Observer | None) -> None:
-        """Tick until stopped, then close the bus."""
+    def run(
+        self,
+        observe: Observer | None,
+        trace: Trace | None = None,
+        before_tick: Callable[[], None] | None = None,
+    ) -> None:
+        """Tick until stopped, then close the bus.
+
+        Args:
+            observe: Sees the plant's outputs.
+            trace: Sees what the motors give, when they really give it.
+            before_tick: Called before each tick; what it changes is in force in that tick.
+        """
         deadline_ns, tick_ns = self._clock.now_ns(), self.robot.tick_ns
         try:
             while not self._stopped:
                 self._clock.sleep_until_ns(deadline_ns)
                 late_ns = self._clock.now_ns() - deadline_ns
                 self.late += late_ns > tick_ns
-                self.robot.tick(self._clock.now_ns())
+                if before_tick is not None:
+                    before_tick()
+                now_ns, wall_ns = self._clock.now_ns(), self._clock.wall_ns()
+                self.robot.tick(now_ns)
+                if trace is not None:
+                    trace(now_ns, wall_ns, self.robot.inputs)
                 if observe is not None:
                     observe(self._clock.wall_ns() - late_ns, self.robot.outputs)
                 self.ticks += 1

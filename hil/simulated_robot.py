@@ -19,6 +19,8 @@ class SimulatedRobot:
         tick_ns: Period of the firmware's loops.
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
+        plant: What the devices share; write to its states to disturb it.
+        stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
     """
 
     def __init__(self, link: Link, devices: Sequence[Device], plant: Model, tick_ns: int) -> None:
@@ -30,11 +32,12 @@ class SimulatedRobot:
         self.tick_ns = tick_ns
         self._link = link
         self._devices = tuple(devices)
-        self._plant = plant
+        self.plant = plant
         self._names = [v.name for v in plant.outputs]
         self._places = _places(devices, plant)
         self._steps, self._ticks_per_step = _rates(plant, tick_ns)
         self._ticks = 0
+        self.stuck: dict[str, float] = {}
         self.inputs = [0.0] * len(plant.inputs)
         self.outputs = plant.initialize(self.inputs)
 
@@ -56,17 +59,20 @@ class SimulatedRobot:
     def tick(self, now_ns: int) -> None:
         """One pass of every device's loop at time `now_ns`, with the plant's share of time after it."""
         frames = self._receive()
-        outputs = dict(zip(self._names, self.outputs, strict=True))
+        outputs = self._measured()
         for device, places in zip(self._devices, self._places, strict=True):
             for place, value in zip(places, device.obey(frames, now_ns, outputs), strict=True):
                 self.inputs[place] = value
         self._ticks += 1
         if self._ticks % self._ticks_per_step == 0:
             for _ in range(self._steps):
-                self.outputs = self._plant.step(self.inputs)
-            outputs = dict(zip(self._names, self.outputs, strict=True))
+                self.outputs = self.plant.step(self.inputs)
+            outputs = self._measured()
         for device in self._devices:
             device.tell(now_ns, outputs)
+
+    def _measured(self) -> dict[str, float]:
+        return {**dict(zip(self._names, self.outputs, strict=True)), **self.stuck}
 
     def _receive(self) -> Sequence[Frame]:
         try:

@@ -10,8 +10,10 @@ from firmware_io.build import HardwareSettings
 from firmware_io.section import Section
 from node.documents import decode_yaml
 from node.errors import ConfigurationError
+from node.safety.settings import SafetySettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
+Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
 SecondsOrNone = Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)]
 
 _PACKAGED = importlib.resources.files("node") / "robots"
@@ -44,11 +46,15 @@ class SetpointSection(Section, frozen=True, kw_only=True):
         timeout_s: Silence after which the robot holds its place, s.
         stamp_tolerance_s: How late a stamped set-point may come and still be applied, s.
         horizon_s: How far ahead a stamp may lie, s.
+        max_linear_velocity: Largest linear velocity that may be asked for, m/s; None for any.
+        max_angular_velocity: Largest angular velocity that may be asked for, rad/s; None for any.
     """
 
     timeout_s: Seconds = 0.5
     stamp_tolerance_s: SecondsOrNone = 0.1
     horizon_s: Seconds = 30.0
+    max_linear_velocity: Velocity | None = None
+    max_angular_velocity: Velocity | None = None
 
 
 class RosSection(Section, frozen=True, kw_only=True):
@@ -92,6 +98,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
         arming: Whether the robot arms itself at start, or waits to be asked.
         actuate: When commands leave: in the next cycle's exchange, without jitter, or as soon as they are limited.
         setpoint: How set-points are taken.
+        safety: What is watched, beyond what always is; nothing where it is left out.
         ros: Names in ROS.
         simulation: The simulated plant, where there is one.
     """
@@ -103,6 +110,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     arming: Literal["at_start", "on_request"] = "on_request"
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
     setpoint: SetpointSection = SetpointSection()
+    safety: SafetySettings | None = None
     ros: RosSection = RosSection()
     simulation: SimulationSection | None = None
 

@@ -1,5 +1,6 @@
 """A robot file made into the parts that run."""
 
+import math
 from dataclasses import dataclass
 
 from firmware_io.build import Clocks, build_hardware
@@ -10,7 +11,7 @@ from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
 from node.cycle.loop import Loop
 from node.cycle.seams import Recorder, Stage
-from node.cycle.setpoints import SetpointSchedule
+from node.cycle.setpoints import Setpoint, SetpointSchedule
 from node.cycle.time_base import TimeBase
 from node.cycle.wiring import Wiring, wire
 from node.errors import ConfigurationError
@@ -46,6 +47,7 @@ class Robot:
             recorder=recorder,
             arm_at_start=self.file.arming == "at_start",
             actuate_immediately=self.file.actuate == "immediately",
+            safety=self.file.safety,
         )
         return Loop(
             cycle=cycle,
@@ -62,6 +64,7 @@ class Robot:
             timeout_cycles=round(section.timeout_s / step),
             tolerance_cycles=round(section.stamp_tolerance_s / step),
             horizon_cycles=round(section.horizon_s / step),
+            largest=Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf),
         )
 
 

@@ -24,6 +24,7 @@ from node.cycle.time_base import TimeBase
 from node.cycle.wiring import wire
 from node.model.model import Model
 from node.safety.modes import Action, Answer
+from node.safety.settings import SafetySettings
 
 START_NS: Final = 1_000_000_000
 """What a scripted clock reads at first, monotonic."""
@@ -265,6 +266,7 @@ class Bench:
         arm_at_start: bool = True,
         actuate_immediately: bool = False,
         setpoints: SetpointLimits | None = None,
+        safety: SafetySettings | None = None,
     ) -> None:
         """Join a model to hardware; the hardware's journal becomes that of the bench."""
         self.journal = hardware.journal
@@ -284,6 +286,7 @@ class Bench:
             recorder=self.recorder,
             arm_at_start=arm_at_start,
             actuate_immediately=actuate_immediately,
+            safety=safety,
         )
         self.loop = Loop(
             cycle=self.cycle,

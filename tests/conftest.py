@@ -1,5 +1,6 @@
 """What the whole test run shares: tests that need more than Python say so, and are never silently left out."""
 
+import importlib.util
 import os
 import shutil
 from collections.abc import Callable
@@ -19,6 +20,10 @@ def missing_compiler() -> str | None:
     return None if shutil.which("gcc") and shutil.which("g++") else "no gcc or no g++"
 
 
+def missing_mujoco() -> str | None:
+    return None if importlib.util.find_spec("mujoco") else "no mujoco"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "kernel": (uml.available, "sudo apt-get install user-mode-linux"),
@@ -26,6 +31,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
         qemu.available,
         "sudo apt-get install --no-install-recommends qemu-system-x86 linux-image-rt-amd64 busybox-static",
     ),
+    "mujoco": (missing_mujoco, "pip install mujoco"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }
 

@@ -4,13 +4,14 @@ import argparse
 import contextlib
 import csv
 import logging
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
 from firmware_io.build import can_link
 from hil.pseudo_terminal import PtyPort
-from hil.real_time import RealTimePlant
+from hil.real_time import RealTimePlant, Trace
 from hil.simulation import Observer, simulated_bus, simulated_robot, simulated_serial
 from node.cli.options import (
     add_json,
@@ -23,6 +24,9 @@ from node.cli.options import (
 )
 from node.config import RobotFile
 from node.cycle.clock import RealClock
+from node.drill import trace
+from node.drill.disturbed_link import DisturbedLink
+from node.drill.plant_control import LineReader, PlantControl
 from node.errors import ConfigurationError
 from node.logs import messages
 from node.robot import clocks_of
@@ -35,20 +39,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     add_json(parser)
     parser.add_argument("--truth", type=Path, metavar="FILE", help="write the plant's outputs at each tick, as CSV")
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="write what the motors give at each tick, as CSV")
+    parser.add_argument(
+        "--control",
+        action="store_true",
+        help="take faults from standard input (mute, cut, freeze WHAT, heal, write NAME VALUE), until that ends",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
     file, clock = robot_file(options), RealClock()
-    link = can_link(simulated_bus(file), clocks_of(clock))
+    link = DisturbedLink(can_link(simulated_bus(file), clocks_of(clock)))
     with messages(), contextlib.ExitStack() as stack:
         plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
         stack.enter_context(stopped_by_signals(plant.stop))
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
+        traced = None if options.trace is None else _trace_file(stack.enter_context(_open(options.trace)), plant)
+        control = stack.enter_context(contextlib.closing(_control(plant, link, clock))) if options.control else None
         plant.open()
         _logger.info("plant of '%s' on %s", options.robot, link.description)
         with real_time():
-            plant.run(observe)
+            plant.run(observe, traced, control)
     result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.robot.refused_frames}
     if options.json:
         print_json(result)
@@ -68,9 +80,19 @@ def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None
         raise ConfigurationError(f"cannot make a serial line at {serial.port}: {error.strerror}") from error
 
 
+def _control(plant: RealTimePlant, link: DisturbedLink, clock: RealClock) -> LineReader:
+    """The plant ends with whoever controls it."""
+    control = PlantControl(plant.robot, link, plant.robot.plant, clock)
+    return LineReader(sys.stdin.fileno(), sys.stdout.fileno(), control.obey, plant.stop)
+
+
+def _trace_file(file: IO[str], plant: RealTimePlant) -> Trace:
+    return trace.writer(file, [v.name for v in plant.robot.plant.inputs])
+
+
 def _open(path: Path) -> IO[str]:
     try:
-        return path.open("w", newline="", encoding="utf-8")
+        return path.open("w", newline="", encoding="utf-8", buffering=1)
     except OSError as error:
         raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
 

@@ -32,6 +32,6 @@ class Announcer:
         _logger.info(text)
 
     def tell_event(self, events: deque[str]) -> None:
-        """Tell the oldest of what happened to the links, if there is any."""
+        """Tell the oldest of what happened, if anything has."""
         if events:
-            _logger.warning("link: %s", events.popleft())
+            _logger.warning(events.popleft())

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from firmware_io.errors import ArmingRefusedError
 from firmware_io.hardware import Hardware
 from node.cycle.setpoints import SetpointSchedule
+from node.safety.checklist import Evaluate, no_checklist, obstacles
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
 Reply = Callable[[Answer], None]
@@ -18,12 +19,21 @@ class Authority:
     Attributes:
         modes: What the robot is allowed to do, and why.
         arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
+        checklist: Goes through what must hold before the drives are asked to arm.
     """
 
-    def __init__(self, hardware: Hardware, schedule: SetpointSchedule, *, arm_at_start: bool) -> None:
+    def __init__(
+        self,
+        hardware: Hardware,
+        schedule: SetpointSchedule,
+        *,
+        arm_at_start: bool,
+        checklist: Evaluate = no_checklist,
+    ) -> None:
         """Start disarmed; with `arm_at_start`, arm as soon as nothing speaks against it."""
         self.modes = Modes()
         self.arming_obstacle: str | None = None
+        self.checklist = checklist
         self._hardware = hardware
         self._schedule = schedule
         self._arm_pending = arm_at_start
@@ -78,6 +88,10 @@ class Authority:
             return
         if self.modes.mode is not Mode.DISARMED:
             reply(self.modes.ask(Action.ARM))
+            return
+        reasons = obstacles(self.checklist())
+        if reasons:
+            reply(self.modes.ask(Action.ARM, reasons))
             return
         try:
             self._hardware.arm()

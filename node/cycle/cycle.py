@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 import traceback
 from collections import deque
 from collections.abc import Sequence
@@ -11,15 +12,19 @@ from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.clock import Clock
-from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage, StampedSetpoint
+from node.cycle.seams import CycleRecord, NoRecorder, Recorder, Report, Request, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram
 from node.cycle.wiring import Wiring
 from node.errors import ModelFailedError
 from node.model.model import Model
-from node.safety.limits import limit, not_finite
+from node.safety.checklist import Item
+from node.safety.limits import not_finite
 from node.safety.modes import Mode
+from node.safety.monitor import SafetyMonitor
+from node.safety.settings import NOTHING_WATCHED, SafetySettings
+from node.safety.slew import Restraint
 
 PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
 WHOLE: Final = "cycle"
@@ -52,9 +57,14 @@ class Cycle:
         recorder: Recorder,
         arm_at_start: bool,
         actuate_immediately: bool,
+        safety: SafetySettings | None = None,
     ) -> None:
-        """Join the parts; nothing is opened yet."""
-        self.authority = Authority(hardware, schedule, arm_at_start=arm_at_start)
+        """Join the parts; nothing is opened yet.
+
+        Raises:
+            ConfigurationError: `safety` asks for a check of a signal that the hardware does not measure.
+        """
+        self.authority = Authority(hardware, schedule, arm_at_start=arm_at_start, checklist=self._checklist)
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
@@ -67,6 +77,9 @@ class Cycle:
         self._stage = stage
         self._recorder = recorder
         self._immediately = actuate_immediately
+        watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
+        self._monitor = SafetyMonitor(watched, list(hardware.signals), wiring.sensors, period_ns)
+        self._restraint = Restraint(hardware.limits, watched.max_command, watched.command_slew, period_ns * 1e-9)
         self._zero = (0.0,) * len(hardware.commands)
         self._commands: Sequence[float] = self._zero
         self._signal_names = list(hardware.signals)
@@ -87,6 +100,7 @@ class Cycle:
         """
         now_ns = self._clock.now_ns
         marks = [now_ns()]
+        self.authority.modes.cycle = cycle
         sensors = self._exchange(None if self._immediately else self._commands)
         marks.append(now_ns())
         self.sensors = sensors
@@ -97,6 +111,7 @@ class Cycle:
         topics = [self._model.read(variable) for variable in self._wiring.topics.values()]
         self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied, topics))
         marks.append(now_ns())
+        self._monitor.look(sensors.values, sensors.valid, marks[0], lateness_ns)
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
         for place, value in inbox.values:
@@ -109,7 +124,7 @@ class Cycle:
         self._limit()
         marks.append(now_ns())
         durations_ns = tuple(end - start for start, end in itertools.pairwise(marks))
-        self._recorder.write(
+        self._record(
             CycleRecord(
                 cycle,
                 stamp_ns,
@@ -129,6 +144,14 @@ class Cycle:
             self.histograms.values(), (*durations_ns, end_ns - marks[-1], end_ns - marks[0]), strict=True
         ):
             histogram.add(duration_ns)
+
+    def _record(self, record: CycleRecord) -> None:
+        """Keep the cycle; a recorder that fails is done without, for recording is worth less than control."""
+        try:
+            self._recorder.write(record)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not fall for it
+            self._recorder = NoRecorder()
+            self.events.append(f"recording has ended: {type(error).__name__}: {error}")
 
     @property
     def model_stopped(self) -> bool:
@@ -186,10 +209,15 @@ class Cycle:
     def _faults(self, sensors: Sensors) -> list[str]:
         too_old = [
             f"{self._signal_names[index]} is too old: {sensors.ages[index] * 1e3:.0f} ms"
-            for index in self._wiring.sensors
+            for index in self._monitor.needs
             if not sensors.valid[index]
         ]
-        return [*sensors.faults, *too_old]
+        return [*sensors.faults, *too_old, *self._monitor.faults]
+
+    def _checklist(self) -> Sequence[Item]:
+        """Go through the checklist with the newest snapshot."""
+        sensors = self.sensors
+        return self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=_has_real_time())
 
     def _initialize(self, sensors: Sensors) -> None:
         try:
@@ -212,11 +240,15 @@ class Cycle:
         if bad is not None:
             self.authority.fail(f"output '{self._model.outputs[bad].name}' of the model is not finite")
         if self.authority.is_active:
-            self._commands = limit(self._wiring.commands(self._y), self.hardware.limits)
+            self._commands = self._restraint.apply(self._wiring.commands(self._y), self._commands)
         else:
             self._commands = self._zero
         if self._immediately:
             self._exchange(self._commands)
+
+
+def _has_real_time() -> bool:
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _model_failed(error: Exception, when: str) -> ModelFailedError:

@@ -13,7 +13,7 @@ from node.cycle.timing import Histogram, Summary
 from node.safety.modes import Mode
 
 MODE_SUFFIX: Final = ": mode"
-"""How the name of the status ends that tells the robot's mode; its values are `mode` and `reason`."""
+"""How the name of the status ends that tells the robot's mode; its values: `mode`, `reason`, each `check.<name>`."""
 
 
 _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
@@ -87,7 +87,8 @@ class DiagnosticReport:
     def _mode(self) -> Status:
         modes = self._cycle.authority.modes
         level = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}.get(modes.mode, Level.OK)
-        values = {"mode": str(modes.mode), "reason": modes.reason}
+        checks = {f"check.{item.name}": str(item) for item in self._cycle.authority.checklist()}
+        values = {"mode": str(modes.mode), "reason": modes.reason, **checks}
         return Status(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
 
     def _timing(self) -> Status:

@@ -18,6 +18,7 @@ class Setpoint(NamedTuple):
 
 
 REST: Final = Setpoint(0.0, 0.0)
+NO_LIMIT: Final = Setpoint(math.inf, math.inf)
 
 
 @enum.unique
@@ -25,6 +26,7 @@ class SetpointRefusal(enum.StrEnum):
     """Why a set-point was not taken; the last good one stays in force."""
 
     NOT_FINITE = "not_finite"
+    TOO_LARGE = "too_large"
     STALE = "stale"
     TOO_FAR_AHEAD = "too_far_ahead"
     QUEUE_FULL = "queue_full"
@@ -40,8 +42,18 @@ class SetpointSchedule:
         applied: How many came into force.
     """
 
-    def __init__(self, timeout_cycles: int, tolerance_cycles: int, horizon_cycles: int) -> None:
-        """Set the limits, in cycles: silence before a hold, lateness still taken, and how far ahead is taken."""
+    def __init__(
+        self, timeout_cycles: int, tolerance_cycles: int, horizon_cycles: int, largest: Setpoint = NO_LIMIT
+    ) -> None:
+        """Set the limits.
+
+        Args:
+            timeout_cycles: Silence before a hold.
+            tolerance_cycles: Lateness still taken.
+            horizon_cycles: How far ahead is taken.
+            largest: Largest magnitudes that are taken; what asks for more is refused, for no robot was meant to do it.
+        """
+        self._largest = largest
         self.refused: Counter[SetpointRefusal] = Counter()
         self.late = 0
         self.applied = 0
@@ -101,6 +113,8 @@ class SetpointSchedule:
     def _refusal(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
         if not (math.isfinite(setpoint.linear_velocity) and math.isfinite(setpoint.angular_velocity)):
             return SetpointRefusal.NOT_FINITE
+        if any(abs(value) > bound for value, bound in zip(setpoint, self._largest, strict=True)):
+            return SetpointRefusal.TOO_LARGE
         if cycle < now - self._tolerance:
             return SetpointRefusal.STALE
         if cycle > now + self._horizon:

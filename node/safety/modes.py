@@ -1,9 +1,12 @@
 """The modes of the robot and what leads from one to another."""
 
 import enum
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
+
+_TRANSITIONS_KEPT: Final = 64
 
 
 @enum.unique
@@ -47,18 +50,33 @@ class Answer:
     message: str
 
 
+class Transition(NamedTuple):
+    """A mode that was entered, in which cycle and why."""
+
+    cycle: int
+    mode: Mode
+    reason: str
+
+
 class Modes:
     """The state machine; every transition keeps its reason.
+
+    What only loses guidance (silent set-points, a lost base station) leads to HOLD, since a robot that balances falls
+    without torque; what makes control itself unsafe is a fault and takes the torque away.
 
     Attributes:
         mode: The present mode.
         reason: Why it was entered.
+        cycle: The number of the present cycle; whoever runs the cycles sets it.
+        history: The newest transitions, the oldest first.
     """
 
     def __init__(self) -> None:
         """Start disarmed."""
         self.mode = Mode.DISARMED
         self.reason = "just started"
+        self.cycle = 0
+        self.history: deque[Transition] = deque(maxlen=_TRANSITIONS_KEPT)
 
     def ask(self, action: Action, obstacles: Sequence[str] = ()) -> Answer:
         """Carry out a request, or refuse it with the reason.
@@ -76,7 +94,7 @@ class Modes:
                 return self._enter(Mode.DISARMED, "asked to disarm")
             case Action.STOP:
                 return self._enter(Mode.FAULT, "stop was pressed")
-            case Action.CLEAR_FAULT:
+            case Action.CLEAR_FAULT:  # pragma: no branch - there is no other action
                 if self.mode is not Mode.FAULT:
                     return Answer(accepted=False, message=f"there is no fault to clear: the robot is {self.mode}")
                 return self._enter(Mode.DISARMED, "fault cleared")
@@ -107,6 +125,8 @@ class Modes:
         return self._enter(Mode.ARMED, "asked to arm")
 
     def _enter(self, mode: Mode, reason: str) -> Answer:
+        if (mode, reason) != (self.mode, self.reason):
+            self.history.append(Transition(self.cycle, mode, reason))
         self.mode = mode
         self.reason = reason
         return Answer(accepted=True, message=f"{mode}: {reason}")

@@ -58,7 +58,7 @@ def test_a_healthy_line_is_kept(bench: Bench) -> None:
 
 @pytest.mark.parametrize("ages", [(20.001, 0.0), (0.0, 20.001)])
 def test_one_silent_drive_is_reason_enough(bench: Bench, ages: tuple[float, float]) -> None:
-    assert bench.judge(*ages) == "from can to serial: no good frame for 20.0 ms"
+    assert bench.judge(*ages) == "link: from can to serial: no good frame for 20.0 ms"
     assert bench.lines.is_on_fallback
 
 
@@ -66,12 +66,12 @@ def test_a_drive_that_was_never_heard_counts_from_the_first_look(bench: Bench) -
     bench.now_ns += 20 * MS
     assert bench.judge(None) is None
     bench.now_ns += 1 * MS
-    assert bench.judge(None) == "from can to serial: no good frame for 21.0 ms"
+    assert bench.judge(None) == "link: from can to serial: no good frame for 21.0 ms"
 
 
 def test_trouble_is_told_as_it_is_and_does_not_wait(bench: Bench) -> None:
     bench.lines.trouble = "bus-off"
-    assert bench.judge(0.0) == "from can to serial: bus-off"
+    assert bench.judge(0.0) == "link: from can to serial: bus-off"
 
 
 def test_without_a_good_line_to_pass_to_nothing_is_done(bench: Bench) -> None:
@@ -86,7 +86,7 @@ def test_two_bad_lines_do_not_take_turns(bench: Bench) -> None:
     bench.now_ns += 1_000 * MS - 1
     assert bench.judge(900.0) is None, "the shortest time between two changes has not passed"
     bench.now_ns += 1
-    assert bench.judge(900.0) == "from serial to can: no good frame for 900.0 ms"
+    assert bench.judge(900.0) == "link: from serial to can: no good frame for 900.0 ms"
 
 
 def test_there_is_no_way_back_while_the_robot_is_armed(bench: Bench) -> None:
@@ -108,7 +108,7 @@ def test_disarmed_it_goes_back_once_the_bus_has_been_good_for_a_while(bench: Ben
     assert bench.judge(0.0, armed=False) is None
     bench.now_ns += 1
     told = bench.judge(0.0, armed=False)
-    assert told == "from serial to can: the bus is good again and the robot is disarmed"
+    assert told == "link: from serial to can: the bus is good again and the robot is disarmed"
     assert not bench.lines.is_on_fallback
 
 
@@ -128,9 +128,9 @@ def test_both_gaps_are_measured_from_the_last_good_frame(bench: Bench) -> None:
     assert bench.measure(25.0, 1.0) == []
     bench.now_ns += 10 * MS
     assert bench.measure(2.0, 35.0) == [], "one drive has not been heard yet"
-    assert bench.measure(2.0, 1.0) == ["telemetry is back 34.0 ms after the last good frame"]
+    assert bench.measure(2.0, 1.0) == ["link: telemetry is back 34.0 ms after the last good frame"]
     bench.now_ns += 10 * MS
-    assert bench.measure(2.0, 1.0, ready=True) == ["the motors follow again 45.0 ms after the last good frame"]
+    assert bench.measure(2.0, 1.0, ready=True) == ["link: the motors follow again 45.0 ms after the last good frame"]
     assert bench.measure(2.0, 1.0, ready=True) == []
     (switch,) = bench.switching.switches
     assert (switch.telemetry_gap_ns, switch.torque_gap_ns) == (34 * MS, 45 * MS)

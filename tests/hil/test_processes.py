@@ -9,6 +9,7 @@ import pytest
 
 from hil import processes
 from hil.processes import ProcessFailedError, command
+from node.config import packaged_robots
 
 RUNS_FOR_EVER = ("run", "cart", "--no-ros", "--no-log", "--json")
 ENDS_WITHIN_S = 30.0
@@ -39,7 +40,7 @@ def test_a_command_that_fails_is_told_in_one_line_with_its_messages(tmp_path: Pa
 
     assert str(caught.value) == (
         "'segway-ecc run no such robot' ended with exit code 2: segway-ecc: cannot read robot file 'no such robot': "
-        "No such file or directory; the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc"
+        f"No such file or directory; the packaged robots are {', '.join(packaged_robots())}"
     )
 
 
@@ -108,3 +109,44 @@ def test_the_environment_is_added_to_our_own(tmp_path: Path, monkeypatch: pytest
         result = started.result(ENDS_WITHIN_S)
 
     assert (result["OURS"], result["THEIRS"]) == ("kept", "added")
+
+
+def test_a_command_that_listens_answers_line_by_line(tmp_path: Path) -> None:
+    words = ["plant", "cart-can", "--interface", "local", "--channel", f"ask_{os.getpid()}", "--control"]
+    with command(words, tmp_path / "messages.txt", listens=True) as started:
+        answers = [started.ask(line, ENDS_WITHIN_S) for line in ("mute", "nonsense", "heal")]
+        started.process.kill()
+        started.process.wait()
+        with pytest.raises(ProcessFailedError, match=r"did not answer 'mute': segway-ecc: plant of 'cart-can'"):
+            started.ask("mute", ENDS_WITHIN_S)
+
+    stamps, texts = zip(*(answer.split(" ", 1) for answer in answers), strict=True)
+    assert texts[0] == "mute"
+    assert texts[1].startswith("refused: ")
+    assert texts[2] == "heal"
+    assert sorted(map(int, stamps)) == [int(stamp) for stamp in stamps]
+
+
+def test_answers_that_come_together_are_told_one_by_one_and_one_that_does_not_come_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "python"
+    script.write_text("#!/bin/sh\nread line\necho one; echo two; echo -n thr\nread line\nread line\n", "utf-8")
+    script.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(script))
+    with command([], tmp_path / "messages.txt", listens=True) as started:
+        assert [started.ask("a", ENDS_WITHIN_S), started.ask("b", ENDS_WITHIN_S)] == ["one", "two"]
+        with pytest.raises(ProcessFailedError, match=r"did not answer 'c': it said nothing"):
+            started.ask("c", 0.05)
+
+
+def test_a_command_that_does_not_listen_cannot_be_asked(tmp_path: Path) -> None:
+    with command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started, pytest.raises(ValueError, match="not listen"):
+        started.ask("mute", 0.01)
+
+
+def test_another_module_can_stand_around_our_command(tmp_path: Path) -> None:
+    words = [*RUNS_FOR_EVER, "--duration", "0.05"]
+    with command(words, tmp_path / "messages.txt", module="node.drill.stepped_clock") as started:
+        assert started.result(ENDS_WITHIN_S)["cycles"] == 5
+        assert "node.drill.stepped_clock" in started.process.args  # type: ignore[operator]  # it is a list

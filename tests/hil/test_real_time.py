@@ -177,3 +177,39 @@ def test_a_bus_that_is_not_there_is_refused_on_opening(file: RobotFile) -> None:
     plant = made(structs.replace(file, hardware=hardware), ManualClock())
     with pytest.raises(BusNotFoundError, match="/no/such/port"):
         plant.open()
+
+
+def test_what_the_motors_give_is_told_with_when_the_tick_really_began(file: RobotFile) -> None:
+    plant = made(file, ManualClock({1: 2 * MS}))
+    told: list[tuple[int, int, tuple[float, ...]]] = []
+
+    def trace(monotonic_ns: int, wall_ns: int, inputs: Sequence[float]) -> None:
+        told.append((monotonic_ns, wall_ns, tuple(inputs)))
+
+    plant.open()
+    plant.run(Watch(plant, 3), trace)
+
+    began = [0, 7 * MS, 10 * MS]
+    assert told == [(START_NS + ns, WALL_NS + ns, (0.0, 0.0)) for ns in began]
+
+
+def test_what_is_done_before_a_tick_is_in_force_in_it(file: RobotFile, channel: str) -> None:
+    plant = made(file, ManualClock())
+    calls: list[int] = []
+
+    def before_tick() -> None:
+        calls.append(plant.ticks)
+        if plant.ticks == 2:
+            plant.robot.stuck["left.velocity"] = 50.0
+
+    plant.open()
+    with can.Bus(interface="virtual", channel=channel) as host:
+        plant.run(Watch(plant, 4), None, before_tick)
+        speeds = [int.from_bytes(m.data[4:6], "little") for m in iter(lambda: host.recv(0), None) if is_left(m)]
+
+    assert calls == [0, 1, 2, 3]
+    assert speeds == [0, 0, 5000, 5000]  # 0.01 rad/s
+
+
+def is_left(message: can.Message) -> bool:
+    return message.arbitration_id == 0x120

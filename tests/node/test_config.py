@@ -17,7 +17,7 @@ from node.errors import ConfigurationError
 from node.robot import build_robot
 from node.testing import ScriptedClock
 
-PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc"
+PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc, segway, segway-odrive"
 BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
 
 
@@ -30,8 +30,9 @@ def refusal(text: str) -> str:
     return message.removeprefix("robot.yaml: ")
 
 
-def test_the_packaged_robots_are_the_cart_alone_and_on_each_drive_family() -> None:
-    assert packaged_robots() == ["cart", "cart-can", "cart-cia402", "cart-odrive", "cart-vesc"]
+def test_the_packaged_robots_are_the_cart_and_the_segway_on_the_drive_families() -> None:
+    carts = ["cart", "cart-can", "cart-cia402", "cart-odrive", "cart-vesc"]
+    assert packaged_robots() == [*carts, "segway", "segway-odrive"]
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -39,8 +40,8 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     file = load_robot(name)
     assert file.name == name
     robot = build_robot(file, ScriptedClock())
-    assert robot.period_ns == 10_000_000
-    assert robot.model.name in ("cart", "cart-controller", "cart-torque-controller")
+    assert robot.period_ns == (5_000_000 if name.startswith("segway") else 10_000_000)
+    assert robot.model.name.startswith(("cart", "segway"))
 
 
 def test_what_a_file_leaves_out_has_its_default() -> None:
@@ -72,13 +73,13 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         pytest.param(
             BASE + "arm: true",
             "Object contains unknown field `arm`; the keys there are actuate, arming, hardware, model, name, ros, "
-            "setpoint, simulation, wiring",
+            "safety, setpoint, simulation, wiring",
             id="unknown key at the top",
         ),
         pytest.param(
             BASE + "setpoint: {timeout: 1}",
             "Object contains unknown field `timeout` at setpoint; the keys there are horizon_s, "
-            "stamp_tolerance_s, timeout_s",
+            "max_angular_velocity, max_linear_velocity, stamp_tolerance_s, timeout_s",
             id="unknown key in a section",
         ),
         pytest.param(

@@ -59,7 +59,23 @@ def test_help_names_every_verb(segway_ecc: Run) -> None:
 
     assert outcome.code == 0
     first_words = [line.split()[0] for line in outcome.out.splitlines() if line.startswith("    ") and line[4] != " "]
-    assert first_words == ["inspect", "simulate", "run", "sequence", "plant", "failover", "case-study", "bench"]
+    assert first_words == [
+        "inspect",
+        "simulate",
+        "run",
+        "sequence",
+        "guard",
+        "plant",
+        "failover",
+        "hil",
+        "campaign",
+        "kill-drill",
+        "play",
+        "design",
+        "margins",
+        "case-study",
+        "bench",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from node.config import packaged_robots
+
 Run = Callable[..., Any]
 QUIET = ("--no-ros", "--no-log")
 SHORT = ("--duration", "0.02")
@@ -147,7 +149,7 @@ def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run)
 
     assert "'nosuch.yaml'" in line
     assert "No such file or directory" in line
-    assert line.endswith("the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc")
+    assert line.endswith(f"the packaged robots are {', '.join(packaged_robots())}")
 
 
 @pytest.mark.parametrize(

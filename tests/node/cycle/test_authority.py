@@ -5,6 +5,7 @@ import pytest
 from firmware_io.hardware import Sensors
 from node.cycle.authority import Authority
 from node.cycle.setpoints import SetpointSchedule
+from node.safety.checklist import Item
 from node.safety.modes import Action, Answer, Mode
 from node.testing import RecordingHardware
 
@@ -14,8 +15,11 @@ class Desk:
 
     def __init__(self, *, arm_at_start: bool = False) -> None:
         self.hardware = RecordingHardware({}, {}, ())
+        self.items: list[Item] = []
         schedule = SetpointSchedule(timeout_cycles=50, tolerance_cycles=10, horizon_cycles=100)
-        self.authority = Authority(self.hardware, schedule, arm_at_start=arm_at_start)
+        self.authority = Authority(
+            self.hardware, schedule, arm_at_start=arm_at_start, checklist=lambda: tuple(self.items)
+        )
         self.answers: list[Answer] = []
 
     def ask(self, action: Action) -> None:
@@ -110,3 +114,42 @@ def test_drives_that_pass_through_their_states_again_while_armed_leave_the_mode_
 
 def test_a_snapshot_is_ready_unless_it_says_otherwise() -> None:
     assert Sensors().ready is True
+
+
+LEANING = Item("tilt", holds=False, text="0.40 rad from upright; hold it upright")
+ROLLING = Item("wheels_still", holds=False, text="9.00 rad/s; let them come to rest")
+UNPRIVILEGED = Item("real_time", holds=False, text="not granted", is_warning=True)
+
+
+def test_the_checklist_refuses_with_every_reason_and_the_drives_are_not_asked(desk: Desk) -> None:
+    desk.items = [LEANING, UNPRIVILEGED, ROLLING]
+    desk.ask(Action.ARM)
+    reasons = "tilt: 0.40 rad from upright; hold it upright; wheels_still: 9.00 rad/s; let them come to rest"
+    assert desk.answers == [Answer(accepted=False, message=reasons)]
+    assert desk.hardware.journal == []
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED
+
+
+def test_a_warning_does_not_keep_the_robot_from_arming(desk: Desk) -> None:
+    desk.items = [UNPRIVILEGED]
+    desk.ask(Action.ARM)
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+
+
+@pytest.mark.parametrize("items", [[], [LEANING]])
+def test_a_fault_is_told_before_the_checklist_and_the_drives_are_not_asked(desk: Desk, items: list[Item]) -> None:
+    desk.items = items
+    desk.authority.fail("smoke")
+    desk.ask(Action.ARM)
+    assert desk.answers == [Answer(accepted=False, message="clear the fault first: smoke")]
+    assert "arm" not in desk.hardware.journal
+
+
+def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.items = [ROLLING]
+    desk.authority.arm_itself()
+    assert desk.authority.arming_obstacle == "wheels_still: 9.00 rad/s; let them come to rest"
+    desk.items.clear()
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.ARMED

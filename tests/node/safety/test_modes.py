@@ -3,7 +3,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition
 
 OBSTACLES = ("no supply: switch it on", "no watchdog")
 
@@ -61,7 +61,7 @@ def test_what_a_request_does(mode: Mode, action: Action, then: Mode, accepted: b
 
 
 @pytest.mark.parametrize("mode", Mode)
-@pytest.mark.parametrize("action", set(Action) - {Action.ARM})
+@pytest.mark.parametrize("action", [action for action in Action if action is not Action.ARM])
 def test_obstacles_speak_only_against_arming(mode: Mode, action: Action) -> None:
     free, hindered = reach(mode), reach(mode)
     assert hindered.ask(action, OBSTACLES) == free.ask(action)
@@ -119,6 +119,28 @@ def test_failing_is_possible_from_everywhere_and_the_first_reason_stays(mode: Mo
     modes.fail("the bus is gone")
     modes.fail("and more")
     assert (modes.mode, modes.reason) == (Mode.FAULT, "smoke" if mode is Mode.FAULT else "the bus is gone")
+
+
+def test_every_transition_is_kept_with_its_cycle_and_reason() -> None:
+    modes = Modes()
+    assert list(modes.history) == []
+    for modes.cycle, action in enumerate((Action.ARM, Action.ARM, Action.STOP, Action.STOP, Action.CLEAR_FAULT), 7):
+        modes.ask(action)
+    modes.cycle = 20
+    modes.ask(Action.DISARM)  # from DISARMED: a new reason is kept too
+    assert list(modes.history) == [
+        Transition(7, Mode.ARMED, "asked to arm"),
+        Transition(9, Mode.FAULT, "stop was pressed"),
+        Transition(11, Mode.DISARMED, "fault cleared"),
+        Transition(20, Mode.DISARMED, "asked to disarm"),
+    ]
+
+
+def test_the_history_is_bounded_and_keeps_the_newest() -> None:
+    modes = Modes()
+    for modes.cycle in range(1000):
+        modes.ask(Action.DISARM if modes.cycle % 2 else Action.ARM)
+    assert [transition.cycle for transition in modes.history] == list(range(936, 1000))
 
 
 class Operation(RuleBasedStateMachine):

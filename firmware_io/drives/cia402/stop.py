@@ -1,0 +1,63 @@
+"""How the guard reads and stops CiA 402 drives."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_io.drives.cia402.frames import Command, Service, Status
+from firmware_io.drives.cia402.settings import Cia402Settings
+from firmware_io.drives.cia402.states import Controlword, DriveState, state_of
+from firmware_io.guard.stopper import Heard, Meaning
+from firmware_io.integrity import FrameRefusedError
+from firmware_io.links.link import Frame
+
+_LENGTH: Final = 4
+_DISABLE: Final = Command(Controlword.DISABLE_VOLTAGE, 0.0).pack()
+_MOTOR_ON: Final = frozenset(
+    {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE}
+)
+
+
+class Cia402Stopper:
+    """The drives of both wheels; see `Stopper`.
+
+    They tell their state upon SYNC, which has stopped with the node, so the guard sends one after its commands.
+    """
+
+    drives: Sequence[str] = ("left", "right")
+    reports = True
+
+    def __init__(self, settings: Cia402Settings) -> None:
+        """Know the drives by their nodes."""
+        nodes = {"left": settings.left.node_id, "right": settings.right.node_id}
+        self._commands = {Service.RPDO1 + node: name for name, node in nodes.items()}
+        self._statuses = {Service.TPDO1 + node: name for name, node in nodes.items()}
+        self._stop = [*(Frame(identifier, _DISABLE) for identifier in self._commands), Frame(Service.SYNC, b"")]
+
+    def read(self, frame: Frame) -> Heard | None:
+        """What a frame means; see `Stopper.read`."""
+        if frame.is_extended or frame.is_remote:
+            return None
+        commanded = self._commands.get(frame.arbitration_id)
+        if commanded is not None:
+            return _command(commanded, frame.data)
+        told = self._statuses.get(frame.arbitration_id)
+        return None if told is None else _status(told, frame.data)
+
+    def stop(self) -> Sequence[Frame]:
+        """The voltage taken from both, zero torque, and SYNC; see `Stopper.stop`."""
+        return self._stop
+
+
+def _command(name: str, data: bytes) -> Heard | None:
+    if len(data) != _LENGTH:
+        return None
+    enables = data[0] & Controlword.ENABLE_OPERATION == Controlword.ENABLE_OPERATION
+    return Heard(name, Meaning.MOVE if enables else Meaning.DISABLE)
+
+
+def _status(name: str, data: bytes) -> Heard | None:
+    try:
+        state = state_of(Status.unpack(data).statusword)
+    except FrameRefusedError:
+        return None
+    return None if state is None else Heard(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)

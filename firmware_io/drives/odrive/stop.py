@@ -1,0 +1,59 @@
+"""How the guard reads and stops ODrives; what it uses is the same in firmware 0.5 and 0.6."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_io.drives.odrive import commands as c
+from firmware_io.drives.odrive.commands import AxisState
+from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.odrive.telemetry import Heartbeat
+from firmware_io.guard.stopper import Heard, Meaning
+from firmware_io.integrity import FrameRefusedError
+from firmware_io.links.link import Frame
+
+_ANY: Final = Firmware.V0_5
+
+
+class OdriveStopper:
+    """The axes of both wheels; see `Stopper`.
+
+    On is closed loop alone: a drive that calibrates itself is not following commands, and is left in peace.
+    """
+
+    drives: Sequence[str] = ("left", "right")
+    reports = True
+
+    def __init__(self, settings: OdriveSettings) -> None:
+        """Know the axes by their nodes."""
+        self._names = {settings.wheel(name).node_id: name for name in self.drives}
+        still = (c.SetInputTorque(0.0), c.SetAxisState(AxisState.IDLE))
+        self._stop = [encode(_ANY, node_id, message) for node_id in self._names for message in still]
+
+    def read(self, frame: Frame) -> Heard | None:
+        """What a frame means; see `Stopper.read`."""
+        name = self._names.get(frame.arbitration_id // COMMANDS)
+        if name is None or frame.is_extended or frame.is_remote:
+            return None
+        try:
+            meaning = _meaning(decode(_ANY, frame.arbitration_id, frame.data))
+        except FrameRefusedError:
+            return None
+        return None if meaning is None else Heard(name, meaning)
+
+    def stop(self) -> Sequence[Frame]:
+        """Zero torque and idle, for both; see `Stopper.stop`."""
+        return self._stop
+
+
+def _meaning(message: Message) -> Meaning | None:
+    match message:
+        case c.SetInputTorque(torque):
+            return Meaning.MOVE if torque else Meaning.ZERO
+        case c.SetAxisState(state):
+            return Meaning.DISABLE if state == AxisState.IDLE else Meaning.MOVE
+        case c.SetInputPosition() | c.SetInputVelocity():
+            return Meaning.MOVE
+        case Heartbeat(state=state):
+            return Meaning.ON if state == AxisState.CLOSED_LOOP_CONTROL else Meaning.OFF
+    return None

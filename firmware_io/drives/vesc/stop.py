@@ -1,0 +1,47 @@
+"""How the guard reads and stops VESC controllers."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_io.drives.vesc.frames import Command, Current, addressed, decode, frame_of
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.guard.stopper import Heard, Meaning
+from firmware_io.integrity import FrameRefusedError
+from firmware_io.links.link import Frame
+
+_OTHERS: Final = frozenset(
+    command for command in Command if command.name.startswith("SET_") and command is not Command.SET_CURRENT
+)
+"""What the node does not send: whoever does wants the motor to do something."""
+
+
+class VescStopper:
+    """The controllers of both wheels; see `Stopper`. They know no "off" but zero current, and report none."""
+
+    drives: Sequence[str] = ("left", "right")
+    reports = False
+
+    def __init__(self, settings: VescSettings) -> None:
+        """Know the controllers by their ids."""
+        self._names = {settings.left.controller_id: "left", settings.right.controller_id: "right"}
+        self._stop = [frame_of(Command.SET_CURRENT, controller_id, Current(0.0)) for controller_id in self._names]
+
+    def read(self, frame: Frame) -> Heard | None:
+        """What a frame means; see `Stopper.read`."""
+        command, controller_id = addressed(frame) or (None, None)
+        name = self._names.get(controller_id) if controller_id is not None else None
+        if name is None or frame.is_remote:
+            return None
+        if command in _OTHERS:
+            return Heard(name, Meaning.MOVE)
+        if command is not Command.SET_CURRENT:
+            return None
+        try:
+            current = decode(command, frame.data)[0]
+        except FrameRefusedError:
+            return None
+        return Heard(name, Meaning.MOVE if current else Meaning.DISABLE)
+
+    def stop(self) -> Sequence[Frame]:
+        """Zero current, for both; see `Stopper.stop`."""
+        return self._stop

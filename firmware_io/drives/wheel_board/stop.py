@@ -1,0 +1,50 @@
+"""How the guard reads and stops a wheel board."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, decode, encode
+from firmware_io.guard.stopper import Heard, Meaning
+from firmware_io.integrity import FrameRefusedError
+from firmware_io.links.link import Frame
+
+_OFF: Final = WheelCommand(0.0, 0.0, enable=False)
+_BURST: Final = 2
+
+
+class WheelBoardStopper:
+    """A wheel board; see `Stopper`.
+
+    The board takes a command whose counter follows that of the last one, and a counter that does not becomes the new
+    reference (`CounterCheck`). So stop frames go on counting where the node was last heard, and come in pairs: should
+    the first be refused, because the node was not heard, the second is taken.
+    """
+
+    drives: Sequence[str] = ("board",)
+    reports = True
+
+    def __init__(self) -> None:
+        """Know nothing of the node's counter."""
+        self._counter = 0
+
+    def read(self, frame: Frame) -> Heard | None:
+        """What a frame means; see `Stopper.read`."""
+        if frame.is_extended or frame.arbitration_id not in (FrameId.WHEEL_COMMAND, FrameId.BOARD_STATUS):
+            return None
+        try:
+            payload, counter = decode(frame.arbitration_id, frame.data)
+        except FrameRefusedError:
+            return None
+        if isinstance(payload, BoardStatus):
+            return Heard("board", Meaning.ON if payload.state is BoardState.ENABLED else Meaning.OFF)
+        self._counter = counter
+        enables = isinstance(payload, WheelCommand) and payload.enable
+        return Heard("board", Meaning.MOVE if enables else Meaning.DISABLE)
+
+    def stop(self) -> Sequence[Frame]:
+        """Zero with the motors off, twice; see `Stopper.stop`."""
+        frames = []
+        for _ in range(_BURST):
+            self._counter += 1
+            frames.append(Frame(FrameId.WHEEL_COMMAND, encode(FrameId.WHEEL_COMMAND, _OFF, self._counter)))
+        return frames

@@ -1,0 +1,1 @@
+"""The guard: disables the drives when commands stop, whatever became of the node."""

@@ -1,0 +1,117 @@
+"""The guard at work: two links to the bus, the heartbeats, and a small loop around the watch."""
+
+import contextlib
+import logging
+from collections.abc import Iterator
+from typing import Final, Protocol
+
+from firmware_io.build import Clocks
+from firmware_io.errors import LinkLostError
+from firmware_io.guard.watch import Intervention, Watch
+from firmware_io.links.link import Frame, Link
+
+PASS_NS: Final = 2_000_000
+"""From one look at the bus to the next."""
+_DRAINS: Final = 20
+"""A link hands out so many frames at a time; after a hold-up more are waiting."""
+_logger = logging.getLogger(__name__)
+
+
+class Beats(Protocol):
+    """Where the node's heartbeats arrive."""
+
+    def open(self) -> None:
+        """Listen."""
+
+    def take(self) -> Iterator[bool]:
+        """Of each heartbeat, whether the motors are wanted on."""
+
+    def close(self) -> None:
+        """Stop listening."""
+
+
+class Guard:
+    """Listens on one link and stops the drives over another.
+
+    A link takes what comes with an identifier that it has sent for its own frame come back. A guard with one link would
+    be deaf to the node from its first stop frame on, so it listens on a link that never sends.
+    """
+
+    def __init__(self, ears: Link, voice: Link, beats: Beats, watch: Watch, clocks: Clocks) -> None:
+        """Guard what `watch` watches."""
+        self._ears = ears
+        self._voice = voice
+        self._beats = beats
+        self._watch = watch
+        self._clocks = clocks
+        self._is_deaf = False
+        self._reported: Intervention | None = None
+        self._is_stopped = False
+
+    def stop(self, _reason: str = "") -> None:
+        """End after the present pass; may be called from a signal handler."""
+        self._is_stopped = True
+
+    def run(self) -> None:
+        """Guard until stopped.
+
+        Raises:
+            HardwareError: The bus is not there, or has a guard already.
+        """
+        with contextlib.ExitStack() as exits:
+            for part in (self._beats, self._ears, self._voice):
+                exits.callback(part.close)
+                part.open()
+            self._watch.excuse(self._clocks.now_ns())
+            _logger.info("guard on %s", self._ears.description)
+            while not self._is_stopped:
+                self.step()
+                self._clocks.sleep_until_ns(self._clocks.now_ns() + PASS_NS)
+
+    def step(self) -> None:
+        """One pass: listen, judge, stop what must be stopped."""
+        for is_on in self._beats.take():
+            self._watch.beat(self._clocks.now_ns(), is_on=is_on)
+        frames = self._listen()
+        now_ns = self._clocks.now_ns()
+        if frames is None:
+            self._watch.excuse(now_ns)
+            return
+        for frame in frames:
+            self._watch.take(frame)
+        for frame in self._watch.step(now_ns):
+            self._voice.send(frame)
+        self._tell()
+
+    def _listen(self) -> list[Frame] | None:
+        """What has arrived; None while the bus is gone, which is said once."""
+        with contextlib.suppress(LinkLostError):
+            self._voice.receive()  # nobody needs it, but a link that is lost comes back only where it is read
+        try:
+            frames = [frame for _ in range(_DRAINS) for frame in self._ears.receive()]
+        except LinkLostError as error:
+            if not self._is_deaf:
+                _logger.warning("%s: nothing is guarded until it is back", error)
+            self._is_deaf = True
+            return None
+        if self._is_deaf:
+            _logger.warning("%s is back, and guarded", self._ears.description)
+            self._is_deaf = False
+        return frames
+
+    def _tell(self) -> None:
+        """Say of an intervention, once it is over, what was done."""
+        newest = self._watch.interventions[-1] if self._watch.interventions else None
+        if newest is not None and newest.end is not None and newest is not self._reported:
+            self._reported = newest
+            _logger.warning("%s", describe(newest))
+
+
+def describe(intervention: Intervention) -> str:
+    """An intervention in one line."""
+    told = intervention
+    after = "no command was ever heard"
+    if told.last_command_ns is not None:
+        after = f"{(told.first_ns - told.last_command_ns) * 1e-6:.1f} ms after the last command"
+    lasted = f"over {(told.last_ns - told.first_ns) * 1e-6:.0f} ms"
+    return f"stopped the drives: {told.cause}; {after}, {told.frames} frames {lasted}, until {told.end}"

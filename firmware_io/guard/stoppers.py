@@ -1,0 +1,23 @@
+"""The guard's part of each drive family."""
+
+from firmware_io.build import HardwareSettings
+from firmware_io.drives.cia402.stop import Cia402Stopper
+from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.odrive.stop import OdriveStopper
+from firmware_io.drives.vesc.settings import VescSettings
+from firmware_io.drives.vesc.stop import VescStopper
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.drives.wheel_board.stop import WheelBoardStopper
+from firmware_io.guard.stopper import Stopper
+
+
+def stopper_of(settings: HardwareSettings) -> Stopper:
+    """What reads and stops the drives that a robot file describes."""
+    match settings:
+        case WheelBoardSettings():
+            return WheelBoardStopper()
+        case OdriveSettings():
+            return OdriveStopper(settings)
+        case VescSettings():
+            return VescStopper(settings)
+    return Cia402Stopper(settings)

@@ -1,0 +1,254 @@
+"""What the guard decides: given the frames on the bus, the node's heartbeats and the time, which frames to send."""
+
+import enum
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_io.guard.stopper import Meaning, Stopper
+from firmware_io.links.link import Frame
+
+LIMIT_NS: Final = 30_000_000
+"""Commands that stopped this long ago have stopped."""
+AGAIN_NS: Final = 10_000_000
+"""From one round of stop frames to the next."""
+GIVE_UP_NS: Final = 1_000_000_000
+"""Longest time that stop frames are sent for."""
+IN_FLIGHT_NS: Final = 5_000_000
+"""A report that arrives this soon after a command may have been on its way before it."""
+ECHO_NS: Final = 100_000_000
+"""A frame of our own that has not come back by then does not come back."""
+KEPT: Final = 100
+"""Interventions that are remembered; all are counted."""
+
+
+@enum.unique
+class Cause(enum.StrEnum):
+    """Why the guard stopped the drives."""
+
+    SILENCE = "commands stopped"
+    DEFIANCE = "a stopped node commanded motion without a zero before"
+
+
+@enum.unique
+class End(enum.StrEnum):
+    """Why the guard stopped stopping them."""
+
+    OFF = "the drives report off"
+    NODE = "the node is back"
+    TIME = "the time for it is over"
+
+
+@dataclass(slots=True)
+class Intervention:
+    """A time in which the guard sent stop frames.
+
+    Attributes:
+        cause: Why it began.
+        last_command_ns: When the node was last heard before, monotonic; None where it never was.
+        first_ns: When the first stop frame was sent, monotonic.
+        last_ns: When the last one was.
+        frames: How many were sent.
+        end: Why it ended; None while it lasts.
+    """
+
+    cause: Cause
+    last_command_ns: int | None
+    first_ns: int
+    last_ns: int
+    frames: int = 0
+    end: End | None = None
+
+
+@dataclass(slots=True)
+class _Drive:
+    """What is known of a drive.
+
+    Attributes:
+        alive_ns: When the node last commanded it, or said that it lives.
+        moved_ns: When the node last wanted it to move.
+        rested_ns: When the node last sent it a zero or switched it off.
+        off_ns: When it last reported that it is off; None where it was told to move since.
+        wants: Whether the node's last word was to move.
+        is_on: Whether its own last word was that it is on.
+        is_barred: Whether it was stopped, and the node has not sent a zero since.
+        is_defied: Whether the node wants it to move nevertheless.
+    """
+
+    alive_ns: int | None = None
+    moved_ns: int = 0
+    rested_ns: int = 0
+    off_ns: int | None = None
+    wants: bool = False
+    is_on: bool = False
+    is_barred: bool = False
+    is_defied: bool = False
+
+    def live(self, at_ns: int) -> int:
+        """The node lives; returns for how long the drive, if it may follow, had heard nothing, ns."""
+        before_ns, self.alive_ns = self.alive_ns, at_ns
+        return at_ns - before_ns if before_ns is not None and (self.wants or self.is_on) else 0
+
+    def move(self, at_ns: int) -> None:
+        """The node wants it to move."""
+        self.wants, self.moved_ns, self.off_ns = True, at_ns, None
+
+    def report_off(self, at_ns: int) -> None:
+        """It is off; what was on its way before the last command to move says nothing of that."""
+        self.is_on = False
+        if at_ns - self.moved_ns >= IN_FLIGHT_NS:
+            self.wants, self.off_ns = False, at_ns
+
+
+class Watch:
+    """Watches the drives of a robot and says which frames to send; nothing while all is well.
+
+    Attributes:
+        commands: Commands of the node that were heard.
+        heartbeats: Heartbeats of the node that were heard.
+        longest_gap_ns: Longest time between two signs of life while a drive followed.
+        interventions: The newest ones.
+        intervened: How many there were.
+    """
+
+    def __init__(self, stopper: Stopper, now_ns: int, limit_ns: int = LIMIT_NS) -> None:
+        """Watch from now on; commands silent for longer than `limit_ns` have stopped."""
+        self.commands = 0
+        self.heartbeats = 0
+        self.longest_gap_ns = 0
+        self.interventions: deque[Intervention] = deque(maxlen=KEPT)
+        self.intervened = 0
+        self._stopper = stopper
+        self._limit_ns = limit_ns
+        self._drives = {name: _Drive() for name in stopper.drives}
+        self._watching_ns = now_ns
+        self._stepped_ns = now_ns
+        self._present: Intervention | None = None
+        self._echoes: Counter[Frame] = Counter()
+        self._echoes_until_ns = now_ns
+
+    def take(self, frame: Frame) -> None:
+        """Take a frame from the bus; our own come back too, and say nothing of the node."""
+        sent = frame._replace(received_ns=0)
+        if self._echoes[sent] > 0:
+            self._echoes[sent] -= 1
+            return
+        heard = self._stopper.read(frame)
+        if heard is None:
+            return
+        drive = self._drives[heard.drive]
+        match heard.meaning:
+            case Meaning.ON:
+                drive.is_on = True
+            case Meaning.OFF:
+                drive.report_off(frame.received_ns)
+            case _:
+                self._obey(drive, heard.meaning, frame.received_ns)
+
+    def beat(self, now_ns: int, *, is_on: bool) -> None:
+        """Take a heartbeat of the node, which says whether it wants the motors on."""
+        self.heartbeats += 1
+        for drive in self._drives.values():
+            self._note_life(drive, now_ns)
+            if is_on:
+                drive.move(now_ns)
+            else:
+                drive.wants = False
+
+    def excuse(self, now_ns: int) -> None:
+        """Nothing could be heard until now, which is not the node's fault."""
+        self._watching_ns = self._stepped_ns = now_ns
+
+    def step(self, now_ns: int) -> Sequence[Frame]:
+        """What to send now."""
+        self._look_at_self(now_ns)
+        if self._present is None:
+            cause = self._cause(now_ns)
+            if cause is None:
+                return ()
+            self._begin(cause, now_ns)
+        elif (end := self._end_of(self._present, now_ns)) is not None:
+            self._end(self._present, end)
+            return ()
+        return self._stop(now_ns)
+
+    def _obey(self, drive: _Drive, meaning: Meaning, at_ns: int) -> None:
+        self.commands += 1
+        self._note_life(drive, at_ns)
+        if meaning is Meaning.MOVE:
+            drive.move(at_ns)
+            drive.is_defied = drive.is_barred
+            return
+        drive.wants = drive.is_barred = drive.is_defied = False
+        drive.rested_ns = at_ns
+        if meaning is Meaning.DISABLE:
+            # Its last report is out of date; should it not obey, its next one tells.
+            drive.is_on = False
+
+    def _note_life(self, drive: _Drive, at_ns: int) -> None:
+        self.longest_gap_ns = max(self.longest_gap_ns, drive.live(at_ns))
+
+    def _look_at_self(self, now_ns: int) -> None:
+        """A guard that was held up itself listens for half the limit before it judges."""
+        if now_ns - self._stepped_ns > self._limit_ns // 2:
+            self._watching_ns = now_ns - self._limit_ns // 2
+        self._stepped_ns = now_ns
+        if now_ns > self._echoes_until_ns:
+            self._echoes.clear()
+
+    def _cause(self, now_ns: int) -> Cause | None:
+        drives = self._drives.values()
+        if any(drive.is_defied for drive in drives):
+            return Cause.DEFIANCE
+        silent = any(
+            (drive.wants or drive.is_on) and self._silence_ns(drive, now_ns) > self._limit_ns for drive in drives
+        )
+        return Cause.SILENCE if silent else None
+
+    def _silence_ns(self, drive: _Drive, now_ns: int) -> int:
+        heard_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
+        return now_ns - heard_ns
+
+    def _begin(self, cause: Cause, now_ns: int) -> None:
+        alive = [drive.alive_ns for drive in self._drives.values() if drive.alive_ns is not None]
+        self._present = Intervention(cause, max(alive, default=None), now_ns, now_ns - AGAIN_NS)
+        self.interventions.append(self._present)
+        self.intervened += 1
+        for drive in self._drives.values():
+            drive.off_ns = None
+            # Of drives that do not report, the node cannot learn that they were stopped: it would never send a zero.
+            drive.is_barred = self._stopper.reports
+
+    def _end_of(self, present: Intervention, now_ns: int) -> End | None:
+        drives, first_ns = self._drives.values(), present.first_ns
+        if self._stopper.reports:
+            if all(drive.off_ns is not None and drive.off_ns >= first_ns for drive in drives):
+                return End.OFF
+            is_back = all(drive.rested_ns >= first_ns for drive in drives)
+        else:
+            is_back = all(drive.alive_ns is not None and drive.alive_ns >= first_ns for drive in drives)
+        if is_back:
+            return End.NODE
+        return End.TIME if now_ns - first_ns >= GIVE_UP_NS else None
+
+    def _end(self, present: Intervention, end: End) -> None:
+        """Forget what was known of the drives: one that is still on says so again."""
+        present.end = end
+        self._present = None
+        for drive in self._drives.values():
+            drive.wants = drive.is_on = False
+
+    def _stop(self, now_ns: int) -> Sequence[Frame]:
+        present = self._present
+        is_defied = any(drive.is_defied for drive in self._drives.values())
+        if present is None or not (is_defied or now_ns - present.last_ns >= AGAIN_NS):
+            return ()
+        for drive in self._drives.values():
+            drive.is_defied = False
+        frames = self._stopper.stop()
+        present.frames += len(frames)
+        present.last_ns = now_ns
+        self._echoes.update(frames)
+        self._echoes_until_ns = now_ns + ECHO_NS
+        return frames

@@ -1,0 +1,73 @@
+"""The node's clock in lock step, which steps, and on which the node stalls or dies, as it is told to."""
+
+from collections.abc import Callable
+
+from hil.errors import RigError
+from hil.faults.injection import Injection, Injections
+from hil.lockstep import LockstepRig
+
+
+class ProcessKilledError(RigError):
+    """The node was killed, as declared."""
+
+
+class DisturbedClock:
+    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong.
+
+    Attributes:
+        on_kill: What to do when the node is killed.
+    """
+
+    def __init__(self, rig: LockstepRig, injections: Injections) -> None:
+        """Stand in front of a rig."""
+        self.on_kill: Callable[[], None] | None = None
+        self._rig = rig
+        self._clock = injections.of("clock")
+        self._process = injections.of("process")
+        self._stalls = [i for i in self._process if i.fault.type == "stuck"]
+
+    def now_ns(self) -> int:
+        """Simulated monotonic time."""
+        return self._rig.now_ns()
+
+    def wall_ns(self) -> int:
+        """Simulated wall-clock time, and what is wrong with it."""
+        return self._rig.wall_ns() + sum(self._error_ns(i.fault.type, i.since_ns, i.fault.size) for i in self._active)
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Let the devices run up to the deadline, or further where the node stalls.
+
+        Raises:
+            ProcessKilledError: The node is dead.
+        """
+        self._rig.sleep_until_ns(deadline_ns)
+        for injection in self._process:
+            if not injection.is_active:
+                continue
+            match injection.fault.type:
+                case "off":
+                    if self.on_kill is not None:
+                        self.on_kill()
+                    raise ProcessKilledError("the node was killed, as the scenario declares")
+                case "slow":
+                    self.spend(injection.fault.size or 0.0)
+                case "stuck" if injection in self._stalls:
+                    self._stalls.remove(injection)
+                    self.spend(injection.fault.size or 0.0)
+
+    def spend(self, duration_s: float) -> None:
+        """Let time pass for everybody but the node, s."""
+        self._rig.sleep_until_ns(self._rig.now_ns() + round(duration_s * 1e9))
+
+    @property
+    def _active(self) -> list[Injection]:
+        return [injection for injection in self._clock if injection.is_active]
+
+    @staticmethod
+    def _error_ns(kind: str, since_ns: int, size: float | None) -> int:
+        match kind:
+            case "stuck":
+                return -since_ns
+            case "slow":
+                return -round((size or 0.0) * since_ns)
+        return round((size or 0.0) * 1e9)

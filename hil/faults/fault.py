@@ -1,0 +1,167 @@
+"""What a fault is: which part fails, how, when, and by how much."""
+
+from collections.abc import Mapping
+from typing import Annotated, Final, Literal, NamedTuple
+
+import msgspec
+
+from firmware_io.section import Section
+
+Target = Literal[
+    "imu",
+    "left_motor",
+    "right_motor",
+    "encoder",
+    "can",
+    "serial",
+    "command_link",
+    "battery",
+    "clock",
+    "process",
+    "disk",
+]
+Type = Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"]
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
+
+
+class Kind(NamedTuple):
+    """What a type of fault does to a target.
+
+    Attributes:
+        does: What happens.
+        amount: The `amount` where none is given; None where it means something else than any number would.
+        unit: What `amount` is counted in; empty where it has no meaning.
+        least: The least `amount`.
+        most: The largest `amount`.
+    """
+
+    does: str
+    amount: float | None = None
+    unit: str = ""
+    least: float = -1e6
+    most: float = 1e6
+
+
+def _share(does: str, amount: float) -> Kind:
+    return Kind(does, amount, "probability", 0.0, 1.0)
+
+
+def _time(does: str, amount: float) -> Kind:
+    return Kind(does, amount, "s", 1e-3, 60.0)
+
+
+_MOTOR: Final = {
+    "off": Kind("gives no torque: an open winding"),
+    "stuck": Kind("gives this all the time", None, "the drive's unit; what it gave last where not given"),
+    "garbage": Kind("gives noise up to this either way", 3.0, "the drive's unit", 0.0),
+    "wrong": Kind("gives this times what the drive gives: -1 backwards, 0.5 weak", -1.0, "factor"),
+    "slow": _time("follows with this time constant", 0.2),
+    "delayed": _time("follows this much later", 0.1),
+    "intermittent": _share("gives nothing in this share of the plant's steps", 0.5),
+}
+KINDS: Final[Mapping[Target, Mapping[Type, Kind]]] = {
+    "imu": {
+        "off": Kind("sends nothing"),
+        "stuck": Kind("measures the same all the time, and sends it as if it were new"),
+        "garbage": Kind("measures noise up to this either way", 20.0, "rad/s and m/s2", 0.0),
+        "wrong": Kind("measures too much by this; the opposite where not given", None, "rad/s and m/s2"),
+        "slow": _time("follows with this time constant", 0.2),
+        "delayed": _time("measures what was this long ago", 0.1),
+        "intermittent": _share("loses this share of its frames", 0.5),
+    },
+    "left_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
+    "right_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
+    "encoder": {
+        "off": Kind("the left wheel's reads zero, and no error"),
+        "stuck": Kind("the left wheel's reads the same all the time"),
+        "garbage": Kind("the left wheel's reads noise up to this either way", 50.0, "rad and rad/s", 0.0),
+        "wrong": Kind("the left wheel's reads too much by this; the opposite where not given", None, "rad and rad/s"),
+        "slow": _time("the left wheel's follows with this time constant", 0.2),
+        "delayed": _time("the left wheel's reads what was this long ago", 0.1),
+        "intermittent": _share("the left wheel's reads zero in this share of the plant's steps", 0.5),
+    },
+    "can": {
+        "off": Kind("nothing passes either way, and nothing says so: a cut cable"),
+        "stuck": Kind("the transmit queue takes nothing; telemetry goes on"),
+        "garbage": _share("some bits are wrong in this share of the frames either way", 0.1),
+        "wrong": Kind("after each frame the one of its kind before it arrives once more: a counter that goes back"),
+        "delayed": _time("every frame arrives this much later", 0.02),
+        "intermittent": _share("this share of the frames is lost either way", 0.1),
+    },
+    "serial": {
+        "off": Kind("the wires are cut"),
+        "stuck": Kind("the robot's port is gone"),
+        "garbage": Kind("noise arrives at the robot", 1000.0, "bytes/s", 1.0, 1e5),
+    },
+    "command_link": {
+        "off": Kind("no set-point arrives"),
+        "stuck": Kind("the newest set-point arrives this often in every cycle: a flood", 100.0, "times", 1.0, 10_000.0),
+        "garbage": Kind("every set-point arrives as not a number, or infinite"),
+        "wrong": Kind("every set-point asks for this much more ahead", 100.0, "m/s"),
+        "delayed": _time("set-points arrive this much later", 0.2),
+        "intermittent": _share("this share of the set-points is lost", 0.5),
+    },
+    "battery": {
+        "off": Kind("drives and sensors are without supply, for good"),
+        "slow": Kind("sags: the motors give this times what they should", 0.5, "factor", 0.0, 1.0),
+        "intermittent": _share("the motors give nothing in this share of the plant's steps", 0.5),
+    },
+    "clock": {
+        "stuck": Kind("the wall clock stands still"),
+        "wrong": Kind("the wall clock steps by this", 3600.0, "s"),
+        "slow": Kind("the wall clock loses this much every second", 0.01, "s/s", -1.0, 1.0),
+    },
+    "process": {
+        "off": Kind("the node is killed: it sends nothing more, and closes nothing"),
+        "stuck": _time("the node stands still for this long, once", 0.2),
+        "slow": _time("every cycle begins this much late", 0.005),
+    },
+    "disk": {
+        "off": Kind("nothing can be recorded: every write fails"),
+        "slow": _time("every write takes this long", 0.005),
+    },
+}
+"""Every fault there is, and what it does."""
+
+_FOR_GOOD: Final = {("battery", "off"), ("process", "off"), ("process", "stuck")}
+"""Faults whose end is not in the declaration's hands."""
+
+
+class Fault(Section, frozen=True, kw_only=True):
+    """One fault.
+
+    Attributes:
+        target: The part that fails.
+        type: How; see `KINDS`.
+        at_s: When, s after the robot was armed.
+        for_s: How long, s; None for good.
+        amount: How much; see `KINDS`. None for what stands there.
+    """
+
+    target: Target
+    type: Type
+    at_s: Seconds
+    for_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] | None = None
+    amount: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense; ValueError says what does."""
+        kinds = KINDS[self.target]
+        kind = kinds.get(self.type)
+        if kind is None:
+            raise ValueError(f"{self.target} cannot be {self.type}; it can be {', '.join(kinds)}")
+        if self.amount is not None:
+            self._check_amount(kind, self.amount)
+        if self.for_s is not None and (self.target, self.type) in _FOR_GOOD:
+            raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
+
+    @property
+    def size(self) -> float | None:
+        """The amount, or what it is where none is given."""
+        return KINDS[self.target][self.type].amount if self.amount is None else self.amount
+
+    def _check_amount(self, kind: Kind, amount: float) -> None:
+        if not kind.unit:
+            raise ValueError(f"amount has no meaning where {self.target} is {self.type}: leave it out")
+        if not kind.least <= amount <= kind.most:
+            raise ValueError(f"amount must be from {kind.least:g} to {kind.most:g} ({kind.unit}), not {amount}")

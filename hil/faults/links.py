@@ -1,0 +1,194 @@
+"""Links and lines that lose, spoil, repeat and delay what passes, as they are told to."""
+
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from typing import Final
+
+from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from hil.faults.injection import Injection, Injections
+from hil.faulty_link import FaultyLink, LinkFault
+from hil.simulated_serial import SimulatedSerial
+
+NowNs = Callable[[], int]
+_FAULTS: Final = {"off": LinkFault.CUT, "stuck": LinkFault.QUEUE_FULL}
+_MOST_BITS: Final = 3
+
+
+class DisturbedBus(FaultyLink):
+    """The robot's end of its bus; see `Link`.
+
+    Attributes:
+        is_dead: Whether the process behind it is: nothing that it sends arrives.
+    """
+
+    def __init__(self, link: Link, injections: Injections, now_ns: NowNs) -> None:
+        """Stand in front of `link`."""
+        super().__init__(link)
+        self.is_dead = False
+        self._injections = injections.of("can")
+        self._now_ns = now_ns
+        self._out: deque[tuple[int, Frame]] = deque()
+        self._in: deque[tuple[int, Frame]] = deque()
+        self._newest: dict[tuple[int, bool], Frame] = {}
+
+    def send(self, frame: Frame) -> bool:
+        """Send, or what the faults make of it; see `Link.send`."""
+        if self.is_dead:
+            return True
+        self._set_fault()
+        if self.fault is not None:
+            return super().send(frame)
+        self._out.extend(self._disturbed(frame, is_sent=True))
+        return self._flush()
+
+    def receive(self) -> list[Frame]:
+        """Receive, or what the faults make of it; see `Link.receive`."""
+        self._set_fault()
+        for frame in super().receive():
+            self._in.extend(self._disturbed(frame, is_sent=False))
+        self._flush()
+        return [frame._replace(received_ns=max(due_ns, frame.received_ns)) for due_ns, frame in self._due(self._in)]
+
+    def _set_fault(self) -> None:
+        self.fault = next(
+            (_FAULTS[i.fault.type] for i in self._injections if i.is_active and i.fault.type in _FAULTS), None
+        )
+
+    def _flush(self) -> bool:
+        """Send what is due; False where something was not taken."""
+        taken = [super(DisturbedBus, self).send(frame) for _, frame in self._due(self._out)]
+        return all(taken)
+
+    def _due(self, queue: deque[tuple[int, Frame]]) -> list[tuple[int, Frame]]:
+        due, now_ns = [], self._now_ns()
+        while queue and queue[0][0] <= now_ns:
+            due.append(queue.popleft())
+        return due
+
+    def _disturbed(self, frame: Frame, *, is_sent: bool) -> list[tuple[int, Frame]]:
+        """What becomes of a frame, with the time when it goes on."""
+        frames, delay_ns = [frame], 0
+        for injection in self._injections:
+            if not injection.is_active:
+                continue
+            match injection.fault.type:
+                case "intermittent":
+                    frames = [] if injection.happens() else frames
+                case "garbage":
+                    frames = [_spoilt(f, injection) if injection.happens() else f for f in frames]
+                case "wrong":
+                    frames += self._older(frame, is_sent=is_sent)
+                case "delayed":
+                    delay_ns += round((injection.fault.size or 0.0) * 1e9)
+        self._newest[frame.arbitration_id, is_sent] = frame
+        begun_ns = self._now_ns() if is_sent else frame.received_ns
+        return [(begun_ns + delay_ns, f) for f in frames]
+
+    def _older(self, frame: Frame, *, is_sent: bool) -> list[Frame]:
+        older = self._newest.get((frame.arbitration_id, is_sent))
+        return [] if older is None else [older._replace(received_ns=frame.received_ns)]
+
+
+def _spoilt(frame: Frame, injection: Injection) -> Frame:
+    """A frame with one to three bits of its data wrong."""
+    if not frame.data:
+        return frame
+    bits = int.from_bytes(frame.data, "little")
+    for place in injection.random.sample(range(8 * len(frame.data)), injection.random.randint(1, _MOST_BITS)):
+        bits ^= 1 << place
+    return frame._replace(data=bits.to_bytes(len(frame.data), "little"))
+
+
+class DisturbedDevicesLink:
+    """The devices' end of the bus: an IMU that is off sends nothing, and without supply nobody does; see `Link`."""
+
+    def __init__(self, link: Link, injections: Injections, imu_frames: Collection[tuple[int, bool]]) -> None:
+        """Stand in front of `link`.
+
+        Args:
+            link: The link behind.
+            injections: The faults of this run.
+            imu_frames: Identifiers of the IMU's frames, and whether they are extended.
+        """
+        self._link = link
+        self._imu = [i for i in injections.of("imu") if i.fault.type in {"off", "intermittent"}]
+        self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
+        self._imu_frames = imu_frames
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Those of the link behind."""
+        return self._link.counters
+
+    @property
+    def description(self) -> str:
+        """That of the link behind."""
+        return self._link.description
+
+    @property
+    def state(self) -> LinkState:
+        """That of the link behind."""
+        return self._link.state
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """That of the link behind."""
+        return self._link.health
+
+    def open(self) -> None:
+        """Open the link behind."""
+        self._link.open()
+
+    def send(self, frame: Frame) -> bool:
+        """Send, unless the sender is silent."""
+        if self._is_without_supply or self._is_lost(frame):
+            return True
+        return self._link.send(frame)
+
+    def receive(self) -> list[Frame]:
+        """Receive, unless nobody has supply."""
+        frames = self._link.receive()
+        return [] if self._is_without_supply else frames
+
+    def close(self) -> None:
+        """Close the link behind."""
+        self._link.close()
+
+    @property
+    def _is_without_supply(self) -> bool:
+        return any(injection.is_active for injection in self._battery)
+
+    def _is_lost(self, frame: Frame) -> bool:
+        if (frame.arbitration_id, frame.is_extended) not in self._imu_frames:
+            return False
+        return any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
+
+
+class DisturbedLine:
+    """Cuts, unplugs or disturbs a serial line, once in every tick of the rig."""
+
+    def __init__(self, wires: SimulatedSerial, injections: Injections, tick_ns: int) -> None:
+        """Disturb `wires`."""
+        self._wires = wires
+        self._injections = injections.of("serial")
+        self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
+        self._tick_s = tick_ns * 1e-9
+        self._is_unplugged = False
+
+    def act(self) -> None:
+        """Do what is due now."""
+        active = {i.fault.type: i for i in self._injections if i.is_active}
+        is_cut = "off" in active or any(i.is_active for i in self._battery)
+        if is_cut != self._wires.cut:
+            self._wires.cut = is_cut
+        if ("stuck" in active) != self._is_unplugged:
+            self._is_unplugged = "stuck" in active
+            (self._wires.host.unplug if self._is_unplugged else self._wires.host.plug)()
+        if "garbage" in active:
+            self._make_noise(active["garbage"])
+
+    def _make_noise(self, injection: Injection) -> None:
+        expected = (injection.fault.size or 0.0) * self._tick_s
+        count = int(expected) + (injection.random.random() < expected % 1.0)
+        if count:
+            self._wires.garbage(injection.random.randbytes(count))

@@ -1,0 +1,161 @@
+"""A plant whose sensors measure, and whose motors push, as they are told to fail."""
+
+from collections import deque
+from collections.abc import Sequence
+
+from hil.faults.injection import Injection, Injections
+from node.model.model import Model
+from node.model.variables import Variable
+
+_PREFIXES = {
+    "imu": ("imu.",),
+    "encoder": ("left.",),
+    "left_motor": ("left.",),
+    "right_motor": ("right.",),
+    "battery": ("left.", "right."),
+}
+
+
+class DisturbedPlant:
+    """Stands between devices and plant; see `Model`. What is true of the plant, `truth.*`, stays true."""
+
+    def __init__(self, plant: Model, injections: Injections) -> None:
+        """Stand in front of `plant`."""
+        self._plant = plant
+        self._sensors = [
+            _Disturbance(i, _places(i, plant.outputs), plant.step_size) for i in injections.of("imu", "encoder")
+        ]
+        motors = injections.of("left_motor", "right_motor", "battery")
+        self._motors = [_Disturbance(i, _places(i, plant.inputs), plant.step_size) for i in motors]
+
+    @property
+    def name(self) -> str:
+        """The plant's name."""
+        return self._plant.name
+
+    @property
+    def step_size(self) -> float:
+        """The length of one step, s."""
+        return self._plant.step_size
+
+    @property
+    def inputs(self) -> Sequence[Variable]:
+        """The plant's."""
+        return self._plant.inputs
+
+    @property
+    def outputs(self) -> Sequence[Variable]:
+        """The plant's."""
+        return self._plant.outputs
+
+    @property
+    def parameters(self) -> Sequence[Variable]:
+        """The plant's."""
+        return self._plant.parameters
+
+    @property
+    def states(self) -> Sequence[Variable]:
+        """The plant's."""
+        return self._plant.states
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the plant has asked to stop."""
+        return self._plant.stopped
+
+    def initialize(self, u: Sequence[float]) -> list[float]:
+        """Start at time zero; see `Model.initialize`."""
+        return self._plant.initialize(u)
+
+    def step(self, u: Sequence[float]) -> list[float]:
+        """Push with what the motors make of `u`; return what the sensors make of the outputs."""
+        given = list(u)
+        for motor in self._motors:
+            motor.disturb(given)
+        measured = list(self._plant.step(given))
+        for sensor in self._sensors:
+            sensor.disturb(measured)
+        return measured
+
+    def terminate(self) -> None:
+        """Run the final section."""
+        self._plant.terminate()
+
+    def read(self, name: str) -> float:
+        """The plant's own value; see `Model.read`."""
+        return self._plant.read(name)
+
+    def write(self, name: str, value: float) -> None:
+        """Write to the plant; see `Model.write`."""
+        self._plant.write(name, value)
+
+
+def _places(injection: Injection, variables: Sequence[Variable]) -> list[int]:
+    prefixes = _PREFIXES[injection.fault.target]
+    return [place for place, variable in enumerate(variables) if variable.name.startswith(prefixes)]
+
+
+class _Disturbance:
+    """What one fault makes of some values, one step of the plant at a time."""
+
+    def __init__(self, injection: Injection, places: Sequence[int], step_size: float) -> None:
+        self._injection = injection
+        self._places = places
+        self._step_size = step_size
+        self._is_factor = injection.fault.target in {"left_motor", "right_motor", "battery"}
+        self._kept = [0.0] * len(places)
+        fault = injection.fault
+        length = round((fault.size or 0.0) / step_size) + 1 if fault.type == "delayed" else 1
+        self._past: deque[list[float]] = deque(maxlen=length)
+
+    def disturb(self, values: list[float]) -> None:
+        """Replace the values that are disturbed."""
+        true = [values[place] for place in self._places]
+        self._past.append(true)
+        if not self._injection.is_active:
+            self._kept = true
+            return
+        for place, value in zip(self._places, self._disturbed(true), strict=True):
+            values[place] = value
+
+    def _disturbed(self, true: list[float]) -> Sequence[float]:
+        match self._injection.fault.type:
+            case "wrong":
+                return [self._wrong(value) for value in true]
+            case "slow":
+                return self._slow(true)
+            case "delayed":
+                return self._past[0]
+            case "intermittent":
+                return [0.0] * len(true) if self._is_lost() else true
+        return self._unrelated(len(true))
+
+    def _unrelated(self, count: int) -> Sequence[float]:
+        """What has nothing to do with what is true."""
+        injection, size = self._injection, self._injection.fault.size
+        match injection.fault.type:
+            case "stuck":
+                return self._kept if size is None else [size] * count
+            case "garbage":
+                bound = size or 0.0
+                return [injection.random.uniform(-bound, bound) for _ in range(count)]
+        return [0.0] * count
+
+    def _is_lost(self) -> bool:
+        # Of an IMU it is the frames that are lost, on the bus.
+        return self._injection.fault.target != "imu" and self._injection.happens()
+
+    def _wrong(self, value: float) -> float:
+        size = self._injection.fault.size
+        if self._is_factor:
+            return value * (-1.0 if size is None else size)
+        return -value if size is None else value + size
+
+    def _slow(self, true: list[float]) -> list[float]:
+        """What lags behind; of a battery, what sags."""
+        size = self._injection.fault.size or 0.0
+        if self._injection.fault.target == "battery":
+            return [size * value for value in true]
+        share = self._step_size / (size + self._step_size)
+        self._kept = [kept + share * (value - kept) for kept, value in zip(self._kept, true, strict=True)]
+        return self._kept

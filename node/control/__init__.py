@@ -1,0 +1,1 @@
+"""Design of feedback: linear models, the gains that are best for them, and the margins that are left."""

@@ -1,0 +1,1 @@
+"""Killing, stopping and cutting every part of a robot that drives, and measuring when the torque ends."""

@@ -1,0 +1,224 @@
+"""The controller of a segway: a body on two wheels that it keeps upright, still or on its way.
+
+In each step it estimates how the robot leans and moves (`segway_estimate`), decides what it is doing (`segway_phases`)
+and works out the torques that follow (`segway_law`). Its gains are parameters: `segway-ecc design` finds them. Frames
+are those of REP-103; pitch is positive when the body leans forward.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar, Final
+
+from node.errors import ModelError
+from node.model.methods import Method
+from node.model.sectioned import SectionedModel
+from node.model.variables import Variable, Write
+from node.models.segway_estimate import Estimate, Estimator, Measured
+from node.models.segway_law import Law, Motion, Torques, stopped, torques
+from node.models.segway_parameters import PUBLISHED
+from node.models.segway_phases import Phase, PhaseRules, Progress
+
+STEP_SIZE: Final = 0.005
+
+_INPUTS: Final = (
+    Variable("LeftAngle", "rad"),
+    Variable("LeftVelocity", "rad/s"),
+    Variable("RightAngle", "rad"),
+    Variable("RightVelocity", "rad/s"),
+    Variable("GyroX", "rad/s"),
+    Variable("GyroY", "rad/s"),
+    Variable("GyroZ", "rad/s"),
+    Variable("AccelerationX", "m/s2"),
+    Variable("AccelerationY", "m/s2"),
+    Variable("AccelerationZ", "m/s2"),
+)
+_BODY: Final = (
+    Variable("WheelRadius", "m", PUBLISHED.wheel_radius, Write.STATIC),
+    Variable("Track", "m", PUBLISHED.track, Write.STATIC),
+    Variable("ImuHeight", "m", PUBLISHED.imu_height, Write.STATIC),
+    Variable("StopPitch", "rad", PUBLISHED.stop_angle, Write.STATIC, "where the body touches the ground"),
+    Variable("TorqueLimit", "N m", 1.3, Write.STATIC, "of each wheel: what its tyre carries without slipping"),
+)
+_ESTIMATE: Final = (
+    Variable("TiltTime", "s", 2.0, Write.STATIC, "how slowly the pitch follows the accelerometer"),
+    Variable("BiasTime", "s", 4.0, Write.STATIC, "how slowly the gyro's biases are learnt"),
+)
+GAINS: Final = (
+    Variable("TravelGain", "N", 0.0, Write.STATIC),
+    Variable("VelocityGain", "N s", 0.0, Write.STATIC),
+    Variable("PitchGain", "N m/rad", 0.0, Write.STATIC),
+    Variable("PitchRateGain", "N m s/rad", 0.0, Write.STATIC),
+    Variable("SentGain", "1", 0.0, Write.STATIC),
+    Variable("SentBeforeGain", "1", 0.0, Write.STATIC),
+    Variable("IntegralGain", "N/s", 0.0, Write.STATIC),
+    Variable("PitchPerAcceleration", "rad s2/m", 0.0, Write.STATIC),
+    Variable("TorquePerAcceleration", "N m s2/m", 0.0, Write.STATIC),
+    Variable("HeadingGain", "N m/rad", 0.0, Write.STATIC),
+    Variable("YawRateGain", "N m s/rad", 0.0, Write.STATIC),
+    Variable("TorquePerYawAcceleration", "N m s2/rad", 0.0, Write.STATIC),
+)
+"""What `segway-ecc design` finds; with the zeros here the model does not start."""
+_LIMITS: Final = (
+    Variable("MaxSpeed", "m/s", 1.5, Write.STATIC),
+    Variable("MaxAcceleration", "m/s2", 0.8, Write.STATIC),
+    Variable("MaxYawRate", "rad/s", 2.0, Write.STATIC),
+    Variable("MaxYawAcceleration", "rad/s2", 3.0, Write.STATIC),
+    Variable("MaxTravelError", "m", 0.5, Write.STATIC),
+    Variable("MaxHeadingError", "rad", 0.5, Write.STATIC),
+    Variable("MaxIntegral", "m s", 0.5, Write.STATIC),
+    Variable("MaxTurningTorque", "N m", 1.0, Write.STATIC),
+    Variable("TorqueSlew", "N m/s", 500.0, Write.STATIC),
+)
+_PHASES: Final = (
+    Variable("SettlingTime", "s", 0.5, Write.STATIC, "at rest before it stands up, while the gyro's biases are learnt"),
+    Variable("StandUpTime", "s", 3.0, Write.STATIC, "after which it gives up"),
+    Variable("FallTime", "s", 0.5, Write.STATIC, "down, after which it gives up"),
+    Variable("SitDownTime", "s", 3.0, Write.STATIC, "after which the motors rest wherever it is"),
+    Variable("SitDownRate", "rad/s", 0.8, Write.STATIC, "at which it leans down"),
+    Variable("RunawaySpeed", "m/s", 4.0, Write.STATIC, "faster than the robot ever goes: it gives up"),
+)
+SETPOINTS: Final = (
+    Variable("LinearSetpoint", "m/s", 0.0, Write.NOW),
+    Variable("AngularSetpoint", "rad/s", 0.0, Write.NOW),
+    Variable("Stand", "1", 1.0, Write.NOW, "1: stand up and balance; 0: sit down and rest"),
+)
+
+
+def _states(prefix: str, names: Sequence[str]) -> tuple[Variable, ...]:
+    return tuple(Variable(prefix + "".join(word.capitalize() for word in name.split("_"))) for name in names)
+
+
+_STATES: Final = (
+    *SETPOINTS,
+    *_states("Estimated", Estimate._fields),
+    *_states("Reference", Motion._fields),
+    *_states("Doing", Progress._fields),
+)
+_ESTIMATE_AT: Final = len(SETPOINTS)
+_MOTION_AT: Final = _ESTIMATE_AT + len(Estimate._fields)
+_PROGRESS_AT: Final = _MOTION_AT + len(Motion._fields)
+
+_OUTPUTS: Final = (
+    Variable("X", "m"),
+    Variable("Y", "m"),
+    Variable("Heading", "rad"),
+    Variable("LinearVelocity", "m/s"),
+    Variable("AngularVelocity", "rad/s"),
+    Variable("Pitch", "rad"),
+    Variable("PitchRate", "rad/s"),
+    Variable("Phase", "1"),
+)
+
+
+class SegwayController(SectionedModel):
+    """IMU and encoders in, torques of the wheels out."""
+
+    name = "segway-controller"
+    step_size = STEP_SIZE
+    method = Method.DISCRETE
+    inputs = _INPUTS
+    outputs: ClassVar[Sequence[Variable]] = (*_OUTPUTS, Variable("LeftTorque", "N m"), Variable("RightTorque", "N m"))
+    parameters: ClassVar[Sequence[Variable]] = (*_BODY, *_ESTIMATE, *GAINS, *_LIMITS, *_PHASES)
+    states = _STATES
+
+    def initial(self) -> None:
+        """Nothing was measured yet."""
+        self.measured = Measured(*(0.0 for _ in _INPUTS))
+
+    def static(self) -> None:
+        """Gather the parameters as the equations use them.
+
+        Raises:
+            ModelError: The gains were left out.
+        """
+        p = self.p
+        if p["PitchPerAcceleration"] <= 0.0:
+            raise ModelError(f"model '{self.name}' has no gains: `segway-ecc design` puts them into the robot file")
+        self.estimator = Estimator(
+            period=STEP_SIZE,
+            radius=p["WheelRadius"],
+            track=p["Track"],
+            imu_height=p["ImuHeight"],
+            tilt_time=p["TiltTime"],
+            bias_time=p["BiasTime"],
+        )
+        self.law = Law(STEP_SIZE, p)
+        self.rules = PhaseRules(STEP_SIZE, p)
+
+    def input(self, u: Sequence[float]) -> None:
+        """Take what is measured; the first time, it says how the robot lies."""
+        self.measured = Measured(*u)
+        if self.estimate.since == 0.0:
+            self.s[_ESTIMATE_AT:_MOTION_AT] = self.estimator.start(self.measured)
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - nothing depends on the time
+        """The next states."""
+        linear, angular, stand = s[:_ESTIMATE_AT]
+        before = Progress(*s[_PROGRESS_AT:])
+        estimate = self.estimator.advance(self.estimate, self.measured, resting=before.is_resting)
+        progress = self.rules.advance(before, estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
+        motion = self.moved(Motion(*s[_MOTION_AT:_PROGRESS_AT]), estimate, progress, (linear, angular))
+        return (linear, angular, stand, *estimate, *motion, *progress)
+
+    def moved(self, motion: Motion, e: Estimate, progress: Progress, setpoint: tuple[float, float]) -> Motion:
+        """The reference one period later, with the torques that are sent now."""
+        law, limit = self.law, self.p["TorqueLimit"]
+        match progress.doing:
+            case Phase.STANDING_UP:
+                return law.balanced(law.here(motion, e), e, limit)
+            case Phase.BALANCING:
+                return law.balanced(law.ramped(motion, e, *setpoint), e, limit)
+            case Phase.SITTING_DOWN:
+                return law.braked(law.here(motion, e), self.rules.torque_down(e), limit)
+            case _:
+                return stopped(law.here(motion, e))
+
+    @property
+    def estimate(self) -> Estimate:
+        """What is known of the robot."""
+        return Estimate(*self.s[_ESTIMATE_AT:_MOTION_AT])
+
+    @property
+    def torques(self) -> Torques:
+        """What the wheels are to push."""
+        return torques(Motion(*self.s[_MOTION_AT:_PROGRESS_AT]))
+
+    def output(self) -> Sequence[float]:
+        """Pose, velocities, lean, phase and the torques."""
+        return (*self.told(), *self.torques)
+
+    def told(self) -> Sequence[float]:
+        """What is published of the robot."""
+        e = self.estimate
+        return e.x, e.y, e.heading, e.velocity, e.yaw_rate, e.pitch, e.pitch_rate, self.s[_PROGRESS_AT]
+
+
+class SegwayVoltageController(SegwayController):
+    """The same for motors that take a voltage: V = R i + K w with the current i that gives the torque.
+
+    The motor's inductance is left out: its L / R must be short against the step.
+    """
+
+    name = "segway-voltage-controller"
+    outputs = (*_OUTPUTS, Variable("LeftVoltage", "V"), Variable("RightVoltage", "V"))
+    parameters = (
+        *SegwayController.parameters,
+        Variable("MotorResistance", "Ohm", PUBLISHED.motor_resistance, Write.STATIC),
+        Variable("MotorConstant", "N m/A", PUBLISHED.motor_constant, Write.STATIC),
+        Variable("GearRatio", "1", PUBLISHED.gear_ratio, Write.STATIC),
+        Variable("SupplyVoltage", "V", PUBLISHED.supply_voltage, Write.STATIC),
+    )
+
+    def output(self) -> Sequence[float]:
+        """Pose, velocities, lean, phase and the voltages."""
+        m = self.measured
+        resting = Progress(*self.s[_PROGRESS_AT:]).is_resting
+        left, right = self.torques
+        voltages = (0.0, 0.0) if resting else (self.volts(left, m.left_velocity), self.volts(right, m.right_velocity))
+        return (*self.told(), *voltages)
+
+    def volts(self, torque: float, velocity: float) -> float:
+        """The voltage for a torque at the wheel, N m, that turns at a velocity against the body, rad/s."""
+        p = self.p
+        constant = p["MotorConstant"] * p["GearRatio"]
+        voltage = p["MotorResistance"] * torque / constant + constant * velocity
+        return min(max(voltage, -p["SupplyVoltage"]), p["SupplyVoltage"])

@@ -1,0 +1,138 @@
+"""What the robot that balances is made of: one table for its plant and for whoever designs its controller.
+
+Source of `PUBLISHED`: Upkie, an open-source wheeled biped (Apache 2.0), from the file urdf/upkie.urdf of
+https://github.com/upkie/upkie_description at commit 0683d055 ("URDF" below), with both legs straight and locked. Its
+links were added up by the parallel-axis theorem: those on the torso, the legs and the motors' stators to the body; the
+motor's rotor, hub and tyre to the wheel. What is not in that file is marked:
+
+- derived: follows from published values by a formula that is given.
+- third party: a value for the same motor from somebody else's table.
+- assumed: chosen by us as typical of such parts; no measurement stands behind it.
+
+Two liberties. The URDF's centre of mass lies 6 mm behind the axle's plumb line: pitch is counted here from where the
+robot balances, which turns the body's frame by 1.3 degrees. The product of inertia that is left, 0.0017 kg m2, is left
+out, and so is what the URDF gives the femur and tibia (a length of 0.026 m entered for 0.26 m): 0.056 kg rods of that
+length, 3.2e-4 kg m2 each, stand in their place.
+
+Frames are those of REP-103; pitch is positive when the body leans forward. Everything is SI.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Final, Self
+
+from node.model.variables import Variable, Write
+
+
+def _unit(symbol: str) -> float:
+    """A field without default that knows its unit."""
+    made: float = field(metadata={"unit": symbol})
+    return made
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegwayParameters:
+    """A body on two driven wheels. Every field has its SI unit as metadata.
+
+    Attributes:
+        gravity: Gravity, m/s2.
+        body_mass: All but the wheels, kg.
+        body_height_of_centre: From the axle up to the body's centre of mass, m.
+        body_pitch_inertia: Body about its centre of mass and the axis along the axle, kg m2.
+        body_roll_inertia: The same about the body's axis that points ahead when upright.
+        body_yaw_inertia: The same about the body's axis that points up when upright.
+        wheel_radius: Rolling radius, m.
+        wheel_mass: One wheel with what turns with it, kg.
+        wheel_inertia: One wheel with its rotor about the axle, kg m2; a geared rotor counts times the ratio squared.
+        wheel_diameter_inertia: One wheel about a diameter, kg m2.
+        track: Between the two wheels' contacts, m.
+        viscous_friction: In one wheel's bearing, between wheel and body, N m s.
+        coulomb_friction: The same, independent of speed, N m.
+        coulomb_speed: Speed at which the Coulomb friction reaches 76 %, rad/s: it follows tanh(speed / coulomb_speed).
+        motor_resistance: Of the equivalent DC motor, Ohm.
+        motor_inductance: Of the equivalent DC motor, H.
+        motor_constant: N m/A at the motor's shaft, and V s of back-EMF.
+        gear_ratio: Turns of the motor per turn of the wheel.
+        torque_limit: What the drive lets one wheel have, N m at the wheel.
+        torque_time_constant: First-order lag of the drive's torque loop, s.
+        supply_voltage: Battery without load, V.
+        supply_resistance: Battery and wiring, Ohm.
+        encoder_counts_per_turn: Per turn of the wheel; 0 for an encoder without steps.
+        encoder_filter_time: Of the first-order filter that makes speed of counts, s.
+        imu_height: From the axle up to the IMU, m, in the plane through axle and centre of mass.
+        stop_angle: Lean against the ground's normal at which the body's bumpers touch the ground, rad.
+    """
+
+    gravity: float = _unit("m/s2")
+    body_mass: float = _unit("kg")
+    body_height_of_centre: float = _unit("m")
+    body_pitch_inertia: float = _unit("kg m2")
+    body_roll_inertia: float = _unit("kg m2")
+    body_yaw_inertia: float = _unit("kg m2")
+    wheel_radius: float = _unit("m")
+    wheel_mass: float = _unit("kg")
+    wheel_inertia: float = _unit("kg m2")
+    wheel_diameter_inertia: float = _unit("kg m2")
+    track: float = _unit("m")
+    viscous_friction: float = _unit("N m s")
+    coulomb_friction: float = _unit("N m")
+    coulomb_speed: float = _unit("rad/s")
+    motor_resistance: float = _unit("Ohm")
+    motor_inductance: float = _unit("H")
+    motor_constant: float = _unit("N m/A")
+    gear_ratio: float = _unit("1")
+    torque_limit: float = _unit("N m")
+    torque_time_constant: float = _unit("s")
+    supply_voltage: float = _unit("V")
+    supply_resistance: float = _unit("Ohm")
+    encoder_counts_per_turn: float = _unit("1")
+    encoder_filter_time: float = _unit("s")
+    imu_height: float = _unit("m")
+    stop_angle: float = _unit("rad")
+
+    @classmethod
+    def from_model(cls, values: Mapping[str, float]) -> Self:
+        """Take the parameters of a model that declares `VARIABLES`, by their names there."""
+        return cls(**{f.name: values[_model_name(f.name)] for f in fields(cls)})
+
+
+PUBLISHED: Final = SegwayParameters(
+    gravity=9.80665,  # standard gravity
+    body_mass=4.966,  # URDF, sum
+    body_height_of_centre=0.2811,  # URDF, sum
+    body_pitch_inertia=0.1095,  # URDF, sum
+    body_roll_inertia=0.1993,  # URDF, sum
+    body_yaw_inertia=0.0981,  # URDF, sum
+    wheel_radius=0.05,  # URDF: wheel_tire
+    wheel_mass=0.1826,  # URDF: rotor (called a guess there), hub, tyre
+    wheel_inertia=1.723e-4,  # URDF, sum
+    wheel_diameter_inertia=1.52e-4,  # URDF, sum
+    track=0.3048,  # URDF: twice the y of wheel_tire
+    viscous_friction=1.0e-4,  # assumed
+    coulomb_friction=0.02,  # assumed: 1.2 % of the largest torque
+    coulomb_speed=0.05,  # assumed: makes friction smooth enough to integrate
+    motor_resistance=0.075,  # derived: 3/2 of 0.05 Ohm per phase (third party, pypowertrain's table of the mj5208)
+    motor_inductance=4.5e-5,  # derived: 3/2 of 30 uH per phase (same table)
+    motor_constant=0.0251,  # derived: sqrt(3)/2 * 60 / (2 pi Kv) with Kv = 330 rpm/V (same table)
+    gear_ratio=1.0,  # direct drive
+    torque_limit=1.7,  # URDF: effort of left_wheel
+    torque_time_constant=1.0e-3,  # assumed
+    supply_voltage=18.0,  # assumed: five lithium cells
+    supply_resistance=0.1,  # assumed
+    encoder_counts_per_turn=16384.0,  # assumed: 14 bits on the motor's shaft
+    encoder_filter_time=5.0e-3,  # assumed
+    imu_height=0.507,  # URDF: origin of imu over the axle
+    stop_angle=0.5,  # assumed: bumpers, which the published robot has not
+)
+
+
+def _model_name(field_name: str) -> str:
+    """BodyMass of body_mass."""
+    return "".join(word.capitalize() for word in field_name.split("_"))
+
+
+VARIABLES: Final = tuple(
+    Variable(_model_name(f.name), f.metadata["unit"], getattr(PUBLISHED, f.name), Write.STATIC)
+    for f in fields(SegwayParameters)
+)
+"""The same as parameters of a model, with the published values: `body_mass` is `BodyMass`."""

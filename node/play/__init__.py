@@ -1,0 +1,1 @@
+"""The whole robot on one machine, for a person to drive with the arrow keys."""

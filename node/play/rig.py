@@ -1,0 +1,54 @@
+"""What a person can do to the plant: push it, and break its bus."""
+
+import os
+from typing import Final
+
+PUSH_N: Final = 50.0
+PUSH_S: Final = 0.2
+FORCE: Final = "PushForce"
+
+
+class Rig:
+    """Tells the plant's process what is to happen, without waiting for it.
+
+    Attributes:
+        has_ros: Whether ROS reaches the robot.
+        has_guard: Whether a guard runs.
+        can_be_pushed: Whether the plant can be pushed.
+        is_bus_broken: Whether the bus was broken by hand.
+    """
+
+    def __init__(
+        self, control: int, period_ns: int, *, has_ros: bool = False, has_guard: bool = False, can_be_pushed: bool
+    ) -> None:
+        """Write to the plant's control, a descriptor; `work` is called once in `period_ns`."""
+        self.has_ros = has_ros
+        self.has_guard = has_guard
+        self.can_be_pushed = can_be_pushed
+        self.is_bus_broken = False
+        self._control = control
+        self._push_cycles = max(round(PUSH_S * 1e9 / period_ns), 1)
+        self._left = 0
+        os.set_blocking(control, False)
+
+    def push(self) -> None:
+        """Push the robot ahead for a moment, where it can be pushed."""
+        if self.can_be_pushed and self._tell(f"write {FORCE} {PUSH_N}"):
+            self._left = self._push_cycles
+
+    def break_or_mend_bus(self) -> None:
+        """Cut the bus; or mend it, where it was cut."""
+        if self._tell("heal" if self.is_bus_broken else "cut"):
+            self.is_bus_broken = not self.is_bus_broken
+
+    def work(self) -> None:
+        """End a push whose time is over."""
+        if self._left == 1 and not self._tell(f"write {FORCE} 0"):
+            return
+        self._left = max(self._left - 1, 0)
+
+    def _tell(self, line: str) -> bool:
+        try:
+            return os.write(self._control, f"{line}\n".encode()) > 0
+        except OSError:  # full, or the plant is gone
+            return False

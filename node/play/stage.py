@@ -1,0 +1,181 @@
+"""The keyboard as a stage of the loop, in front of ROS or of nobody."""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from node.cycle.seams import Inbox, Report, Request, Stage, StampedSetpoint
+from node.cycle.setpoints import REST, Setpoint
+from node.cycle.status import Status
+from node.play.channel import LoopEnd
+from node.play.keys import Key
+from node.play.rig import Rig
+from node.play.snapshot import Snapshot
+from node.robot import Robot
+from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+
+LINEAR_STEP: Final = 0.1
+ANGULAR_STEP: Final = 0.2
+MAX_LINEAR: Final = 1.0
+MAX_ANGULAR: Final = 2.0
+PITCH: Final = "Pitch"
+"""The model's output that tells the tilt, where it has one."""
+_SHOW_EVERY_S: Final = 0.05
+_MESSAGES: Final = 5
+_STEPS: Final = {
+    Key.UP: (LINEAR_STEP, 0.0),
+    Key.DOWN: (-LINEAR_STEP, 0.0),
+    Key.LEFT: (0.0, ANGULAR_STEP),
+    Key.RIGHT: (0.0, -ANGULAR_STEP),
+}
+_ACTIONS: Final = {
+    Key.ARM: Action.ARM,
+    Key.DISARM: Action.DISARM,
+    Key.STOP: Action.STOP,
+    Key.CLEAR_FAULT: Action.CLEAR_FAULT,
+}
+
+
+class PlayStage:
+    """See `Stage`. Set-points come from the keyboard or from the stage behind: whoever spoke last drives.
+
+    The keyboard's set-point is renewed while the terminal says that it is alive: where it hangs, set-points fall silent
+    and the robot holds, as for any other driver.
+
+    Attributes:
+        messages: What is told below the view; the oldest is forgotten.
+    """
+
+    def __init__(self, behind: Stage, terminal: LoopEnd, rig: Rig, robot: Robot, modes: Modes | None = None) -> None:
+        """Drive `robot`, whose plant is reached over `rig`, from `terminal`."""
+        self.messages: deque[str] = deque(maxlen=_MESSAGES)
+        self._behind = behind
+        self._terminal = terminal
+        self._rig = rig
+        self._robot = robot
+        self._modes = modes
+        self._signals = list(robot.wiring.published)
+        self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
+        self._show_every = max(round(_SHOW_EVERY_S * 1e9 / robot.period_ns), 1)
+        self._cycles = 0
+        self._is_driving = False
+        self._wanted = REST
+        self._in_force = REST
+        self._over: str | None = None
+        self._hardware: Mapping[str, str] = {}
+        self._timing: Mapping[str, str] = {}
+
+    def watch(self, modes: Modes) -> None:
+        """Show why the robot is in its mode."""
+        self._modes = modes
+
+    @property
+    def over(self) -> str | None:
+        """Why the loop is to end."""
+        return self._over or self._behind.over
+
+    def take(self) -> Inbox:
+        """What came from behind, and what the keys ask for."""
+        inbox = self._behind.take()
+        if inbox.setpoints:
+            self._is_driving = False
+        for key in self._terminal.pressed():
+            self._press(key, inbox)
+        if self._terminal.is_gone:
+            self._over = self._over or "the terminal is gone"
+        self._rig.work()
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Hand on, and show now and then."""
+        self._behind.publish(report)
+        if report.mode not in ACTIVE:
+            self._wanted = self._in_force = REST  # arming again never jumps
+        elif report.applied is not None:
+            self._in_force = report.applied.setpoint
+        if self._cycles % self._show_every == 0:
+            self._terminal.show(self._snapshot(report))
+        self._cycles += 1
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Hand on, and keep what is shown."""
+        self._behind.publish_diagnostics(stamp_ns, statuses)
+        for status in statuses:
+            if status.name.endswith(": hardware"):
+                self._hardware = status.values
+            elif status.name.endswith(": timing"):
+                self._timing = status.values
+
+    def look_around(self) -> None:
+        """Hand on."""
+        self._behind.look_around()
+
+    def close(self) -> None:
+        """Hand on."""
+        self._behind.close()
+
+    def _press(self, key: Key, inbox: Inbox) -> None:
+        if key in _STEPS:
+            self._steer(*_STEPS[key])
+            inbox.setpoints.append(StampedSetpoint(self._wanted, None))
+        elif key in _ACTIONS:
+            inbox.requests.append(Request(_ACTIONS[key], self._hear))
+        else:
+            self._press_other(key, inbox)
+
+    def _press_other(self, key: Key, inbox: Inbox) -> None:
+        match key:
+            case Key.REST:
+                self._is_driving, self._wanted = True, REST
+                inbox.setpoints.append(StampedSetpoint(REST, None))
+            case Key.ALIVE if self._is_driving and self._wanted != REST:
+                inbox.setpoints.append(StampedSetpoint(self._wanted, None))
+            case Key.PUSH:
+                self._rig.push()
+            case Key.BREAK_BUS:
+                self._rig.break_or_mend_bus()
+            case Key.QUIT:
+                self._over = "q was pressed"
+
+    def _steer(self, linear: float, angular: float) -> None:
+        start = self._wanted if self._is_driving else REST
+        self._is_driving = True
+        self._wanted = Setpoint(
+            _within(start.linear_velocity + linear, MAX_LINEAR), _within(start.angular_velocity + angular, MAX_ANGULAR)
+        )
+
+    def _hear(self, answer: Answer) -> None:
+        self.messages.append(answer.message if answer.accepted else f"refused: {answer.message}")
+
+    def _snapshot(self, report: Report) -> Snapshot:
+        is_armed = report.mode is Mode.ARMED
+        return Snapshot(
+            robot=self._robot.file.name,
+            mode=str(report.mode),
+            reason="" if self._modes is None else self._modes.reason,
+            linear=self._measured(report, "odometry.linear_velocity"),
+            angular=self._measured(report, "odometry.angular_velocity"),
+            wanted_linear=self._in_force.linear_velocity if is_armed else 0.0,
+            wanted_angular=self._in_force.angular_velocity if is_armed else 0.0,
+            pitch=self._robot.model.read(PITCH) if self._has_pitch else None,
+            battery={k: v for k, v in self._hardware.items() if k.endswith("bus_voltage_v")},
+            links={k: v for k, v in self._hardware.items() if k.startswith("link.") and k.endswith("state")},
+            timing={k: v for k, v in self._timing.items() if k in {"rate_hz", "late", "skipped", "lateness"}},
+            messages=list(self.messages),
+            has_ros=self._rig.has_ros,
+            has_guard=self._rig.has_guard,
+            can_be_pushed=self._rig.can_be_pushed,
+            is_bus_broken=self._rig.is_bus_broken,
+        )
+
+    def _measured(self, report: Report, signal: str) -> float | None:
+        if signal not in self._signals:
+            return None
+        value = report.values[self._signals.index(signal)]
+        return value if math.isfinite(value) else None
+
+
+def _within(value: float, limit: float) -> float:
+    """Within a limit, and without what is left of sums of steps."""
+    return round(min(max(value, -limit), limit), 6)

@@ -1,0 +1,46 @@
+"""When the deadlines that were missed are too many to control a robot with."""
+
+from collections import deque
+from typing import Final
+
+from node.safety.check import periods_in
+from node.safety.settings import LateCyclesLimit
+
+LATE_FRACTION: Final = 0.5
+"""A cycle that starts later than this fraction of a period has missed its deadline."""
+
+
+class DeadlineWatch:
+    """Counts missed deadlines, in a row and in a window."""
+
+    def __init__(self, limit: LateCyclesLimit, period_ns: int) -> None:
+        """Watch deadlines that are a period apart, ns."""
+        self._in_a_row = limit.in_a_row
+        self._late_ns = LATE_FRACTION * period_ns
+        self._window = periods_in(limit.window_s, period_ns * 1e-9)
+        self._missed: deque[int] = deque(maxlen=limit.in_window or 0)
+        self._row = 0
+        self._deadline = 0
+
+    def look(self, periods: int, lateness_ns: int) -> str | None:
+        """Take a cycle that comes `periods` after the last one, and started this late; what is wrong, if anything."""
+        self._deadline += periods
+        is_late = lateness_ns > self._late_ns
+        skipped = range(self._deadline - periods + 1, self._deadline)
+        self._missed.extend(skipped[-(self._missed.maxlen or 1) :])
+        self._row += len(skipped)
+        if is_late:
+            self._missed.append(self._deadline)
+            self._row += 1
+        row = self._row
+        if not is_late:
+            self._row = 0
+        if row >= self._in_a_row:
+            return f"{row} deadlines in a row were missed"
+        return self._in_window()
+
+    def _in_window(self) -> str | None:
+        missed = self._missed
+        if not missed.maxlen or len(missed) < missed.maxlen or self._deadline - missed[0] >= self._window:
+            return None
+        return f"{len(missed)} of the last {self._window} deadlines were missed"

@@ -1,0 +1,179 @@
+"""Everything that is watched of one robot, brought together."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+from node.errors import ConfigurationError
+from node.safety.bounds import Bounds
+from node.safety.check import Check, Signal, View, periods_in
+from node.safety.checklist import Item, Measured, run_checklist
+from node.safety.deadlines import DeadlineWatch
+from node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
+from node.safety.rate import RateMeter, StillWatch
+from node.safety.settings import SafetySettings
+from node.safety.tilt import TiltWatch
+
+_SIDES: Final = ("left", "right")
+_GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
+_IMU: Final = (*_GYRO, *(f"imu.linear_acceleration_{axis}" for axis in "xyz"))
+_VELOCITIES: Final = tuple(f"{side}.velocity" for side in _SIDES)
+_SUPPLY: Final = "supply.voltage"
+_NS_PER_S: Final = 1_000_000_000
+
+
+class SafetyMonitor:
+    """Looks at the sensors and the deadlines in every cycle; says what is wrong, and whether the robot may arm.
+
+    Attributes:
+        needs: Places of the signals that the robot or a check needs; one of them lost is a fault.
+        faults: What was wrong in the newest cycle.
+    """
+
+    def __init__(self, settings: SafetySettings, signals: Sequence[str], used: Sequence[int], period_ns: int) -> None:
+        """Watch a robot that measures `signals`, of whose places its model has `used`, and has this period, ns.
+
+        Raises:
+            ConfigurationError: A check needs a signal that the robot does not measure.
+        """
+        self._settings = settings
+        self._signals = {name: index for index, name in enumerate(signals)}
+        self._period_ns = period_ns
+        self._period_s = period_ns / _NS_PER_S
+        self._tilt = self._make_tilt()
+        self._checks: tuple[Check, ...] = tuple(self._make_checks())
+        self.needs: tuple[int, ...] = tuple(
+            sorted({*used, *(index for check in self._checks for index in check.needs)})
+        )
+        self.faults: Sequence[str] = ()
+        limit = settings.late_cycles_limit
+        self._deadlines = None if limit is None else DeadlineWatch(limit, period_ns)
+        self._deadline_ns: int | None = None
+        self._rate = RateMeter(period_ns)
+        still = settings.checklist
+        self._still = StillWatch(still.still_rate, still.still_acceleration) if still and self._has_imu else None
+
+    def look(self, values: Sequence[float], valid: Sequence[bool], start_ns: int, lateness_ns: int) -> Sequence[str]:
+        """Take a cycle.
+
+        Args:
+            values: Newest value of each signal, SI.
+            valid: Whether each is fresh enough to be used.
+            start_ns: When the cycle started, ns, monotonic.
+            lateness_ns: How long after its deadline that was, ns.
+
+        Returns:
+            What is wrong; each of it is a reason to take the torque away.
+        """
+        periods = self._advance(start_ns - lateness_ns)
+        self._rate.mark(start_ns)
+        view = View(values, valid, periods)
+        found = [check.look(view) for check in self._checks]
+        if self._deadlines is not None:
+            found.append(self._deadlines.look(periods, lateness_ns))
+        if self._still is not None:
+            self._look_still(self._still, view)
+        self.faults = [fault for fault in found if fault is not None]
+        return self.faults
+
+    def checklist(
+        self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
+    ) -> Sequence[Item]:
+        """Go through the checklist, where the robot has one; `real_time` is whether the loop has that priority."""
+        settings = self._settings.checklist
+        if settings is None or len(values) < len(self._signals):  # none was taken yet
+            return ()
+        return run_checklist(settings, self._settings.supply, self._measure(values, ages, valid, real_time=real_time))
+
+    def _measure(
+        self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
+    ) -> Measured:
+        names = list(self._signals)
+        return Measured(
+            wanted_hz=self._rate.wanted_hz,
+            rate_hz=self._rate.rate_hz,
+            newest_age_s=min((ages[index] for index in self.needs), default=None),
+            is_heard=any(valid[index] for index in self.needs),
+            stale=[names[index] for index in self.needs if not valid[index]],
+            faults=self.faults,
+            has_imu=self._has_imu,
+            still_s=self._still.periods * self._period_s if self._still else 0.0,
+            tilt=self._tilt.estimate.tilt if self._tilt else None,
+            wheels=[values[self._signals[name]] for name in _VELOCITIES if name in self._signals],
+            supply_v=values[self._signals[_SUPPLY]] if _SUPPLY in self._signals else None,
+            real_time=real_time,
+        )
+
+    def _advance(self, deadline_ns: int) -> int:
+        """How many periods this deadline is after the last one."""
+        last_ns, self._deadline_ns = self._deadline_ns, deadline_ns
+        return 1 if last_ns is None else max(round((deadline_ns - last_ns) / self._period_ns), 1)
+
+    def _look_still(self, still: StillWatch, view: View) -> None:
+        imu = self._places("checklist", _IMU)
+        if view.has(imu):
+            values = view.pick(imu)
+            still.look(values[:3], values[3:], view.periods)
+        else:
+            still.interrupt()
+
+    @property
+    def _has_imu(self) -> bool:
+        return all(name in self._signals for name in _IMU)
+
+    def _make_tilt(self) -> TiltWatch | None:
+        settings = self._settings
+        is_limited = not (settings.tilt_limit_rad is None and settings.tilt_rate_limit is None)
+        if not is_limited and (settings.checklist is None or not self._has_imu):
+            return None
+        key = "tilt_rate_limit" if settings.tilt_limit_rad is None else "tilt_limit_rad"
+        return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
+
+    def _make_checks(self) -> Iterator[Check]:
+        if self._tilt is not None:
+            yield self._tilt
+        yield from self._make_bounds()
+        yield from self._make_frozen()
+        yield from self._make_agreements()
+
+    def _make_bounds(self) -> Iterator[Check]:
+        limit, supply = self._settings.wheel_velocity_limit, self._settings.supply
+        if limit is not None:
+            for name in _VELOCITIES:
+                yield Bounds(self._signal("wheel_velocity_limit", name), -limit, limit, "rad/s")
+        if supply is not None:
+            yield Bounds(self._signal("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
+
+    def _make_frozen(self) -> Iterator[Check]:
+        if self._settings.frozen_after_s is None:
+            return
+        periods = periods_in(self._settings.frozen_after_s, self._period_s)
+        has = self._signals
+        for side in _SIDES:
+            names = (f"{side}.angle", f"{side}.velocity")
+            if all(name in has for name in names):
+                yield Frozen(f"the {side} encoder", [has[name] for name in names], periods, [has[names[1]]])
+        if self._has_imu:
+            wheels = None if self._settings.imu_is_noisy else [has[name] for name in _VELOCITIES if name in has]
+            yield Frozen("the IMU", [has[name] for name in _IMU], periods, wheels)
+
+    def _make_agreements(self) -> Iterator[Check]:
+        yaw, velocity = self._settings.yaw_consistency, self._settings.velocity_consistency
+        if yaw is not None:
+            left, right, gyro = self._places("yaw_consistency", (*_VELOCITIES, _GYRO[2]))
+            yield YawAgreement(left, right, gyro, yaw, self._period_s)
+        if velocity is None:
+            return
+        for side in _SIDES:
+            angle, speed = (self._signal("velocity_consistency", f"{side}.{what}") for what in ("angle", "velocity"))
+            yield VelocityAgreement(angle, speed, velocity, self._period_s)
+
+    def _places(self, key: str, names: Iterable[str]) -> tuple[int, ...]:
+        return tuple(self._signal(key, name).index for name in names)
+
+    def _signal(self, key: str, name: str) -> Signal:
+        if name not in self._signals:
+            raise ConfigurationError(
+                f"safety.{key} needs '{name}', which this robot does not measure; leave {key} out, or add what "
+                f"measures it; there is {', '.join(self._signals) or 'nothing'}"
+            )
+        return Signal(name, self._signals[name])

@@ -1,0 +1,121 @@
+"""Values that cannot be what the robot does: frozen, or against each other."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Final
+
+from node.safety.check import Signal, View, periods_in
+from node.safety.settings import VelocityConsistency, YawConsistency
+
+MOVING: Final = 0.5
+"""A wheel that turns faster than this moves, rad/s: an encoder of 128 counts shows it within 0.1 s."""
+
+_LAG_PERIODS: Final = 2
+"""A velocity may be this many periods older than the angle: while the wheel speeds up, that makes them differ."""
+
+
+class Frozen:
+    """A set of values that repeats bit for bit for too long; see `Check`."""
+
+    def __init__(self, name: str, indices: Sequence[int], periods: int, wheels: Sequence[int] | None) -> None:
+        """Watch the set at `indices`.
+
+        Args:
+            name: What the set is called.
+            indices: The set.
+            periods: How many periods it may repeat.
+            wheels: Velocities of wheels; the set may repeat while none of them moves. None where it never may.
+        """
+        self.needs: tuple[int, ...] = (*indices, *(wheels or ()))
+        self._name = name
+        self._indices = tuple(indices)
+        self._allowed = periods
+        self._wheels = wheels
+        self._last: tuple[float, ...] | None = None
+        self._held = 0
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        values = view.pick(self._indices) if view.has(self.needs) else None
+        repeats = values is not None and values == self._last and self._must_change(view)
+        self._held = self._held + view.periods if repeats else 0
+        self._last = values
+        return f"{self._name} is frozen: {self._held} periods without a change" if self._is_over else None
+
+    @property
+    def _is_over(self) -> bool:
+        return self._held >= self._allowed
+
+    def _must_change(self, view: View) -> bool:
+        return self._wheels is None or any(abs(velocity) > MOVING for velocity in view.pick(self._wheels))
+
+
+class YawAgreement:
+    """The wheels' and the gyro's yaw rates, not too different for too long; see `Check`."""
+
+    def __init__(self, left: int, right: int, gyro_z: int, settings: YawConsistency, period_s: float) -> None:
+        """Compare the wheel velocities with the gyro, which are at these places."""
+        self.needs: tuple[int, ...] = (left, right, gyro_z)
+        self._per_wheel_speed = settings.wheel_radius / settings.track
+        self._tolerance = settings.tolerance_rad_s
+        self._allowed = periods_in(settings.for_s, period_s)
+        self._held = 0
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        if not view.has(self.needs):
+            self._held = 0
+            return None
+        left, right, gyro = view.pick(self.needs)
+        wheels = (right - left) * self._per_wheel_speed
+        agrees = abs(wheels - gyro) <= self._tolerance
+        self._held = 0 if agrees else self._held + view.periods
+        if self._held < self._allowed:
+            return None
+        return f"the wheels turn the robot at {wheels:.2f} rad/s, the gyro says {gyro:.2f} rad/s"
+
+
+class VelocityAgreement:
+    """A wheel's velocity and the change of its angle, alike over a window; see `Check`."""
+
+    def __init__(self, angle: Signal, velocity: Signal, settings: VelocityConsistency, period_s: float) -> None:
+        """Compare the two signals."""
+        self.needs: tuple[int, ...] = (angle.index, velocity.index)
+        self._angle_name, self._velocity_name = angle.name, velocity.name
+        self._tolerance = settings.tolerance_rad_s
+        self._window = periods_in(settings.for_s, period_s)
+        self._period_s = period_s
+        self._velocity = 0.0
+        self._errors: deque[tuple[int, float, float]] = deque(
+            maxlen=self._window + 1
+        )  # of the shortest span that is enough
+        self._now = 0
+        self._travelled = 0.0
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        if not view.has(self.needs):
+            self._errors.clear()
+            return None
+        angle, velocity = view.pick(self.needs)
+        self._advance(angle, velocity, view.periods)
+        began, first, first_velocity = self._errors[0]
+        span = self._now - began
+        if span < self._window:
+            return None
+        off = (self._errors[-1][1] - first) / (span * self._period_s)
+        if abs(off) <= self._tolerance + abs(velocity - first_velocity) * _LAG_PERIODS / span:
+            return None
+        return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"
+
+    def _advance(self, angle: float, velocity: float, periods: int) -> None:
+        """Note by how much the angle has gone further than the velocity says, in total."""
+        if not self._errors:
+            self._now, self._travelled = 0, angle
+        else:
+            self._now += periods
+            self._travelled += 0.5 * (self._velocity + velocity) * periods * self._period_s
+        self._velocity = velocity
+        self._errors.append((self._now, angle - self._travelled, velocity))
+        while len(self._errors) > 1 and self._now - self._errors[1][0] >= self._window:
+            self._errors.popleft()

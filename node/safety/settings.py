@@ -1,0 +1,126 @@
+"""What a robot file says of the robot's safety."""
+
+from typing import Annotated, Final
+
+import msgspec
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+Angle = Annotated[float, msgspec.Meta(gt=0.0, le=1.5)]
+Span = Annotated[float, msgspec.Meta(ge=0.01, le=10.0)]
+Count = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A part of the section; a key that it does not have is refused."""
+
+
+class YawConsistency(_Part, frozen=True, kw_only=True):
+    """How well the wheels and the gyro must agree on how fast the robot turns.
+
+    Attributes:
+        track: Between the wheels' points of contact, m.
+        wheel_radius: m.
+        tolerance_rad_s: Largest difference of the two yaw rates, rad/s.
+        for_s: How long they must disagree, s.
+    """
+
+    track: Positive
+    wheel_radius: Positive
+    tolerance_rad_s: Positive
+    for_s: Span = 0.2
+
+
+class VelocityConsistency(_Part, frozen=True, kw_only=True):
+    """How well a wheel's angle and its velocity must agree.
+
+    Attributes:
+        tolerance_rad_s: Largest difference between the two mean velocities, rad/s.
+        for_s: Over which the means are taken, s.
+    """
+
+    tolerance_rad_s: Positive
+    for_s: Span = 0.1
+
+
+class SupplyWindow(_Part, frozen=True, kw_only=True):
+    """Between which voltages the supply must be, V."""
+
+    min_v: Positive
+    max_v: Positive
+
+    def __post_init__(self) -> None:
+        """Refuse a window that is empty."""
+        if self.min_v >= self.max_v:
+            raise ValueError(f"min_v {self.min_v:g} is not below max_v {self.max_v:g}")
+
+
+class LateCyclesLimit(_Part, frozen=True, kw_only=True):
+    """How many missed deadlines make a broken run.
+
+    A deadline is missed where its cycle was skipped, or started more than half a period late.
+
+    Attributes:
+        in_a_row: This many one after the other.
+        in_window: This many within `window_s`; None where they are not counted so.
+        window_s: s.
+    """
+
+    in_a_row: Count = 5
+    in_window: Count | None = None
+    window_s: Annotated[float, msgspec.Meta(ge=0.01, le=60.0)] = 1.0
+
+
+class ChecklistSettings(_Part, frozen=True, kw_only=True):
+    """What must hold before the robot arms.
+
+    Attributes:
+        rate_tolerance: Largest deviation of the rate over the last second, as a fraction of the rate wanted.
+        still_rate: Largest magnitude of the IMU's angular velocity, rad/s.
+        still_acceleration: Largest deviation of the magnitude of its acceleration from gravity, m/s2.
+        still_s: How long the IMU must have been still, s.
+        tilt_rad: Largest tilt from upright, rad.
+        wheel_velocity: Fastest that a wheel may turn, rad/s.
+    """
+
+    rate_tolerance: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.05
+    still_rate: Positive = 0.1
+    still_acceleration: Positive = 0.5
+    still_s: Span = 0.5
+    tilt_rad: Angle = 0.2
+    wheel_velocity: Positive = 0.5
+
+
+class SafetySettings(_Part, frozen=True, kw_only=True):
+    """What is watched; what is None is not.
+
+    Attributes:
+        tilt_limit_rad: Largest tilt from upright, rad.
+        tilt_rate_limit: Largest angular velocity across the upright axis, rad/s.
+        wheel_velocity_limit: Fastest that a wheel may turn against the body, rad/s.
+        frozen_after_s: How long a set of values may repeat bit for bit, s.
+        imu_is_noisy: Whether an IMU's values never repeat; else they may, while the wheels are at rest.
+        yaw_consistency: Wheels against gyro.
+        velocity_consistency: Each wheel's angle against its velocity.
+        supply: Window of the supply, where the robot measures `supply.voltage`.
+        late_cycles_limit: What makes a broken run of deadlines.
+        max_command: Largest magnitude of each command, in its unit, where that is below what the drive takes.
+        command_slew: Fastest that a command may change, in its unit per second.
+        checklist: What must hold before the robot arms.
+    """
+
+    tilt_limit_rad: Angle | None = None
+    tilt_rate_limit: Positive | None = None
+    wheel_velocity_limit: Positive | None = None
+    frozen_after_s: Span | None = 0.1
+    imu_is_noisy: bool = True
+    yaw_consistency: YawConsistency | None = None
+    velocity_consistency: VelocityConsistency | None = None
+    supply: SupplyWindow | None = None
+    late_cycles_limit: LateCyclesLimit | None = None
+    max_command: Positive | None = None
+    command_slew: Positive | None = None
+    checklist: ChecklistSettings | None = None
+
+
+NOTHING_WATCHED: Final = SafetySettings(frozen_after_s=None)
+"""Of a robot whose file has no such section."""

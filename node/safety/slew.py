@@ -1,0 +1,30 @@
+"""How far a command may go, and how fast it may get there."""
+
+from collections.abc import Sequence
+
+from node.safety.limits import limit
+
+
+def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> tuple[float, ...]:
+    """Bring each finite command to within `step` of what it was, in the command's unit."""
+    return tuple(min(max(value, old - step), old + step) for value, old in zip(commands, previous, strict=True))
+
+
+class Restraint:
+    """Keeps commands within the drive's limits, the robot's own, and its slew rate.
+
+    Attributes:
+        limits: Largest magnitude of each command, in its unit.
+    """
+
+    def __init__(
+        self, limits: Sequence[float], max_command: float | None, slew_rate: float | None, period_s: float
+    ) -> None:
+        """Restrain commands that leave once per period, s; `slew_rate` is in their unit per second."""
+        self.limits = tuple(limits) if max_command is None else tuple(min(bound, max_command) for bound in limits)
+        self._step = None if slew_rate is None else slew_rate * period_s
+
+    def apply(self, commands: Sequence[float], previous: Sequence[float]) -> tuple[float, ...]:
+        """What may be sent after `previous`."""
+        limited = limit(commands, self.limits)
+        return limited if self._step is None else slew(limited, previous, self._step)

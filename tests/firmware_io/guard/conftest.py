@@ -1,0 +1,135 @@
+"""A robot, its simulated drives and its guard on one simulated bus, in lock step."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import pytest
+
+from firmware_io.assembly import Assembly
+from firmware_io.build import Clocks, HardwareSettings
+from firmware_io.guard.guard import Guard
+from firmware_io.guard.stoppers import stopper_of
+from firmware_io.guard.watch import Watch
+from firmware_io.hardware import Sensors
+from firmware_io.links.link import Link
+from hil.faulty_link import FaultyLink, LinkFault
+from hil.lockstep import LockstepRig
+from hil.simulated_robot import SimulatedRobot
+from hil.simulation import simulated_bus, simulated_robot
+from node.config import NoHardwareSection, load_robot
+from node.robot import build_robot
+
+MS = 1_000_000
+
+
+@dataclass
+class Beats:
+    """Heartbeats without a socket."""
+
+    waiting: list[bool] = field(default_factory=list)
+    is_cut: bool = False
+
+    def beat(self, *, is_on: bool) -> None:
+        if not self.is_cut:
+            self.waiting.append(is_on)
+
+    def open(self) -> None:
+        self.waiting.clear()
+
+    def take(self) -> Iterator[bool]:
+        while self.waiting:
+            yield self.waiting.pop(0)
+
+    def close(self) -> None:
+        pass
+
+
+class Guarded:
+    """A robot that is run an exchange at a time, and its guard, which looks after each tick of the drives.
+
+    Attributes:
+        moments: For each tick: when, and what the motors gave.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        beats: bool = True,
+        period_ms: int = 10,
+        wrap: Callable[[Link], Link] | None = None,
+        wrap_ears: Callable[[Link], Link] | None = None,
+    ) -> None:
+        file = load_robot(robot)
+        assert not isinstance(file.hardware, NoHardwareSection)
+        self.settings: HardwareSettings = file.hardware
+        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
+        self.clocks = Clocks(self.rig.now_ns, self.rig.wall_ns, self.rig.sleep_until_ns)
+        node = self.rig.bus.attach("node")
+        self.bus = FaultyLink(node if wrap is None else wrap(node))
+        built = build_robot(file, self.rig, self.bus).hardware
+        assert isinstance(built, Assembly)
+        self.robot = built
+        self.beats = Beats()
+        if beats:
+            built._heartbeat = self.beats
+        self.moments: list[tuple[int, tuple[float, ...]]] = []
+        self.voice = self.rig.bus.attach("voice")
+        ears = self.rig.bus.attach("ears")
+        self.guard = self.new_guard(ears if wrap_ears is None else wrap_ears(ears))
+        self.is_watched = True
+        self.rig.attach(self.plant, self._observe)
+        self.period_ns = period_ms * MS
+        self._next_ns = self.period_ns
+
+    def new_guard(self, ears: Link) -> Guard:
+        self.watch = Watch(stopper_of(self.settings), self.rig.now_ns())
+        return Guard(ears, self.voice, self.beats, self.watch, self.clocks)
+
+    def _observe(self, _wall_ns: int, _outputs: object) -> None:
+        self.moments.append((self.rig.now_ns(), tuple(self.plant.inputs)))
+        if self.is_watched:
+            self.guard.step()
+
+    def cycle(self, commands: tuple[float, float] = (1.0, 1.0)) -> Sensors:
+        """Wait for the next deadline and exchange."""
+        self.rig.sleep_until_ns(self._next_ns)
+        self._next_ns = max(self._next_ns, self.rig.now_ns()) + self.period_ns
+        return self.robot.exchange(commands)
+
+    def arm(self) -> None:
+        """Have the drives prove what they must, and switch them on."""
+        self.robot.open()
+        self._next_ns = self.rig.now_ns() + self.period_ns
+        while self._obstacles():
+            self.cycle((0.0, 0.0))
+            assert self.rig.now_ns() < 20_000 * MS, self._obstacles()
+        self.robot.arm()
+        while not self.cycle((0.0, 0.0)).ready:
+            assert self.rig.now_ns() < 20_000 * MS
+
+    def _obstacles(self) -> list[str]:
+        return [reason for device in self.robot._devices for reason in device.obstacles()]
+
+    def drive(self, cycles: int) -> None:
+        for _ in range(cycles):
+            self.cycle()
+
+    def kill(self) -> None:
+        """The node is gone: nothing of it arrives from now on."""
+        self.bus.fault = LinkFault.CUT
+        self.beats.is_cut = True
+
+    def wait(self, ms: float) -> None:
+        """Time passes without the node."""
+        self.rig.sleep_until_ns(self.rig.now_ns() + round(ms * MS))
+
+    @property
+    def gives_torque(self) -> bool:
+        return any(abs(value) > 1e-3 for value in self.plant.inputs)
+
+
+@pytest.fixture
+def guarded() -> type[Guarded]:
+    return Guarded

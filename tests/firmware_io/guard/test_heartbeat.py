@@ -1,0 +1,142 @@
+"""Heartbeats from the loop to the guard."""
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from firmware_io.assembly import Assembly
+from firmware_io.build import Clocks, build_hardware
+from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.guard.heartbeat import GuardRunsError, HeartbeatListener, HeartbeatSender, address_of
+from firmware_io.settings import CanSettings
+from hil.lockstep import LockstepRig
+
+CAN = CanSettings(interface="local", channel=f"heartbeat_{os.getpid()}")
+ZERO = (0.0, 0.0)
+
+
+@pytest.fixture
+def listener() -> Iterator[HeartbeatListener]:
+    listener = HeartbeatListener(CAN)
+    listener.open()
+    yield listener
+    listener.close()
+
+
+@pytest.fixture
+def sender() -> Iterator[HeartbeatSender]:
+    sender = HeartbeatSender(CAN)
+    yield sender
+    sender.close()
+
+
+def test_heartbeats_arrive_in_their_order(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    for is_on in (True, False, True):
+        sender.beat(is_on=is_on)
+
+    assert list(listener.take()) == [True, False, True]
+    assert list(listener.take()) == []
+
+
+def test_a_heartbeat_that_nobody_takes_is_dropped(sender: HeartbeatSender) -> None:
+    sender.close()
+    sender.beat(is_on=True)
+    listener = HeartbeatListener(CAN)
+    listener.open()
+    try:
+        assert list(listener.take()) == []
+        sender.beat(is_on=True)
+        assert list(listener.take()) == [True]
+    finally:
+        listener.close()
+    sender.beat(is_on=True)
+
+
+def test_a_guard_that_does_not_keep_up_holds_nobody_up(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    for _ in range(10_000):
+        sender.beat(is_on=True)
+    taken = len(list(listener.take()))
+
+    # The kernel queues as many as net.unix.max_dgram_qlen says, and one that is on its way.
+    assert 1 <= taken <= 64
+    sender.beat(is_on=False)
+    rest = list(listener.take())
+    assert rest[-1] is False
+
+
+def test_strange_words_are_passed_over(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    sender.beat(is_on=True)
+    assert sender._socket is not None
+    for word in (b"", b"\x02", b"\x01\x01", b"x" * 100):
+        sender._socket.sendto(word, address_of(CAN))
+    sender.beat(is_on=False)
+
+    assert list(listener.take()) == [True, False]
+
+
+def test_a_bus_has_one_guard(listener: HeartbeatListener) -> None:
+    second = HeartbeatListener(CAN)
+    with pytest.raises(GuardRunsError, match=r"^a guard of this bus already runs \(.*\); stop that one first$"):
+        second.open()
+    listener.close()
+    second.open()
+    second.close()
+    assert list(second.take()) == []
+
+
+def test_a_guard_may_open_again(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    sender.beat(is_on=True)
+    listener.open()
+    sender.beat(is_on=False)
+
+    assert list(listener.take()) == [False]
+
+
+def test_each_bus_has_an_address_of_its_own_that_its_name_gives() -> None:
+    same = CanSettings(interface="local", channel="robot", bitrate=125_000)
+
+    assert address_of(CanSettings(interface="local")) == address_of(same)
+    assert address_of(same) != address_of(CAN)
+    assert address_of(same).startswith("\0segway-ecc-guard-")
+
+
+class Beats:
+    def __init__(self) -> None:
+        self.told: list[bool | str] = []
+
+    def beat(self, *, is_on: bool) -> None:
+        self.told.append(is_on)
+
+    def close(self) -> None:
+        self.told.append("close")
+
+
+def test_a_robot_tells_after_each_exchange_with_commands_whether_it_is_armed() -> None:
+    rig, beats = LockstepRig(500_000), Beats()
+    clocks = Clocks(rig.now_ns, rig.wall_ns, rig.sleep_until_ns)
+    built = build_hardware(WheelBoardSettings(), 0.01, clocks, rig.bus.attach("node"))
+    assert isinstance(built, Assembly)
+    assert built._heartbeat is None
+    robot = Assembly(rig.bus.attach("robot"), built._drives, now_ns=rig.now_ns, heartbeat=beats)
+    robot.open()
+    assert beats.told == []
+    robot.exchange(ZERO)
+    robot.exchange(None)
+    assert beats.told == [False]
+    robot._armed = True
+    robot.exchange(ZERO)
+    robot.exchange(ZERO)
+    robot.disarm()
+    assert beats.told == [False, True, True, False]
+    robot.close()
+    assert beats.told == [False, True, True, False, False, "close"]
+
+
+def test_a_robot_on_its_own_bus_tells_the_guard_of_that_bus(listener: HeartbeatListener) -> None:
+    robot = build_hardware(WheelBoardSettings(can=CAN), 0.01, Clocks())
+    robot.open()
+    robot.exchange(ZERO)
+    robot.close()
+
+    assert list(listener.take()) == [False, False]

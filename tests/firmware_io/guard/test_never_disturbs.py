@@ -1,0 +1,107 @@
+"""A healthy robot that loses one frame in a hundred is never stopped by its guard."""
+
+import random
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+
+MS = 1_000_000
+MINUTE = 6_000
+"""Cycles at 100 Hz."""
+
+
+class Lossy:
+    """A link that loses frames both ways, the same ones every time."""
+
+    def __init__(self, link: Link, seed: int, share: float = 0.01) -> None:
+        self.lost = 0
+        self._link = link
+        self._chance = random.Random(seed)  # noqa: S311 - losses, and the same every time
+        self._share = share
+
+    @property
+    def counters(self) -> LinkCounters:
+        return self._link.counters
+
+    @property
+    def description(self) -> str:
+        return self._link.description
+
+    @property
+    def state(self) -> LinkState:
+        return self._link.state
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        return self._link.health
+
+    def open(self) -> None:
+        self._link.open()
+
+    def send(self, frame: Frame) -> bool:
+        return True if self._loses() else self._link.send(frame)
+
+    def receive(self) -> list[Frame]:
+        return [frame for frame in self._link.receive() if not self._loses()]
+
+    def close(self) -> None:
+        self._link.close()
+
+    def _loses(self) -> bool:
+        is_lost = self._chance.random() < self._share
+        self.lost += is_lost
+        return is_lost
+
+
+@pytest.mark.parametrize(
+    ("robot", "minutes"),
+    [
+        ("cart-can", 2.0),
+        ("cart-odrive", 0.1),
+        ("cart-vesc", 0.1),
+        ("cart-cia402", 0.1),
+        pytest.param("cart-can", 10.0, marks=[pytest.mark.proof, pytest.mark.timeout(1_800)]),
+        pytest.param("cart-odrive", 10.0, marks=[pytest.mark.proof, pytest.mark.timeout(1_800)]),
+        pytest.param("cart-vesc", 10.0, marks=[pytest.mark.proof, pytest.mark.timeout(1_800)]),
+        pytest.param("cart-cia402", 10.0, marks=[pytest.mark.proof, pytest.mark.timeout(1_800)]),
+    ],
+)
+def test_a_healthy_robot_with_a_lossy_bus(guarded: Any, robot: str, minutes: float) -> None:
+    ears: list[Lossy] = []
+
+    def lossy_ears(link: Link) -> Link:
+        ears.append(Lossy(link, 2))
+        return ears[0]
+
+    g = guarded(robot, wrap_ears=lossy_ears)
+    g.arm()
+    g.bus._link = Lossy(g.bus._link, 1)
+    g.plant._steps = 0  # where the cart is has no part in this, and takes half of the time
+    cycles = round(minutes * MINUTE)
+    for cycle in range(cycles):
+        g.cycle((1.0, 1.0) if cycle % 200 < 100 else (0.0, 0.0))
+        g.moments.clear()
+
+    assert g.watch.intervened == 0
+    assert g.voice.counters.sent == 0
+    assert ears[0].lost > 50 * minutes
+    # And it would have acted, had the node died.
+    g.cycle((1.0, 1.0))
+    g.kill()
+    g.wait(60)
+    assert g.watch.intervened == 1
+
+
+def test_without_heartbeats_such_losses_can_look_like_a_dead_node(guarded: Any) -> None:
+    """Three commands in a row that the guard does not hear: why the node sends heartbeats too."""
+    g = guarded("cart-can", beats=False)
+    g.arm()
+    g.drive(20)
+    lossless, g.guard._ears = g.guard._ears, Lossy(g.guard._ears, 1, share=1.0)
+    g.drive(4)
+    g.guard._ears = lossless
+
+    assert g.watch.intervened == 1

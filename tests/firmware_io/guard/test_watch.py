@@ -1,0 +1,431 @@
+"""What the guard decides, with drives made of single letters."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from firmware_io.guard.stopper import Heard, Meaning
+from firmware_io.guard.watch import Cause, End, Watch
+from firmware_io.links.link import Frame
+
+MS = 1_000_000
+MOVE, ZERO, DISABLE, ON, OFF = Meaning
+STOP = [Frame(0x51, b"left"), Frame(0x52, b"right")]
+
+
+class Letters:
+    """A frame's data is the drive and what is meant."""
+
+    drives: Sequence[str] = ("left", "right")
+
+    def __init__(self, *, reports: bool = True) -> None:
+        self.reports = reports
+
+    def read(self, frame: Frame) -> Heard | None:
+        drive, _, meaning = frame.data.decode().partition(" ")
+        return Heard(drive, Meaning(meaning)) if meaning else None
+
+    def stop(self) -> Sequence[Frame]:
+        return STOP
+
+
+class Bench:
+    """A watch, with a clock that is stepped each millisecond."""
+
+    def __init__(self, *, reports: bool = True, start_ms: int = 1_000) -> None:
+        self.now_ms = start_ms
+        self.watch = Watch(Letters(reports=reports), start_ms * MS)
+        self.sent: list[tuple[int, Sequence[Frame]]] = []
+
+    def say(self, meaning: Meaning, drive: str = "both", at_ms: int | None = None) -> None:
+        for name in ("left", "right") if drive == "both" else (drive,):
+            at_ns = (self.now_ms if at_ms is None else at_ms) * MS
+            self.watch.take(Frame(1, f"{name} {meaning}".encode(), at_ns))
+
+    def wait(self, ms: int) -> None:
+        for _ in range(ms):
+            self.now_ms += 1
+            frames = self.watch.step(self.now_ms * MS)
+            if frames:
+                self.sent.append((self.now_ms, frames))
+
+    def drive(self, ms: int, meaning: Meaning = MOVE) -> None:
+        for _ in range(ms // 10):
+            self.say(meaning)
+            self.wait(10)
+
+    @property
+    def times(self) -> list[int]:
+        return [ms for ms, _ in self.sent]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def ends(bench: Bench) -> list[End]:
+    return [done.end for done in bench.watch.interventions if done.end is not None]
+
+
+def test_nothing_is_sent_while_commands_come(bench: Bench) -> None:
+    bench.drive(500)
+    bench.say(ON)
+    bench.drive(500)
+
+    assert bench.sent == []
+    assert bench.watch.commands == 200
+    assert bench.watch.longest_gap_ns == 10 * MS
+
+
+def test_nothing_is_sent_where_nothing_was_ever_heard(bench: Bench) -> None:
+    bench.wait(1_000)
+
+    assert bench.sent == []
+
+
+@pytest.mark.parametrize("last", [ZERO, DISABLE])
+def test_commands_that_stop_after_a_zero_leave_nothing_to_stop(bench: Bench, last: Meaning) -> None:
+    bench.drive(100)
+    bench.say(last)
+    bench.wait(500)
+    bench.drive(50)
+
+    assert bench.sent == []
+    assert bench.watch.longest_gap_ns == 10 * MS
+
+
+def test_commands_that_stop_are_followed_by_stop_frames_until_the_drives_are_off(bench: Bench) -> None:
+    bench.drive(100)  # the last command was at 1090
+    bench.wait(50)
+    bench.say(OFF)
+    bench.wait(200)
+
+    assert bench.sent == [(1_121, STOP), (1_131, STOP), (1_141, STOP)]
+    (done,) = bench.watch.interventions
+    assert bench.watch.intervened == 1
+    assert (done.cause, done.end, done.frames) == (Cause.SILENCE, End.OFF, 6)
+    assert (done.last_command_ns, done.first_ns, done.last_ns) == (1_090 * MS, 1_121 * MS, 1_141 * MS)
+
+
+def test_a_report_that_a_command_to_move_has_followed_does_not_end_it(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(25)
+    bench.say(OFF)
+    bench.say(MOVE, "left")
+    bench.wait(1)
+
+    assert not ends(bench)
+    assert bench.times == [1_121, 1_126]
+
+
+def test_a_drive_that_says_that_it_is_off_is_off(bench: Bench) -> None:
+    bench.say(ON)
+    bench.drive(20, ZERO)
+    bench.say(OFF)
+    bench.wait(100)
+
+    assert bench.sent == []
+
+
+def test_a_zero_right_after_a_stopped_node_s_command_makes_up_for_it(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(30)
+    bench.say(OFF)
+    bench.wait(100)
+    bench.sent.clear()
+    bench.say(MOVE)
+    bench.say(ZERO)
+    bench.wait(100)
+
+    assert bench.sent == []
+
+
+def test_a_report_of_both_drives_is_needed(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(25)
+    bench.say(OFF, "left")
+    bench.wait(20)
+    assert len(bench.sent) == 3
+    bench.say(OFF, "right")
+    bench.wait(100)
+
+    assert len(bench.sent) == 3
+
+
+def test_drives_that_say_nothing_are_told_for_a_second(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(3_000)
+
+    assert bench.times == list(range(1_121, 2_121, 10))
+    assert bench.watch.interventions[0].end is End.TIME
+    assert bench.watch.intervened == 1
+
+
+def test_a_drive_that_is_still_on_after_that_is_told_again(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(1_050)
+    bench.say(ON, "right")
+    bench.wait(1)
+
+    assert bench.times[-1] == bench.now_ms
+    assert bench.watch.intervened == 2
+
+
+def test_a_drive_that_is_on_though_the_node_sent_zero_is_stopped(bench: Bench) -> None:
+    bench.drive(100, ZERO)
+    bench.say(ON, "left")
+    bench.wait(100)
+
+    assert bench.times[0] == 1_121
+
+
+def test_a_drive_that_was_told_off_counts_as_off_until_it_says_otherwise(bench: Bench) -> None:
+    bench.say(ON)
+    bench.drive(100)
+    bench.say(DISABLE)
+    bench.wait(200)
+    assert bench.sent == []
+    bench.say(ON)
+    bench.wait(1)
+
+    assert bench.times == [bench.now_ms]
+
+
+def test_a_drive_that_is_on_and_never_commanded_is_stopped_after_the_limit(bench: Bench) -> None:
+    bench.say(ON, "left")
+    bench.wait(31)
+
+    assert bench.times == [1_031]
+    assert bench.watch.interventions[0].last_command_ns is None
+
+
+def test_drives_that_switched_themselves_off_are_left_alone(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(10)
+    bench.say(OFF)
+    bench.wait(500)
+
+    assert bench.sent == []
+
+
+@pytest.mark.parametrize(("after_ms", "stops"), [(4, True), (5, False)])
+def test_a_report_on_its_way_before_the_last_command_does_not_count(
+    bench: Bench, after_ms: int, *, stops: bool
+) -> None:
+    bench.drive(100)
+    bench.say(OFF, at_ms=1_090 + after_ms)
+    bench.wait(100)
+
+    assert bool(bench.sent) is stops
+
+
+def test_a_report_of_before_does_not_end_it(bench: Bench) -> None:
+    bench.drive(100)
+    bench.say(OFF, at_ms=1_095)
+    bench.say(ON)
+    bench.wait(40)
+
+    assert bench.times == [1_121, 1_131]
+
+
+def test_one_drive_whose_commands_stop_stops_both(bench: Bench) -> None:
+    bench.drive(100)
+    for _ in range(10):
+        bench.say(MOVE, "left")
+        bench.wait(10)
+
+    assert bench.times[0] == 1_121
+
+
+def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
+    own = [frame._replace(received_ns=1_122 * MS) for frame in (Frame(0x51, b"left move"), Frame(0x52, b"right zero"))]
+    bench.watch._stopper.stop = lambda: [f._replace(received_ns=0) for f in own]  # type: ignore[method-assign]
+    bench.drive(100)
+    bench.wait(25)
+    for frame in own:
+        bench.watch.take(frame)
+
+    assert bench.watch.commands == 20
+    bench.watch.take(own[1])
+    assert bench.watch.commands == 21
+
+
+def test_frames_of_ours_that_never_come_back_are_forgotten(bench: Bench) -> None:
+    bench.watch._stopper.stop = lambda: [Frame(1, b"left zero")] * 2  # type: ignore[method-assign]
+    bench.drive(100)
+    bench.wait(30)
+    bench.say(OFF)
+    bench.wait(85)
+    bench.say(ZERO, "left")
+    assert bench.watch.commands == 20
+    bench.wait(10)
+    bench.say(ZERO, "left")
+
+    assert bench.watch.commands == 21
+
+
+def test_a_node_that_is_back_with_zeros_ends_it(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(25)
+    bench.say(ZERO, "left")
+    bench.wait(10)
+    assert not ends(bench)
+    bench.say(DISABLE, "right")
+    bench.wait(1)
+    ended = len(bench.sent)
+    bench.drive(200)
+
+    assert ends(bench) == [End.NODE]
+    assert len(bench.sent) == ended
+
+
+def test_a_stopped_node_that_goes_on_commanding_is_stopped_at_once(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(30)
+    bench.say(OFF)
+    bench.wait(5_000)
+    bench.sent.clear()
+    bench.say(MOVE, "left")
+    bench.wait(3)
+    bench.say(MOVE, "left")
+    bench.wait(3)
+    again = list(bench.times)
+    bench.say(ZERO)
+    bench.wait(1)
+    bench.drive(200)
+
+    assert again == [6_131, 6_134]
+    assert bench.times == again
+    assert bench.watch.interventions[1].cause is Cause.DEFIANCE
+    assert bench.watch.interventions[1].end is End.NODE
+
+
+def test_a_node_that_sent_a_zero_after_it_was_stopped_may_move_again(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(30)
+    bench.say(OFF)
+    bench.wait(100)
+    bench.sent.clear()
+    bench.say(ZERO)
+    bench.drive(200)
+
+    assert bench.sent == []
+
+
+def test_where_drives_do_not_report_a_node_that_is_back_is_let_be() -> None:
+    bench = Bench(reports=False)
+    bench.drive(100)
+    bench.say(OFF, at_ms=1_050)
+    bench.wait(35)
+    bench.say(MOVE, "left")
+    bench.wait(10)
+    assert not ends(bench)
+    bench.say(MOVE, "right")
+    bench.wait(1)
+    ended = len(bench.sent)
+    bench.drive(300)
+
+    assert ends(bench) == [End.NODE]
+    assert len(bench.sent) == ended
+    assert bench.watch.intervened == 1
+
+
+def test_heartbeats_stand_for_commands(bench: Bench) -> None:
+    bench.drive(100)
+    for _ in range(100):
+        bench.watch.beat(bench.now_ms * MS, is_on=True)
+        bench.wait(10)
+
+    assert bench.sent == []
+    assert bench.watch.heartbeats == 100
+    bench.wait(100)
+    assert bench.times[0] == 2_090 + 31
+
+
+def test_heartbeats_that_want_the_motors_on_are_enough_to_stop_them(bench: Bench) -> None:
+    bench.watch.beat(bench.now_ms * MS, is_on=True)
+    bench.wait(31)
+
+    assert bench.times == [1_031]
+
+
+def test_a_heartbeat_that_wants_them_off_leaves_nothing_to_stop(bench: Bench) -> None:
+    bench.drive(100)
+    bench.watch.beat(bench.now_ms * MS, is_on=False)
+    bench.wait(500)
+
+    assert bench.sent == []
+
+
+def test_a_heartbeat_of_a_node_that_lives_does_not_take_a_drive_s_word(bench: Bench) -> None:
+    bench.say(ON)
+    bench.watch.beat(bench.now_ms * MS, is_on=False)
+    bench.wait(31)
+
+    assert bench.times == [1_031]
+
+
+def test_a_guard_that_was_held_up_listens_again_before_it_judges(bench: Bench) -> None:
+    bench.drive(100)
+    bench.now_ms += 200
+    bench.wait(16)
+    assert bench.sent == []
+    bench.wait(1)
+
+    # Held up until 1301, it judges as if the last command had come half the limit before that, at 1286.
+    assert bench.times == [1_317]
+    assert bench.watch.interventions[0].last_command_ns == 1_090 * MS
+
+
+def test_a_pass_of_half_the_limit_is_no_hold_up(bench: Bench) -> None:
+    bench.say(MOVE)
+    for _ in range(2):
+        bench.now_ms += 14
+        bench.wait(1)
+    assert bench.sent == []
+    bench.wait(1)
+
+    assert bench.times == [1_031]
+
+
+def test_silence_while_the_bus_was_gone_is_excused(bench: Bench) -> None:
+    bench.drive(100)
+    for _ in range(100):
+        bench.now_ms += 1
+        bench.watch.excuse(bench.now_ms * MS)
+    bench.wait(30)
+    assert bench.sent == []
+    bench.wait(1)
+
+    assert bench.times == [1_231]
+
+
+def test_interventions_are_all_counted_and_the_newest_kept(bench: Bench) -> None:
+    for _ in range(130):
+        bench.say(DISABLE)
+        bench.drive(10)
+        bench.wait(30)
+        bench.say(OFF)
+        bench.wait(10)
+
+    assert bench.watch.intervened == 130
+    assert len(bench.watch.interventions) == 100
+
+
+def test_the_limit_can_be_set() -> None:
+    watch = Watch(Letters(), 0, 50 * MS)
+    watch.take(Frame(1, b"left move", 0))
+    at_ms = next(ms for ms in range(200) if watch.step(ms * MS))
+
+    assert at_ms == 51
+
+
+def test_what_means_nothing_changes_nothing(bench: Bench) -> None:
+    bench.drive(100)
+    for _ in range(31):
+        bench.watch.take(Frame(9, b"noise", bench.now_ms * MS))
+        bench.wait(1)
+
+    assert bench.times == [1_121, 1_131]
+    assert bench.watch.commands == 20

@@ -1,0 +1,66 @@
+"""When a fault is there: counted from arming, for as long as declared, shifted by the seed."""
+
+import pytest
+
+from hil.faults.fault import Fault
+from hil.faults.injection import Injections
+
+MS = 1_000_000
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.ns = 5_000 * MS
+
+    def now_ns(self) -> int:
+        return self.ns
+
+
+def injections(clock: Clock, seed: int = 0, for_s: float | None = None) -> Injections:
+    return Injections([Fault(target="can", type="intermittent", at_s=0.1, for_s=for_s)], seed, clock.now_ns)
+
+
+def test_nothing_fails_before_the_robot_is_armed() -> None:
+    clock = Clock()
+    (injection,) = injections(clock).of("can")
+    clock.ns += 1_000 * MS
+    assert not injection.is_active
+
+
+@pytest.mark.parametrize(
+    ("after_ms", "is_active"), [(0, False), (99, False), (100, True), (299, True), (300, False), (301, False)]
+)
+def test_a_fault_is_there_from_its_time_on_for_as_long_as_declared(after_ms: int, *, is_active: bool) -> None:
+    clock = Clock()
+    faults = injections(clock, for_s=0.2)
+    faults.timeline.start()
+    clock.ns += after_ms * MS
+    faults.timeline.start()  # armed again: the time goes on
+    (injection,) = faults.of("can")
+    assert injection.is_active is is_active
+
+
+def test_a_fault_for_good_stays() -> None:
+    clock = Clock()
+    faults = injections(clock)
+    faults.timeline.start()
+    clock.ns += 3_600_000 * MS
+    assert faults.of("can")[0].is_active
+
+
+def test_seed_zero_is_exact_and_every_other_up_to_20_ms_later() -> None:
+    firsts = [injections(Clock(), seed).first_ns or 0 for seed in range(50)]
+    assert firsts[0] == 100 * MS
+    assert all(100 * MS < first <= 120 * MS for first in firsts[1:])
+    assert len(set(firsts)) == 50
+
+
+def test_chance_is_the_seeds() -> None:
+    rolls = [[injections(Clock(), seed).of("can")[0].happens() for _ in range(3)] for seed in (1, 1)]
+    assert rolls[0] == rolls[1]
+    one, same, other = (injections(Clock(), seed).of("can")[0] for seed in (1, 1, 2))
+    assert [[i.happens() for _ in range(64)] for i in (one, same)].count([other.happens() for _ in range(64)]) == 0
+
+
+def test_only_faults_of_the_part_are_given() -> None:
+    assert injections(Clock()).of("serial", "imu") == []

@@ -1,0 +1,149 @@
+"""What sensors measure and what motors push when they fail; the truth stays true."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from hil.faults.fault import Fault, Target, Type
+from hil.faults.injection import Injections
+from hil.faults.plant import DisturbedPlant
+from node.model.sectioned import SectionedModel
+from node.model.variables import Variable
+
+STEP_S = 0.01
+
+
+class Counter(SectionedModel):
+    """Every sensor shows the number of the step, and the truth what was pushed."""
+
+    name = "counter"
+    step_size = STEP_S
+    inputs = (Variable("left.voltage", "V"), Variable("right.voltage", "V"))
+    states = (Variable("Count", ""),)
+    outputs = tuple(
+        Variable(name, "")
+        for name in ("left.angle", "right.angle", "imu.angular_velocity_y", "truth.x", "truth.left", "truth.right")
+    )
+
+    def input(self, u: Sequence[float]) -> None:
+        self.pushed = u
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - a plain count
+        return (1.0 / STEP_S,)
+
+    def output(self) -> Sequence[float]:
+        return (*(round(self.s[0]),) * 4, *self.pushed)
+
+
+def run(target: Target, kind: Type, amount: float | None = None, push: float = 2.0) -> list[list[float]]:
+    """Outputs of ten steps, the fault being there from the fifth on, for three steps."""
+    now = [0]
+    fault = Fault(target=target, type=kind, at_s=0.05, for_s=None if kind == "off" else 0.03, amount=amount)
+    faults = Injections([fault], 0, lambda: now[0])
+    plant = DisturbedPlant(Counter(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    rows = []
+    for step in range(1, 11):
+        now[0] = step * 10_000_000
+        rows.append(plant.step([push, 3.0]))
+    return rows
+
+
+def column(rows: list[list[float]], place: int) -> list[float]:
+    return [row[place] for row in rows]
+
+
+LEFT, RIGHT, GYRO, TRUTH, PUSHED_LEFT, PUSHED_RIGHT = range(6)
+COUNT = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount", "seen"),
+    [
+        ("stuck", None, [1, 2, 3, 4, 4, 4, 4, 8, 9, 10]),
+        ("wrong", None, [1, 2, 3, 4, -5, -6, -7, 8, 9, 10]),
+        ("wrong", 0.5, [1, 2, 3, 4, 5.5, 6.5, 7.5, 8, 9, 10]),
+        ("delayed", 0.02, [1, 2, 3, 4, 3, 4, 5, 8, 9, 10]),
+        ("intermittent", 1.0, [1, 2, 3, 4, 0, 0, 0, 8, 9, 10]),
+        ("slow", 0.01, [1, 2, 3, 4, 4.5, 5.25, 6.125, 8, 9, 10]),
+    ],
+)
+def test_the_left_wheels_encoder(kind: Type, amount: float | None, seen: list[float]) -> None:
+    rows = run("encoder", kind, amount)
+    assert column(rows, LEFT) == seen
+    for place in (RIGHT, GYRO, TRUTH):
+        assert column(rows, place) == COUNT
+
+
+def test_an_encoder_that_is_off_reads_zero_for_good() -> None:
+    assert column(run("encoder", "off"), LEFT) == [1, 2, 3, 4, 0, 0, 0, 0, 0, 0]
+
+
+def test_noise_stays_within_its_bound_and_changes() -> None:
+    seen = column(run("encoder", "garbage", 0.5), LEFT)
+    assert all(abs(value) <= 0.5 for value in seen[4:7])
+    assert len(set(seen[4:7])) == 3
+    assert seen == column(run("encoder", "garbage", 0.5), LEFT)
+
+
+def test_the_imu() -> None:
+    rows = run("imu", "stuck")
+    assert column(rows, GYRO) == [1, 2, 3, 4, 4, 4, 4, 8, 9, 10]
+    assert column(rows, LEFT) == column(rows, TRUTH) == COUNT
+
+
+def test_an_imu_that_loses_frames_measures_right() -> None:
+    assert column(run("imu", "intermittent", 1.0), GYRO) == COUNT
+
+
+@pytest.mark.parametrize(
+    ("target", "kind", "amount", "left", "right"),
+    [
+        ("left_motor", "wrong", None, -2.0, 3.0),
+        ("left_motor", "wrong", 0.25, 0.5, 3.0),
+        ("right_motor", "stuck", 7.0, 2.0, 7.0),
+        ("right_motor", "intermittent", 1.0, 2.0, 0.0),
+        ("battery", "slow", 0.5, 1.0, 1.5),
+        ("battery", "intermittent", 1.0, 0.0, 0.0),
+    ],
+)
+def test_motors(target: Target, kind: Type, amount: float | None, left: float, right: float) -> None:
+    rows = run(target, kind, amount)
+    assert column(rows, PUSHED_LEFT) == [*[2.0] * 4, *[left] * 3, *[2.0] * 3]
+    assert column(rows, PUSHED_RIGHT) == [*[3.0] * 4, *[right] * 3, *[3.0] * 3]
+    assert column(rows, LEFT) == COUNT
+
+
+@pytest.mark.parametrize("target", ["left_motor", "battery"])
+def test_motors_that_are_off(target: Target) -> None:
+    now = [60_000_000]
+    faults = Injections([Fault(target=target, type="off", at_s=0.0)], 0, lambda: now[0])
+    plant = DisturbedPlant(Counter(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    assert plant.step([2.0, 3.0])[4:] == [0.0, 3.0 if target == "left_motor" else 0.0]
+
+
+def test_a_motor_stuck_without_an_amount_keeps_what_it_gave_last() -> None:
+    now = [0]
+    faults = Injections([Fault(target="left_motor", type="stuck", at_s=0.02)], 0, lambda: now[0])
+    plant = DisturbedPlant(Counter(), faults)
+    plant.initialize([0.0, 0.0])
+    faults.timeline.start()
+    pushed = []
+    for step, push in enumerate((1.0, 5.0, 8.0, 9.0)):
+        now[0] = step * 10_000_000
+        pushed.append(plant.step([push, 0.0])[PUSHED_LEFT])
+    assert pushed == [1.0, 5.0, 5.0, 5.0]
+
+
+def test_the_rest_is_the_plants() -> None:
+    counter = Counter()
+    plant = DisturbedPlant(counter, Injections([], 0, lambda: 0))
+    plant.initialize([0.0, 0.0])
+    plant.terminate()
+    assert (plant.name, plant.step_size, plant.stopped) == ("counter", STEP_S, False)
+    assert (plant.inputs, plant.outputs, plant.states) == (Counter.inputs, Counter.outputs, Counter.states)
+    assert plant.parameters == ()
+    assert plant.read("Count") == 0.0

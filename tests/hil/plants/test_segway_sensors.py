@@ -1,0 +1,163 @@
+"""The segway's sensors: steps, noise, bias, latency, and accelerations against a path differentiated by numbers."""
+
+import dataclasses
+import math
+import statistics
+from collections.abc import Sequence
+
+import pytest
+
+from hil.plants.segway_body import SegwayBody
+from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
+from node.models.segway_parameters import PUBLISHED
+
+H = 0.0025
+COUNT = 2 * math.pi / 16384
+G, HEIGHT = 9.80665, 0.507
+NONE = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0, 0.0, 0.0, G)
+
+
+def test_angles_come_in_whole_counts() -> None:
+    encoder = Encoder(PUBLISHED, H, 0.0)
+    for angle in (0.1, 0.10001, -0.1, 7.0):
+        encoder.sample(angle, 0.0)
+        assert encoder.angle / COUNT == pytest.approx(round(encoder.angle / COUNT), abs=1e-6)
+        assert 0.0 <= angle - encoder.angle < COUNT
+
+
+def test_less_than_a_count_does_not_show() -> None:
+    encoder = Encoder(PUBLISHED, H, 0.25 * COUNT)
+    encoder.sample(0.75 * COUNT, 0.5 * COUNT / H)
+    assert (encoder.angle, encoder.velocity) == (0.0, 0.0)
+
+
+def test_velocity_is_filtered_differences() -> None:
+    """A step of three counts through step / (step + time): 0.0025 / 0.0075."""
+    encoder = Encoder(PUBLISHED, H, 0.0)
+    encoder.sample(3.5 * COUNT, 0.0)
+    assert encoder.velocity == pytest.approx(3 * COUNT / H / 3)
+    encoder.sample(3.5 * COUNT, 0.0)
+    assert encoder.velocity == pytest.approx(3 * COUNT / H / 3 * 2 / 3)
+
+
+def test_velocity_settles_at_the_true_one() -> None:
+    encoder = Encoder(PUBLISHED, H, 0.0)
+    seen = []
+    for i in range(400):
+        encoder.sample(5.0 * H * i, 5.0)
+        seen.append(encoder.velocity)
+    assert statistics.fmean(seen[100:]) == pytest.approx(5.0, rel=1e-3)
+    assert 0.0 < max(seen[100:]) - min(seen[100:]) < COUNT / H
+
+
+def test_an_encoder_without_counts_tells_the_truth() -> None:
+    encoder = Encoder(dataclasses.replace(PUBLISHED, encoder_counts_per_turn=0.0), H, 0.1)
+    assert encoder.angle == 0.1
+    encoder.sample(0.123456, 7.0)
+    assert (encoder.angle, encoder.velocity) == (0.123456, 7.0)
+
+
+def test_at_rest_it_feels_the_ground_that_carries_it() -> None:
+    """Leaning forward by 30 degrees: ahead points half down, so half of g pushes back along it."""
+    lean = math.radians(30.0)
+    felt = measured_motion(Motion(0, 0, 0, 0, 0, 0, lean, lean), HEIGHT, G)
+    assert felt == pytest.approx((0.0, 0.0, 0.0, -G / 2, 0.0, G * math.sqrt(3) / 2))
+
+
+def test_on_a_slope_gravity_stays_upright() -> None:
+    felt = measured_motion(Motion(0, 0, 0, 0, 0, 0, 0.2, 0.0), HEIGHT, G)
+    assert felt == pytest.approx(STILL)
+
+
+def test_turning_upright_it_turns_about_its_own_axis_and_feels_the_curve() -> None:
+    felt = measured_motion(Motion(1.5, 0, 2.0, 0, 0, 0, 0.0, 0.0), HEIGHT, G)
+    assert felt == pytest.approx((0.0, 0.0, 2.0, 0.0, 3.0, G))
+
+
+def test_measures_what_its_path_says() -> None:
+    """Accelerations from where the IMU was, angular velocity from how it was turned, one step before and after."""
+    body = SegwayBody(dataclasses.replace(PUBLISHED, stop_angle=1e3, coulomb_friction=0.0))
+    body.v, body.w, body.pitch = 0.8, 2.5, 0.3
+    tiny, places, frames, felt = 1e-4, [], [], []
+    x = y = 0.0
+    for _ in range(3000):
+        heading = body.heading
+        way, turn = body.step(tiny, 0.3, 0.9)
+        x, y = x + way * math.cos(heading + turn / 2), y + way * math.sin(heading + turn / 2)
+        frames.append(_axes(body.heading, body.pitch))
+        places.append([at + HEIGHT * up for at, up in zip((x, y, 0.0), frames[-1][2], strict=True)])
+        felt.append(measured_motion(_motion(body), HEIGHT, G))
+    for i in range(100, 2900, 100):
+        before, now, after = places[i - 1 : i + 2]
+        acceleration = [(a - 2 * b + c) / tiny**2 for a, b, c in zip(before, now, after, strict=True)]
+        force = [
+            sum(p * q for p, q in zip(axis, (*acceleration[:2], acceleration[2] + G), strict=True))
+            for axis in frames[i]
+        ]
+        assert felt[i][3:] == pytest.approx(force, abs=0.01)
+        assert felt[i][:3] == pytest.approx(_turning(frames[i - 1], frames[i], frames[i + 1], tiny), abs=1e-4)
+
+
+def _motion(b: SegwayBody) -> Motion:
+    return Motion(b.v, b.q, b.w, b.dv, b.dq, b.dw, b.pitch + b.slope, b.pitch)
+
+
+def _axes(heading: float, pitch: float) -> list[list[float]]:
+    """The body's x, y and z in the ground's."""
+    ch, sh, cp, sp = math.cos(heading), math.sin(heading), math.cos(pitch), math.sin(pitch)
+    return [[ch * cp, sh * cp, -sp], [-sh, ch, 0.0], [ch * sp, sh * sp, cp]]
+
+
+def _turning(
+    before: Sequence[Sequence[float]], now: Sequence[Sequence[float]], after: Sequence[Sequence[float]], tiny: float
+) -> list[float]:
+    """About x: how fast y moves towards z; and so round."""
+    rates = [[(b - a) / (2 * tiny) for a, b in zip(p, q, strict=True)] for p, q in zip(before, after, strict=True)]
+    return [sum(p * q for p, q in zip(rates[(i + 1) % 3], now[(i + 2) % 3], strict=True)) for i in range(3)]
+
+
+def _samples(errors: ImuErrors, seed: int, count: int = 20_000) -> list[Sequence[float]]:
+    imu = Imu(errors, H, seed, STILL)
+    return [imu.sample(STILL) for _ in range(count)]
+
+
+def test_noise_has_the_spread_of_its_density() -> None:
+    """A density over 100 Hz: ten times its number."""
+    errors = dataclasses.replace(NONE, gyro_noise=2e-4, accelerometer_noise=3e-3)
+    for axis, expected in enumerate((2e-3, 2e-3, 2e-3, 3e-2, 3e-2, 3e-2)):
+        values = [sample[axis] for sample in _samples(errors, 7)]
+        assert statistics.stdev(values) == pytest.approx(expected, rel=0.03)
+        assert statistics.fmean(values) == pytest.approx(STILL[axis], abs=5 * expected / math.sqrt(len(values)))
+
+
+def test_at_a_low_rate_half_of_it_is_the_bandwidth() -> None:
+    imu = Imu(dataclasses.replace(NONE, gyro_noise=1e-3), 1 / 50, 7, STILL)
+    assert statistics.stdev(imu.sample(STILL)[0] for _ in range(20_000)) == pytest.approx(5e-3, rel=0.03)
+
+
+def test_axes_are_independent() -> None:
+    samples = _samples(dataclasses.replace(NONE, gyro_noise=1e-3), 3)
+    assert abs(statistics.correlation([s[0] for s in samples], [s[1] for s in samples])) < 0.03
+
+
+def test_bias_and_scale_are_drawn_once_with_their_spread() -> None:
+    errors = dataclasses.replace(NONE, gyro_bias=0.01, accelerometer_scale=0.02)
+    drawn = [Imu(errors, H, seed, STILL).sample(STILL) for seed in range(2000)]
+    assert statistics.stdev(sample[1] for sample in drawn) == pytest.approx(0.01, rel=0.06)
+    assert statistics.stdev(sample[5] / G for sample in drawn) == pytest.approx(0.02, rel=0.06)
+    assert all(sample[3] == 0.0 for sample in drawn)
+    one = Imu(errors, H, 5, STILL)
+    assert one.sample(STILL) == one.sample(STILL)
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    assert _samples(ImuErrors(), 4, 50) == _samples(ImuErrors(), 4, 50)
+    assert _samples(ImuErrors(), 4, 50) != _samples(ImuErrors(), 5, 50)
+
+
+@pytest.mark.parametrize(("latency", "steps"), [(0.0, 0), (0.001, 0), (0.0025, 1), (0.01, 4)])
+def test_samples_come_late(latency: float, steps: int) -> None:
+    imu = Imu(dataclasses.replace(NONE, latency=latency), H, 1, STILL)
+    seen = [imu.sample((float(i), 0.0, 0.0, 0.0, 0.0, 0.0))[0] for i in range(1, 10)]
+    assert seen == [0.0] * steps + [float(i) for i in range(1, 10 - steps)]

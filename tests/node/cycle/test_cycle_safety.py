@@ -1,0 +1,247 @@
+"""What the safety section does to the real cycle; the checks themselves are tested in tests/node/safety."""
+
+import os
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from firmware_io.errors import LinkLostError
+from firmware_io.hardware import Sensors
+from node.config import load_robot
+from node.cycle.seams import NoRecorder, NoStage
+from node.cycle.setpoints import Setpoint
+from node.errors import ConfigurationError
+from node.model.methods import Method
+from node.model.sectioned import SectionedModel
+from node.model.variables import Variable
+from node.robot import build_robot
+from node.safety.modes import Action, Mode, Transition
+from node.safety.settings import ChecklistSettings, LateCyclesLimit, SafetySettings
+from node.testing import Bench, RecordingHardware, ScriptedClock
+
+MS = 1_000_000
+G = 9.80665
+SIGNALS = {
+    "left.velocity": "rad/s",
+    **{f"imu.angular_velocity_{axis}": "rad/s" for axis in "xyz"},
+    **{f"imu.linear_acceleration_{axis}": "m/s2" for axis in "xyz"},
+}
+STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, G)
+LEANING = (0.0, 0.0, 0.0, 0.0, -6.0, 0.0, 7.75)
+
+
+class Balancer(SectionedModel):
+    """Torque as the script says."""
+
+    name = "balancer"
+    step_size = 0.01
+    method = Method.DISCRETE
+    inputs = (Variable("Speed", "rad/s"),)
+    outputs = (Variable("Torque", "N.m"),)
+
+    def __init__(self, script: SimpleNamespace) -> None:
+        super().__init__()
+        self.script = script
+        self.cycle = -1
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:
+        del t
+        self.cycle += 1
+        return s
+
+    def output(self) -> Sequence[float]:
+        return (self.script.outputs.get(self.cycle, 5.0),)
+
+
+def sensors(values: tuple[float, ...], valid: tuple[bool, ...] = (True,) * 7) -> Sensors:
+    return Sensors(values, (0.001,) * 7, valid)
+
+
+@pytest.fixture
+def balancer(script: SimpleNamespace) -> Callable[..., Bench]:
+    """A bench whose model wants 5 N m, behind one motor of at most 30 N m, with an IMU that is still and upright."""
+
+    def make(safety: SafetySettings, *, arm_at_start: bool = True, immediately: bool = False) -> Bench:
+        hardware = RecordingHardware(SIGNALS, {"left.torque": "N.m"}, (30.0,))
+        hardware.measured = sensors(STILL)
+        wiring = {"Speed": "left.velocity", "Torque": "left.torque"}
+        return Bench(
+            Balancer(script),
+            hardware,
+            wiring,
+            safety=safety,
+            arm_at_start=arm_at_start,
+            actuate_immediately=immediately,
+        )
+
+    return make
+
+
+def quiet(**settings: object) -> SafetySettings:
+    return SafetySettings(frozen_after_s=None, **settings)  # type: ignore[arg-type] # pairs from the tests below
+
+
+def modes(bench: Bench) -> list[Mode]:
+    return [record.mode for record in bench.recorder.records]
+
+
+def commands(bench: Bench) -> list[float]:
+    return [record.commands[0] for record in bench.recorder.records]
+
+
+def measure(bench: Bench, cycle: int, snapshot: Sensors) -> None:
+    bench.clock.events[cycle] = lambda: setattr(bench.hardware, "measured", snapshot)
+
+
+@pytest.mark.parametrize("immediately", [False, True])
+def test_a_tilt_beyond_its_limit_takes_the_torque_away_in_its_own_cycle(
+    balancer: Callable[..., Bench], *, immediately: bool
+) -> None:
+    bench = balancer(quiet(tilt_limit_rad=0.5), immediately=immediately)
+    measure(bench, 3, sensors((0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 2.0 * G)))  # 0.6 rad in one period
+    measure(bench, 4, sensors(STILL))
+    bench.loop.run(cycles=8)
+    assert modes(bench) == [Mode.ARMED] * 3 + [Mode.FAULT] * 5
+    assert commands(bench) == [5.0] * 3 + [0.0] * 5
+    assert bench.cycle.authority.modes.reason == "the body leans 0.54 rad, beyond 0.5 rad"
+    assert bench.cycle.authority.modes.history[-1] == Transition(3, Mode.FAULT, bench.cycle.authority.modes.reason)
+
+
+def test_a_signal_that_only_safety_needs_is_a_fault_when_it_is_lost(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(quiet(tilt_limit_rad=0.5))
+    measure(bench, 3, sensors(STILL, (True, True, False, True, True, True, True)))
+    bench.loop.run(cycles=5)
+    assert modes(bench)[3] is Mode.FAULT
+    assert bench.cycle.authority.modes.reason == "imu.angular_velocity_y is too old: 1 ms"
+
+
+def test_both_links_lost_is_a_fault_whatever_is_watched(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(SafetySettings(tilt_limit_rad=0.5, frozen_after_s=None, checklist=None))
+    bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("both lines are gone"))
+    bench.loop.run(cycles=5)
+    assert (modes(bench)[3], bench.cycle.authority.modes.reason) == (Mode.FAULT, "both lines are gone")
+
+
+def test_a_frozen_imu_takes_the_torque_away_within_a_tenth_of_a_second(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(SafetySettings())
+    for cycle in range(20):
+        measure(bench, cycle, sensors((0.0, 1e-4 * cycle, *STILL[2:])))
+    bench.loop.run(cycles=40)
+    assert modes(bench).index(Mode.FAULT) == 29  # the values of cycle 19, ten periods of 10 ms later
+    assert "the IMU is frozen" in bench.cycle.authority.modes.reason
+
+
+def test_late_cycles_in_a_row_take_the_torque_away(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(quiet(late_cycles_limit=LateCyclesLimit(in_a_row=3)))
+    bench.clock.late_ns = dict.fromkeys(range(3, 6), 6 * MS)
+    bench.loop.run(cycles=9)
+    assert modes(bench).index(Mode.FAULT) == 5
+    assert bench.cycle.authority.modes.reason == "3 deadlines in a row were missed"
+
+
+def test_deadlines_that_were_skipped_take_the_torque_away_in_the_cycle_after(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(quiet(late_cycles_limit=LateCyclesLimit(in_a_row=3)))
+    bench.stage.costs_ns[3] = 45 * MS  # of which four deadlines are skipped
+    bench.loop.run(cycles=9)
+    assert modes(bench).index(Mode.FAULT) == 4
+    assert "deadlines in a row were missed" in bench.cycle.authority.modes.reason
+
+
+def test_commands_keep_to_the_robot_s_own_limit_and_slew_rate_also_from_zero_at_arming(
+    balancer: Callable[..., Bench], script: SimpleNamespace
+) -> None:
+    bench = balancer(quiet(max_command=4.0, command_slew=150.0), arm_at_start=False)
+    script.outputs[7] = script.outputs[8] = -9.0
+    bench.stage.ask(2, Action.ARM)
+    bench.stage.ask(9, Action.STOP)
+    bench.stage.ask(10, Action.CLEAR_FAULT)
+    bench.stage.ask(11, Action.ARM)
+    bench.loop.run(cycles=14)
+    # 1.5 N m per cycle, up to 4; a stop is zero at once; armed again it begins at zero.
+    expected = [0.0, 0.0, 1.5, 3.0, 4.0, 4.0, 4.0, 2.5, 1.0, 0.0, 0.0, 1.5, 3.0, 4.0]
+    assert commands(bench) == pytest.approx(expected)
+
+
+def test_lost_set_points_hold_and_do_not_cut(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(safety=SafetySettings(frozen_after_s=None, wheel_velocity_limit=None, max_command=20.0))
+    bench.stage.say(1, Setpoint(2.0, 1.0))
+    bench.loop.run(cycles=60)
+    assert modes(bench)[-1] is Mode.HOLD
+    assert bench.hardware.journal.count("disarm") == 1, "by the end of the run"
+    assert [(t.cycle, t.mode) for t in bench.cycle.authority.modes.history] == [(0, Mode.ARMED), (52, Mode.HOLD)]
+
+
+def test_a_fault_wins_over_a_hold(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(quiet(tilt_limit_rad=0.5))
+    bench.stage.say(1, Setpoint(2.0, 1.0))
+    measure(bench, 52, sensors((0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 2.0 * G)))
+    bench.loop.run(cycles=54)
+    assert modes(bench)[51:] == [Mode.ARMED, Mode.FAULT, Mode.FAULT]
+
+
+def test_the_checklist_refuses_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:
+    bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
+    bench.hardware.measured = sensors(LEANING)
+    bench.stage.ask(105, Action.ARM)
+    measure(bench, 106, sensors(STILL))
+    bench.stage.ask(107, Action.ARM)
+    bench.stage.ask(700, Action.ARM)
+    bench.loop.run(cycles=702)
+    leaning, drawn, fit = bench.stage.answers
+    assert leaning.message == "tilt: 0.66 rad from upright, allowed is 0.2 rad; hold the robot upright"
+    assert drawn.message.startswith("tilt: 0.6")
+    assert fit.accepted
+    assert modes(bench)[699:] == [Mode.DISARMED, Mode.ARMED, Mode.ARMED]
+
+
+def test_a_robot_that_arms_itself_waits_for_the_second_in_which_its_rate_is_measured(
+    balancer: Callable[..., Bench],
+) -> None:
+    bench = balancer(quiet(checklist=ChecklistSettings()))
+    bench.loop.run(cycles=110)
+    assert modes(bench).index(Mode.ARMED) == 100
+
+
+def test_the_checklist_is_in_the_diagnostics(balancer: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
+    assert "check.rate" not in bench.loop.statuses()[0].values, "before the first cycle nothing was measured"
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _pid: os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+    bench.loop.run(cycles=102)
+    values = bench.loop.statuses()[0].values
+    assert {name: text for name, text in values.items() if name.startswith("check.")} == {
+        "check.rate": "ok: 100.00 Hz of 100 Hz over the last second",
+        "check.telemetry": "ok: the newest value is 1.0 ms old",
+        "check.sensors": "ok: all values are fresh",
+        "check.plausible": "ok: nothing against sensors and deadlines",
+        "check.imu_still": "ok: still for 1.02 s of 0.5 s",
+        "check.tilt": "ok: 0.00 rad from upright, allowed is 0.2 rad",
+        "check.wheels_still": "ok: the faster turns at 0.00 rad/s, allowed is 0.5 rad/s",
+        "check.real_time": "ok: granted",
+    }
+
+
+@pytest.mark.parametrize(
+    ("policy", "word"),
+    [(os.SCHED_OTHER, "warning"), (os.SCHED_FIFO, "ok"), (os.SCHED_RR, "ok"), (os.SCHED_IDLE, "warning")],
+)
+def test_real_time_priority_is_looked_up(
+    balancer: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch, policy: int, word: str
+) -> None:
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _pid: policy)
+    bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
+    bench.loop.run(cycles=1)
+    assert bench.loop.statuses()[0].values["check.real_time"].startswith(word)
+
+
+def test_a_check_of_what_the_hardware_does_not_measure_is_refused(make_bench: Callable[..., Bench]) -> None:
+    with pytest.raises(ConfigurationError, match=r"safety.tilt_limit_rad needs 'imu.angular_velocity_x'"):
+        make_bench(safety=SafetySettings(tilt_limit_rad=0.5))
+
+
+def test_the_section_of_a_robot_file_reaches_its_cycle() -> None:
+    file = msgspec.structs.replace(load_robot("cart-can"), safety=SafetySettings(tilt_limit_rad=0.5))
+    robot = build_robot(file, ScriptedClock())
+    with pytest.raises(ConfigurationError, match=r"safety\.tilt_limit_rad needs"):
+        robot.loop(NoStage(), NoRecorder())

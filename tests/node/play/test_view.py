@@ -1,0 +1,81 @@
+"""What a person sees."""
+
+import io
+
+import msgspec
+from rich.console import Console
+
+from node.play.snapshot import Snapshot
+from node.play.view import picture
+
+WELL = Snapshot(
+    robot="segway",
+    mode="ARMED",
+    reason="asked to arm",
+    linear=0.25,
+    angular=-0.5,
+    wanted_linear=0.3,
+    wanted_angular=-0.6,
+    pitch=0.1,
+    battery={"board.bus_voltage_v": "35.900"},
+    links={"link.can.state": "active"},
+    timing={"rate_hz": "200.0000", "late": "0"},
+    messages=["one", "two"],
+    has_ros=True,
+    has_guard=True,
+    can_be_pushed=True,
+    is_bus_broken=False,
+)
+
+
+def shown(snapshot: Snapshot | None) -> list[str]:
+    console = Console(file=io.StringIO(), width=120, record=True)
+    console.print(picture(snapshot))
+    return [line.strip("│ ") for line in console.export_text().splitlines()]
+
+
+def test_everything_is_told_in_the_units_that_people_use() -> None:
+    lines = shown(WELL)
+
+    assert "segway-ecc play segway" in lines[0]
+    assert lines[1:-1] == [
+        "mode       ARMED  asked to arm",
+        "tilt         +5.73 deg",  # 0.1 rad
+        "velocity    +0.250 m/s   -0.500 rad/s",
+        "set-point   +0.300 m/s   -0.600 rad/s",
+        "battery    board 35.900 V",
+        "links      link.can.state active",
+        "loop       rate_hz 200.0000   late 0",
+        "ROS        cmd_vel drives too",
+        "guard      runs",
+        "",
+        "one",
+        "two",
+        "",
+        "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault   p push   b break the bus   q quit",
+    ]
+
+
+def test_what_there_is_not_is_not_told() -> None:
+    bare = msgspec.structs.replace(
+        WELL, pitch=None, linear=None, battery={}, has_ros=False, has_guard=False, can_be_pushed=False
+    )
+    lines = shown(bare)
+
+    assert not any(line.startswith("tilt") for line in lines)
+    assert "velocity         - m/s   -0.500 rad/s" in lines
+    assert "battery    -" in lines
+    assert "ROS        not here" in lines
+    assert "guard      none in this version" in lines
+    assert not any("p push" in line for line in lines)
+
+
+def test_a_bus_broken_by_hand_can_be_mended() -> None:
+    lines = shown(msgspec.structs.replace(WELL, is_bus_broken=True))
+
+    assert "links      link.can.state active   (broken by hand)" in lines
+    assert "b mend the bus" in lines[-2]
+
+
+def test_before_the_first_snapshot_it_waits() -> None:
+    assert "the robot starts ..." in shown(None)

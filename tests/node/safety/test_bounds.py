@@ -1,0 +1,37 @@
+import math
+
+import pytest
+
+from node.safety.bounds import Bounds
+from node.safety.check import Signal, View, periods_in
+
+SUPPLY = Bounds(Signal("supply.voltage", 1), 20.0, 30.0, "V")
+
+
+def look(value: float, *, valid: bool = True) -> str | None:
+    return SUPPLY.look(View((99.0, value), (True, valid), 1))
+
+
+@pytest.mark.parametrize("value", [20.0, 25.0, 30.0])
+def test_the_window_and_its_ends_are_allowed(value: float) -> None:
+    assert look(value) is None
+
+
+def test_outside_it_the_value_and_the_window_are_told() -> None:
+    assert look(19.99) == "supply.voltage is 19.99 V, allowed is 20 to 30 V"
+    assert look(30.01) == "supply.voltage is 30.01 V, allowed is 20 to 30 V"
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_outside(value: float) -> None:
+    assert look(value) is not None
+
+
+def test_a_value_that_is_not_valid_is_not_looked_at() -> None:
+    assert look(99.0, valid=False) is None
+    assert SUPPLY.needs == (1,)
+
+
+@pytest.mark.parametrize(("duration", "periods"), [(0.1, 20), (0.001, 1), (0.012, 2), (0.013, 3)])
+def test_a_duration_is_at_least_one_period(duration: float, periods: int) -> None:
+    assert periods_in(duration, 0.005) == periods

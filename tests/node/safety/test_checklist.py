@@ -1,0 +1,148 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from node.safety.checklist import Item, Measured, no_checklist, obstacles, run_checklist
+from node.safety.settings import ChecklistSettings, SupplyWindow
+
+GOOD = Measured(
+    wanted_hz=200.0,
+    rate_hz=199.98,
+    newest_age_s=0.004,
+    is_heard=True,
+    has_imu=True,
+    still_s=0.5,
+    tilt=0.1,
+    wheels=(0.1, -0.2),
+    supply_v=25.0,
+    real_time=True,
+)
+SUPPLY = SupplyWindow(min_v=22.0, max_v=29.0)
+
+
+def run(measured: Measured) -> dict[str, Item]:
+    return {item.name: item for item in run_checklist(ChecklistSettings(), SUPPLY, measured)}
+
+
+def test_a_robot_that_is_fit_has_nothing_against_it_and_every_item_says_what_was_measured() -> None:
+    assert {name: str(item) for name, item in run(GOOD).items()} == {
+        "rate": "ok: 199.98 Hz of 200 Hz over the last second",
+        "telemetry": "ok: the newest value is 4.0 ms old",
+        "sensors": "ok: all values are fresh",
+        "plausible": "ok: nothing against sensors and deadlines",
+        "imu_still": "ok: still for 0.50 s of 0.5 s",
+        "tilt": "ok: 0.10 rad from upright, allowed is 0.2 rad",
+        "wheels_still": "ok: the faster turns at 0.20 rad/s, allowed is 0.5 rad/s",
+        "supply": "ok: 25.0 V, allowed is 22 to 29 V",
+        "real_time": "ok: granted",
+    }
+    assert obstacles(list(run(GOOD).values())) == []
+
+
+MEND_RATE = "give the loop real-time priority, end other programs, or take a longer step"
+MEND_STILL = "hold the robot still (below 0.1 rad/s, and 0.5 m/s2 from gravity), or see how the IMU is mounted"
+MEND_BUS = "look at the bus, its bit rate and termination, and the drives' supply"
+REFUSALS: dict[str, tuple[Measured, str]] = {
+    "slow": (replace(GOOD, rate_hz=189.9), f"rate: 189.90 Hz of 200 Hz over the last second; {MEND_RATE}"),
+    "fast": (replace(GOOD, rate_hz=210.1), f"rate: 210.10 Hz of 200 Hz over the last second; {MEND_RATE}"),
+    "young": (replace(GOOD, rate_hz=None), "rate: not measured for a second yet; wait"),
+    "silent": (
+        replace(GOOD, newest_age_s=0.0151, is_heard=False),
+        f"telemetry: the newest value is 15.1 ms old; {MEND_BUS}",
+    ),
+    "stale": (
+        replace(GOOD, stale=("left.angle", "left.velocity")),
+        "sensors: too old: left.angle, left.velocity; see that each device is on and sends",
+    ),
+    "implausible": (
+        replace(GOOD, faults=("the IMU is frozen", "lopsided")),
+        "plausible: the IMU is frozen, lopsided; mend it, or wait until it has passed",
+    ),
+    "held": (replace(GOOD, still_s=0.49), f"imu_still: still for 0.49 s of 0.5 s; {MEND_STILL}"),
+    "leaning": (
+        replace(GOOD, tilt=0.21),
+        "tilt: 0.21 rad from upright, allowed is 0.2 rad; hold the robot upright",
+    ),
+    "no tilt": (replace(GOOD, tilt=None), "tilt: not measured; see that the IMU sends"),
+    "rolling": (
+        replace(GOOD, wheels=(0.1, -0.51)),
+        "wheels_still: the faster turns at 0.51 rad/s, allowed is 0.5 rad/s; let the wheels come to rest",
+    ),
+    "empty": (
+        replace(GOOD, supply_v=21.9),
+        "supply: 21.9 V, allowed is 22 to 29 V; charge or change the battery",
+    ),
+    "wrong charger": (
+        replace(GOOD, supply_v=29.1),
+        "supply: 29.1 V, allowed is 22 to 29 V; charge or change the battery",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_what_refuses_says_what_was_measured_and_how_to_mend_it(name: str) -> None:
+    measured, text = REFUSALS[name]
+    items = run(measured)
+    assert obstacles(list(items.values())) == [text]
+    item, _, told = text.partition(": ")
+    assert str(items[item]) == f"refused: {told}"
+
+
+AT_THE_BOUND: list[Measured] = [
+    replace(GOOD, rate_hz=190.0),
+    replace(GOOD, rate_hz=210.0),
+    replace(GOOD, newest_age_s=9.0),  # of a drive that sends that seldom
+    replace(GOOD, tilt=0.2),
+    replace(GOOD, wheels=(-0.5, 0.5)),
+    replace(GOOD, supply_v=22.0),
+    replace(GOOD, supply_v=29.0),
+]
+
+
+@pytest.mark.parametrize("measured", AT_THE_BOUND)
+def test_a_bound_itself_is_still_good(measured: Measured) -> None:
+    assert obstacles(list(run(measured).values())) == []
+
+
+def test_every_reason_is_told_and_in_the_order_of_the_list() -> None:
+    worst = replace(GOOD, rate_hz=None, stale=("left.angle",), tilt=1.0, supply_v=1.0)
+    names = [text.partition(":")[0] for text in obstacles(list(run(worst).values()))]
+    assert names == ["rate", "sensors", "tilt", "supply"]
+
+
+def test_no_real_time_priority_is_a_warning_only() -> None:
+    item = run(replace(GOOD, real_time=False))["real_time"]
+    assert str(item) == "warning: not granted; run as root, or raise the limit: ulimit -r"
+    assert not item.refuses
+
+
+LEFT_OUT: list[tuple[Callable[[], dict[str, Item]], set[str]]] = [
+    (lambda: run(Measured(wanted_hz=100.0, rate_hz=100.0)), {"rate", "sensors", "plausible"}),
+    (lambda: run(replace(GOOD, has_imu=False)), set(run(GOOD)) - {"imu_still", "tilt"}),
+    (lambda: run(replace(GOOD, supply_v=None)), set(run(GOOD)) - {"supply"}),
+    (
+        lambda: {item.name: item for item in run_checklist(ChecklistSettings(), None, GOOD)},
+        set(run(GOOD)) - {"supply"},
+    ),
+]
+
+
+@pytest.mark.parametrize(("items", "names"), LEFT_OUT)
+def test_what_the_robot_does_not_have_is_left_out(items: Callable[[], dict[str, Item]], names: set[str]) -> None:
+    assert set(items()) == names
+
+
+def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
+    blank = Measured(wanted_hz=100.0)
+    assert (blank.still_s, blank.tilt, blank.has_imu, blank.real_time) == (0.0, None, False, None)
+    assert not blank.is_heard
+    assert obstacles(list(run(replace(blank, has_imu=True)).values()))[1:] == [
+        f"imu_still: still for 0.00 s of 0.5 s; {MEND_STILL}",
+        "tilt: not measured; see that the IMU sends",
+    ]
+
+
+def test_an_item_refuses_unless_it_says_that_it_is_a_warning() -> None:
+    assert Item("x", holds=False, text="").refuses
+    assert no_checklist() == ()

@@ -1,0 +1,74 @@
+import pytest
+
+from node.safety.deadlines import LATE_FRACTION, DeadlineWatch
+from node.safety.settings import LateCyclesLimit
+
+MS = 1_000_000
+PERIOD = 10 * MS
+
+
+def row(limit: int = 3) -> DeadlineWatch:
+    return DeadlineWatch(LateCyclesLimit(in_a_row=limit), PERIOD)
+
+
+def window(limit: int = 3) -> DeadlineWatch:
+    return DeadlineWatch(LateCyclesLimit(in_a_row=1000, in_window=limit, window_s=0.1), PERIOD)
+
+
+def test_missed_is_what_started_more_than_half_a_period_late() -> None:
+    assert LATE_FRACTION == 0.5
+    watch = row(1)
+    assert watch.look(1, 5 * MS) is None
+    assert watch.look(1, 5 * MS + 1) == "1 deadlines in a row were missed"
+
+
+def test_late_cycles_in_a_row_are_told_and_one_in_time_ends_the_row() -> None:
+    watch = row()
+    assert [watch.look(1, late * MS) for late in (6, 6, 0, 6, 6)] == [None] * 5
+    assert watch.look(1, 6 * MS) == "3 deadlines in a row were missed"
+    assert watch.look(1, 6 * MS) == "4 deadlines in a row were missed"
+    assert watch.look(1, 0) is not None, "a row that was too long is told as long as its end"
+    assert watch.look(1, 0) is None
+
+
+def test_skipped_deadlines_count_in_the_row_even_where_the_next_cycle_is_in_time() -> None:
+    assert row().look(3, 0) is None
+    assert row().look(4, 0) == "3 deadlines in a row were missed"
+    assert row().look(3, 9 * MS) == "3 deadlines in a row were missed"
+    assert row().look(2, 9 * MS) is None
+
+
+@pytest.mark.parametrize(("every", "told"), [(3, True), (4, True), (5, False)])
+def test_late_cycles_that_are_not_in_a_row_are_told_by_the_window(every: int, told: bool) -> None:  # noqa: FBT001 - a column of the table
+    watch = window()
+    found = [watch.look(1, 9 * MS if n % every == 0 else 0) for n in range(1, 60)]
+    assert any(found) == told
+    assert not told or "3 of the last 10 deadlines were missed" in found
+
+
+def test_the_window_is_told_until_it_has_passed() -> None:
+    watch = window()
+    found = [watch.look(1, 9 * MS if n < 3 else 0) is not None for n in range(20)]
+    assert found == [False] * 2 + [True] * 8 + [False] * 10
+
+
+def test_skipped_deadlines_count_in_the_window_at_their_own_time() -> None:
+    watch = window()
+    assert watch.look(3, 0) is None, "two were skipped"
+    assert watch.look(1, 9 * MS) is not None
+    assert [watch.look(1, 0) is not None for _ in range(9)] == [True] * 6 + [False] * 3, "the first was deadline 1"
+
+
+def test_a_gap_that_is_longer_than_everything_is_counted_as_it_should_be() -> None:
+    watch = window()
+    assert watch.look(10_000, 0) == "9999 deadlines in a row were missed"
+    watch = DeadlineWatch(LateCyclesLimit(in_a_row=10_000, in_window=3, window_s=0.1), PERIOD)
+    assert watch.look(1000, 0) == "3 of the last 10 deadlines were missed"
+    assert [watch.look(1, 0) is not None for _ in range(9)] == [True] * 6 + [False] * 3, (
+        "the newest three were 997 to 999"
+    )
+
+
+def test_without_a_window_none_is_counted() -> None:
+    watch = row(1000)
+    assert all(watch.look(1, late * MS) is None for late in [9, 0] * 500)

@@ -1,0 +1,329 @@
+"""The checks joined to a robot's signals: each fault is found, by name and in its time, and nothing else is."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+
+from node.errors import ConfigurationError
+from node.safety.monitor import SafetyMonitor
+from node.safety.settings import (
+    NOTHING_WATCHED,
+    ChecklistSettings,
+    LateCyclesLimit,
+    SafetySettings,
+    SupplyWindow,
+    VelocityConsistency,
+    YawConsistency,
+)
+
+MS = 1_000_000
+PERIOD = 5 * MS
+G = 9.80665
+WHEELS = ("left.angle", "left.velocity", "right.angle", "right.velocity")
+GYRO = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
+ACCELERATION = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
+SIGNALS = (*WHEELS, *GYRO, *ACCELERATION, "supply.voltage")
+YAW = YawConsistency(track=0.5, wheel_radius=0.1, tolerance_rad_s=0.5, for_s=0.05)
+ALL = SafetySettings(
+    tilt_limit_rad=0.6,
+    tilt_rate_limit=6.0,
+    wheel_velocity_limit=40.0,
+    yaw_consistency=YAW,
+    velocity_consistency=VelocityConsistency(tolerance_rad_s=0.5),
+    supply=SupplyWindow(min_v=22.0, max_v=29.0),
+    late_cycles_limit=LateCyclesLimit(in_a_row=3),
+    checklist=ChecklistSettings(),
+)
+
+
+@dataclass
+class Rig:
+    """A robot that stands still and upright, its IMU a little noisy, in front of a monitor."""
+
+    settings: SafetySettings = ALL
+    signals: Sequence[str] = SIGNALS
+    used: Sequence[int] = ()
+    period_ns: int = PERIOD
+    values: dict[str, float] = field(default_factory=dict)
+    stale: set[str] = field(default_factory=set)
+    cycle: int = 0
+    freeze_imu: bool = False
+
+    def __post_init__(self) -> None:
+        self.monitor = SafetyMonitor(self.settings, self.signals, self.used, self.period_ns)
+        self.values = {**dict.fromkeys(SIGNALS, 0.0), "imu.linear_acceleration_z": G, "supply.voltage": 25.0}
+        self.deadline_ns = 7_000 * MS
+
+    @property
+    def snapshot(self) -> tuple[list[float], list[float], list[bool]]:
+        names = list(self.signals)
+        ages = [9.0 if name in self.stale else 0.001 * (1 + n) for n, name in enumerate(names)]
+        return [self.values[name] for name in names], ages, [name not in self.stale for name in names]
+
+    def run(self, late_ns: int = 0, skip: int = 0) -> list[str]:
+        self.cycle += 1
+        self.deadline_ns += (1 + skip) * self.period_ns
+        if not self.freeze_imu:
+            self.values["imu.angular_velocity_x"] = 1e-4 * (self.cycle % 7)
+        values, _, valid = self.snapshot
+        return list(self.monitor.look(values, valid, self.deadline_ns + late_ns, late_ns))
+
+    def first(self, text: str, at_most: int = 60) -> int:
+        """The first cycle from now, counted from 1, in which this is told."""
+        for n in range(1, at_most + 1):
+            if any(text in fault for fault in self.run()):
+                return n
+        raise AssertionError(f"never told: {text}")
+
+    def check(self) -> dict[str, str]:
+        values, ages, valid = self.snapshot
+        return {item.name: str(item) for item in self.monitor.checklist(values, ages, valid, real_time=True)}
+
+
+def test_a_robot_at_rest_has_nothing_against_it() -> None:
+    rig = Rig()
+    assert [rig.run() for _ in range(1000)] == [[]] * 1000
+    assert rig.monitor.faults == []
+
+
+def set_values(**values: float) -> Callable[[Rig], None]:
+    return lambda rig: rig.values.update({name.replace("__", "."): value for name, value in values.items()})
+
+
+def freeze(rig: Rig) -> None:
+    rig.freeze_imu = True
+
+
+TRIPS: dict[str, tuple[Callable[[Rig], None], str, int]] = {
+    "tilt rate": (set_values(imu__angular_velocity_y=6.1), "the body tilts at 6.10 rad/s", 1),
+    "left too fast": (set_values(left__velocity=-40.1), "left.velocity is -40.10 rad/s, allowed is -40 to 40 rad/s", 1),
+    "right too fast": (set_values(right__velocity=40.1), "right.velocity is 40.10 rad/s", 1),
+    "supply low": (set_values(supply__voltage=21.9), "supply.voltage is 21.90 V, allowed is 22 to 29 V", 1),
+    "supply high": (set_values(supply__voltage=29.1), "supply.voltage is 29.10 V", 1),
+    "left encoder": (set_values(left__velocity=2.0), "the left encoder is frozen", 21),
+    "right encoder": (set_values(right__velocity=2.0), "the right encoder is frozen", 21),
+    "IMU": (freeze, "the IMU is frozen", 20),
+    "yaw": (set_values(imu__angular_velocity_z=0.6), "the wheels turn the robot at 0.00 rad/s, the gyro says 0.60", 10),
+    "wheels": (set_values(right__velocity=-3.0), "the wheels turn the robot at -0.60 rad/s, the gyro says 0.00", 10),
+    "left slip": (set_values(left__velocity=2.0), "left.velocity is off by", 8),
+    "right slip": (set_values(right__velocity=2.0), "right.velocity is off by", 8),
+}
+
+
+@pytest.mark.parametrize("name", TRIPS)
+def test_each_fault_is_told_in_its_time(name: str) -> None:
+    happen, text, cycles = TRIPS[name]
+    rig = Rig()
+    for _ in range(50):
+        assert rig.run() == []
+    happen(rig)
+    assert abs(rig.first(text) - cycles) <= (2 if "off by" in text else 0)
+    assert any(text in fault for fault in rig.monitor.faults)
+
+
+def test_a_tilt_by_the_gyro_alone_is_told_in_the_cycle_in_which_it_passes() -> None:
+    rig = Rig()
+    rig.run()
+    rig.values |= {"imu.angular_velocity_y": 4.0, "imu.linear_acceleration_z": 1.5 * G}
+    assert rig.first("the body leans 0.6") == 31, "4 rad/s for 5 ms each: 0.6 rad after 30 cycles"
+
+
+def test_the_way_a_robot_leans_is_that_of_its_accelerometer() -> None:
+    rig = Rig()
+    rig.values |= {"imu.linear_acceleration_x": -G * math.sin(0.7), "imu.linear_acceleration_z": G * math.cos(0.7)}
+    assert any("the body leans 0.70 rad, beyond 0.6 rad" in fault for fault in rig.run())
+
+
+def test_a_quiet_imu_may_repeat_itself_while_the_wheels_rest_where_the_robot_says_so() -> None:
+    rig = Rig(SafetySettings(imu_is_noisy=False), freeze_imu=True)
+    assert [rig.run() for _ in range(100)] == [[]] * 100
+    rig.values["right.velocity"] = 5.0
+    rig.values["right.angle"] = 1.0
+    assert rig.first("the IMU is frozen") == 20
+
+
+def test_lateness_and_skipped_deadlines_reach_the_watch() -> None:
+    rig = Rig()
+    for _ in range(50):
+        assert rig.run(late_ns=2 * MS) == []
+    assert [rig.run(late_ns=3 * MS) for _ in range(3)] == [[], [], ["3 deadlines in a row were missed"]]
+    rig = Rig()
+    assert rig.run(skip=9) == [], "nothing was before the first"
+    assert rig.run(skip=2) == []
+    assert rig.run(skip=3) == ["3 deadlines in a row were missed"]
+
+
+def test_a_skip_is_told_from_the_deadlines_and_not_from_when_the_cycles_really_started() -> None:
+    rig = Rig()
+    rig.run()
+    assert rig.run(late_ns=round(2.4 * MS)) == []
+    assert rig.run() == []
+    assert rig.run(skip=2, late_ns=2 * MS) == []
+
+
+def test_two_looks_at_one_deadline_are_a_period_apart() -> None:
+    rig = Rig(SafetySettings(frozen_after_s=0.1), freeze_imu=True)
+    for _ in range(20):
+        rig.run(skip=-1)
+    assert rig.run(skip=-1) != []
+
+
+def test_what_a_robot_does_not_watch_is_not_told() -> None:
+    rig = Rig(NOTHING_WATCHED, used=(1,), freeze_imu=True)
+    rig.values |= {"left.velocity": 1e9, "imu.angular_velocity_y": 99.0, "supply.voltage": 0.0}
+    assert [rig.run(skip=50, late_ns=MS * 4) for _ in range(50)] == [[]] * 50
+    assert rig.monitor.needs == (1,)
+    assert rig.check() == {}
+
+
+NEEDS: list[tuple[SafetySettings, set[str]]] = [
+    (SafetySettings(frozen_after_s=None, tilt_limit_rad=0.5), {*GYRO, *ACCELERATION}),
+    (SafetySettings(frozen_after_s=None, tilt_rate_limit=0.5), {*GYRO, *ACCELERATION}),
+    (SafetySettings(frozen_after_s=None, wheel_velocity_limit=5.0), {"left.velocity", "right.velocity"}),
+    (SafetySettings(frozen_after_s=None, yaw_consistency=YAW), {"left.velocity", "right.velocity", GYRO[2]}),
+    (SafetySettings(frozen_after_s=None, velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0)), {*WHEELS}),
+    (SafetySettings(frozen_after_s=None, supply=SupplyWindow(min_v=1.0, max_v=2.0)), {"supply.voltage"}),
+    (SafetySettings(), {*WHEELS, *GYRO, *ACCELERATION}),
+    (SafetySettings(frozen_after_s=None, checklist=ChecklistSettings()), {*GYRO, *ACCELERATION}),
+]
+
+
+@pytest.mark.parametrize(("settings", "names"), NEEDS)
+def test_what_a_check_needs_is_needed(settings: SafetySettings, names: set[str]) -> None:
+    monitor = SafetyMonitor(settings, SIGNALS, (), PERIOD)
+    assert [SIGNALS[index] for index in monitor.needs] == [name for name in SIGNALS if name in names]
+
+
+def test_what_the_model_uses_is_needed_too_and_named_once() -> None:
+    assert SafetyMonitor(
+        SafetySettings(wheel_velocity_limit=5.0, frozen_after_s=None), WHEELS, (2, 3), PERIOD
+    ).needs == (1, 2, 3)
+
+
+MISSING: list[tuple[SafetySettings, str, str]] = [
+    (SafetySettings(tilt_limit_rad=0.5), "tilt_limit_rad", GYRO[0]),
+    (SafetySettings(tilt_rate_limit=0.5), "tilt_rate_limit", GYRO[0]),
+    (SafetySettings(wheel_velocity_limit=0.5), "wheel_velocity_limit", "left.velocity"),
+    (SafetySettings(yaw_consistency=YAW), "yaw_consistency", "left.velocity"),
+    (
+        SafetySettings(velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0)),
+        "velocity_consistency",
+        "left.angle",
+    ),
+    (SafetySettings(supply=SupplyWindow(min_v=1.0, max_v=2.0)), "supply", "supply.voltage"),
+]
+
+
+@pytest.mark.parametrize(("settings", "key", "name"), MISSING)
+@pytest.mark.parametrize("signals", [(), ("right.angle",)])
+def test_a_check_of_what_is_not_measured_is_refused(
+    settings: SafetySettings, key: str, name: str, signals: tuple[str, ...]
+) -> None:
+    known = "right.angle" if signals else "nothing"
+    with pytest.raises(ConfigurationError) as caught:
+        SafetyMonitor(settings, signals, (), PERIOD)
+    assert str(caught.value) == (
+        f"safety.{key} needs '{name}', which this robot does not measure; leave {key} out, or add what measures it; "
+        f"there is {known}"
+    )
+
+
+def test_a_robot_without_angles_or_imu_is_watched_for_what_it_has() -> None:
+    velocities = ("left.velocity", "right.angle", "right.velocity")
+    rig = Rig(SafetySettings(checklist=ChecklistSettings()), velocities)
+    rig.values |= {"left.velocity": 5.0, "right.velocity": 5.0}
+    assert rig.first("the right encoder is frozen") == 21
+    assert not any("left" in fault for fault in rig.monitor.faults)
+    assert set(rig.check()) == {"rate", "telemetry", "sensors", "plausible", "wheels_still", "real_time"}
+
+
+def test_lost_sensors_are_nobody_s_plausibility() -> None:
+    rig = Rig()
+    for _ in range(30):
+        rig.run()
+    rig.stale = set(SIGNALS)
+    rig.freeze_imu = True
+    rig.values = dict.fromkeys(SIGNALS, 0.0)
+    assert [rig.run() for _ in range(100)] == [[]] * 100
+
+
+def fit() -> Rig:
+    rig = Rig()
+    for _ in range(202):
+        rig.run()
+    return rig
+
+
+def test_the_checklist_of_a_fit_robot_is_all_good() -> None:
+    assert fit().check() == {
+        "rate": "ok: 200.00 Hz of 200 Hz over the last second",
+        "telemetry": "ok: the newest value is 1.0 ms old",
+        "sensors": "ok: all values are fresh",
+        "plausible": "ok: nothing against sensors and deadlines",
+        "imu_still": "ok: still for 1.01 s of 0.5 s",
+        "tilt": "ok: 0.00 rad from upright, allowed is 0.2 rad",
+        "wheels_still": "ok: the faster turns at 0.00 rad/s, allowed is 0.5 rad/s",
+        "supply": "ok: 25.0 V, allowed is 22 to 29 V",
+        "real_time": "ok: granted",
+    }
+
+
+def test_the_checklist_measures() -> None:
+    rig = fit()
+    rig.values |= {"left.velocity": -0.6, "supply.voltage": 21.0, "imu.angular_velocity_z": 0.2}
+    rig.run(skip=2, late_ns=4 * MS)
+    rig.stale = {"left.angle"}
+    items = rig.check()
+    refused = {name for name, text in items.items() if text.startswith("refused")}
+    assert refused == {"sensors", "plausible", "imu_still", "wheels_still", "supply"}
+    assert "too old: left.angle;" in items["sensors"]
+    assert "supply.voltage is 21.00 V" in items["plausible"]
+    assert "3 deadlines in a row" in items["plausible"]
+    assert items["rate"].startswith("ok: 197.24 Hz"), "200 cycles in 202 periods of 5 ms and 4 ms more"
+    rig.values["imu.angular_velocity_z"] = 0.0
+    rig.run(skip=1)
+    rig.run()
+    assert "still for 0.01 s" in rig.check()["imu_still"], "three periods"
+    rig.stale = {GYRO[0]}
+    rig.run()
+    items = rig.check()
+    assert "still for 0.00 s" in items["imu_still"]
+    assert items["tilt"] == "refused: not measured; see that the IMU sends"
+
+
+def test_only_what_is_needed_counts_as_too_old_or_as_telemetry() -> None:
+    rig = Rig(SafetySettings(checklist=ChecklistSettings(), frozen_after_s=None), (*WHEELS, "spare"), used=(2,))
+    rig.values["spare"] = 0.0
+    rig.run()
+    rig.stale = {"left.angle", "spare"}
+    assert rig.check()["sensors"] == "ok: all values are fresh"
+    assert rig.check()["telemetry"] == "ok: the newest value is 3.0 ms old"
+    rig.stale = {"right.angle"}
+    assert rig.check()["telemetry"].startswith("refused: the newest value is 9000.0 ms old; look at the bus")
+
+
+def test_a_robot_that_needs_no_signal_has_no_telemetry() -> None:
+    rig = Rig(SafetySettings(checklist=ChecklistSettings()), ())
+    rig.run()
+    assert set(rig.check()) == {"rate", "sensors", "plausible", "real_time"}
+
+
+def test_before_the_first_snapshot_there_is_no_checklist() -> None:
+    assert Rig().monitor.checklist((), (), (), real_time=None) == ()
+    assert "real_time" not in {item.name for item in Rig().monitor.checklist(*Rig().snapshot, real_time=None)}
+
+
+def test_a_robot_that_lies_still_on_its_front_is_still() -> None:
+    rig = Rig(SafetySettings(checklist=ChecklistSettings()))
+    rig.values |= {"imu.linear_acceleration_x": -G, "imu.linear_acceleration_z": 0.0}
+    for _ in range(102):
+        rig.run()
+    assert rig.check()["imu_still"] == "ok: still for 0.51 s of 0.5 s"
+
+
+def test_a_gyro_alone_is_no_imu() -> None:
+    rig = Rig(SafetySettings(checklist=ChecklistSettings()), (*WHEELS, *GYRO))
+    rig.run()
+    assert not {"imu_still", "tilt"} & set(rig.check())

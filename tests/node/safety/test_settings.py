@@ -1,0 +1,121 @@
+import msgspec
+import pytest
+
+from node.config import RobotFile
+from node.documents import decode_yaml
+from node.errors import ConfigurationError
+from node.safety.settings import (
+    NOTHING_WATCHED,
+    ChecklistSettings,
+    LateCyclesLimit,
+    SafetySettings,
+    SupplyWindow,
+    VelocityConsistency,
+    YawConsistency,
+)
+
+BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
+FULL = """
+safety:
+  tilt_limit_rad: 0.6
+  tilt_rate_limit: 6.0
+  wheel_velocity_limit: 40.0
+  frozen_after_s: 0.2
+  imu_is_noisy: false
+  yaw_consistency: {track: 0.5, wheel_radius: 0.1, tolerance_rad_s: 0.5, for_s: 0.3}
+  velocity_consistency: {tolerance_rad_s: 1.0, for_s: 0.2}
+  supply: {min_v: 22.0, max_v: 29.4}
+  late_cycles_limit: {in_a_row: 4, in_window: 20, window_s: 2.0}
+  max_command: 3.0
+  command_slew: 60.0
+  checklist:
+    {rate_tolerance: 0.1, still_rate: 0.2, still_acceleration: 1.0, still_s: 1.0, tilt_rad: 0.1, wheel_velocity: 1.0}
+"""
+
+
+def decode(text: str) -> SafetySettings | None:
+    return decode_yaml(BASE + text, RobotFile, "robot.yaml").safety
+
+
+def test_a_file_without_the_section_has_none() -> None:
+    assert decode("") is None
+    assert SafetySettings(frozen_after_s=None) == NOTHING_WATCHED
+
+
+def test_every_key_is_taken() -> None:
+    assert decode(FULL) == SafetySettings(
+        tilt_limit_rad=0.6,
+        tilt_rate_limit=6.0,
+        wheel_velocity_limit=40.0,
+        frozen_after_s=0.2,
+        imu_is_noisy=False,
+        yaw_consistency=YawConsistency(track=0.5, wheel_radius=0.1, tolerance_rad_s=0.5, for_s=0.3),
+        velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0, for_s=0.2),
+        supply=SupplyWindow(min_v=22.0, max_v=29.4),
+        late_cycles_limit=LateCyclesLimit(in_a_row=4, in_window=20, window_s=2.0),
+        max_command=3.0,
+        command_slew=60.0,
+        checklist=ChecklistSettings(
+            rate_tolerance=0.1, still_rate=0.2, still_acceleration=1.0, still_s=1.0, tilt_rad=0.1, wheel_velocity=1.0
+        ),
+    )
+
+
+def test_of_an_empty_section_only_the_watch_for_frozen_sensors_is_on() -> None:
+    settings = decode("safety: {}")
+    assert settings is not None
+    on = {name: value for name, value in msgspec.structs.asdict(settings).items() if value is not None}
+    assert on == {"frozen_after_s": 0.1, "imu_is_noisy": True}
+
+
+def test_what_the_parts_leave_out_has_its_default() -> None:
+    assert YawConsistency(track=1.0, wheel_radius=1.0, tolerance_rad_s=1.0).for_s == 0.2
+    assert VelocityConsistency(tolerance_rad_s=1.0).for_s == 0.1
+    assert LateCyclesLimit() == LateCyclesLimit(in_a_row=5, in_window=None, window_s=1.0)
+    assert ChecklistSettings() == ChecklistSettings(
+        rate_tolerance=0.05, still_rate=0.1, still_acceleration=0.5, still_s=0.5, tilt_rad=0.2, wheel_velocity=0.5
+    )
+
+
+REFUSED = {
+    "tilt_limit_rad: 1.6": "safety.tilt_limit_rad",
+    "tilt_limit_rad: 0.0": "safety.tilt_limit_rad",
+    "tilt_rate_limit: -1.0": "safety.tilt_rate_limit",
+    "command_slew: 0.0": "safety.command_slew",
+    "max_command: 1000001.0": "safety.max_command",
+    "frozen_after_s: 0.009": "safety.frozen_after_s",
+    "frozen_after_s: 10.1": "safety.frozen_after_s",
+    "supply: {min_v: 29.0, max_v: 29.0}": "min_v 29 is not below max_v 29",
+    "late_cycles_limit: {in_a_row: 0}": "safety.late_cycles_limit.in_a_row",
+    "late_cycles_limit: {in_window: 10001}": "safety.late_cycles_limit.in_window",
+    "late_cycles_limit: {window_s: 0.009}": "safety.late_cycles_limit.window_s",
+    "late_cycles_limit: {window_s: 60.1}": "safety.late_cycles_limit.window_s",
+    "checklist: {rate_tolerance: 0.51}": "safety.checklist.rate_tolerance",
+    "checklist: {rate_tolerance: 0.0}": "safety.checklist.rate_tolerance",
+    "yaw_consistency: {track: 1.0}": "wheel_radius",
+    "velocity_consistency: {}": "tolerance_rad_s",
+    "tilt_limit: 0.5": "unknown field `tilt_limit`",
+}
+
+
+@pytest.mark.parametrize("key", REFUSED)
+def test_what_makes_no_sense_is_refused_with_its_place(key: str) -> None:
+    with pytest.raises(ConfigurationError, match=REFUSED[key].replace("[", r"\[")):
+        decode(f"safety: {{{key}}}")
+
+
+TAKEN = [
+    "tilt_limit_rad: 1.5",
+    "tilt_rate_limit: 1000000.0",
+    "frozen_after_s: 0.01",
+    "frozen_after_s: 10.0",
+    "frozen_after_s: null",
+    "late_cycles_limit: {in_a_row: 1, in_window: 10000, window_s: 0.01}",
+    "late_cycles_limit: {in_a_row: 10000, window_s: 60.0}",
+    "checklist: {rate_tolerance: 0.5}",
+]
+
+
+@pytest.mark.parametrize("key", TAKEN)
+def test_the_ends_of_what_makes_sense_are_taken(key: str) -> None:
+    assert decode(f"safety: {{{key}}}") is not None
