@@ -41,12 +41,12 @@ def trials(monkeypatch: pytest.MonkeyPatch) -> Trials:
 
 @pytest.fixture
 def with_guard(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(cli.VERBS, "guard", "guards")
+    monkeypatch.setattr(cli, "VERBS", {**cli.VERBS, "guard": "guards"})
 
 
 @pytest.fixture
 def without_guard(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(cli.VERBS, "guard", raising=False)
+    monkeypatch.setattr(cli, "VERBS", {verb: text for verb, text in cli.VERBS.items() if verb != "guard"})
 
 
 @pytest.mark.usefixtures("with_guard")
