@@ -1,6 +1,6 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
-# make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of the codecs, the case study
+# make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
 
@@ -38,9 +38,9 @@ prove-%: $(READY)
 	$(VENV)/bin/python -m hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
 	$(VENV)/bin/python -m hil.kernels.qemu --timeout 900 -- $(SEAT) --robot $* --channel can0 --plant-channel can1
 
-# Every line and branch of what turns bytes into values and back.
+# Every line and branch of what turns bytes into values and back, of the guard and of safety.
 coverage: $(READY)
-	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/firmware_io --cov --cov-report=term-missing:skip-covered
+	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/firmware_io tests/node/safety --cov --cov-report=term-missing:skip-covered
 
 bench: $(READY)
 	$(VENV)/bin/segway-ecc bench

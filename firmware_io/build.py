@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import msgspec
+
 from firmware_io.assembly import Assembly
 from firmware_io.devices import Drive, Sensor
 from firmware_io.drives.cia402.driver import Cia402Pair
@@ -23,7 +25,8 @@ from firmware_io.imus.xsens_mti.driver import XsensMti
 from firmware_io.links.can_link import make_can_link, wall_ns
 from firmware_io.links.link import Link
 from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import Line, SerialLink
+from firmware_io.links.serial_link import Line, OpenPort, SerialLink
+from firmware_io.links.serial_port import open_serial_port
 from firmware_io.settings import CanSettings, SerialSettings
 from firmware_io.switching import SwitchRules
 
@@ -52,13 +55,39 @@ def can_link(settings: CanSettings, clocks: Clocks) -> Link:
     return make_can_link(settings.interface, settings.channel, settings.bitrate, clocks.now_ns, clocks.wall_ns)
 
 
-def make_link(settings: HardwareSettings, clocks: Clocks) -> Link:
-    """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one."""
-    bus = can_link(settings.can, clocks)
+def make_link(
+    settings: HardwareSettings, clocks: Clocks, bus: Link | None = None, open_port: OpenPort = open_serial_port
+) -> Link:
+    """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one.
+
+    Args:
+        settings: The file's `hardware`.
+        clocks: The clocks of the loop.
+        bus: A bus to use instead of the one that the settings name.
+        open_port: What opens the port of the serial line.
+    """
+    first = can_link(settings.can, clocks) if bus is None else bus
     serial = serial_of(settings)
     if serial is None:
-        return bus
-    return RedundantLink(bus, SerialLink(serial, serial_line(settings), clocks.now_ns), clocks.now_ns)
+        return first
+    return RedundantLink(first, SerialLink(serial, serial_line(settings), clocks.now_ns, open_port), clocks.now_ns)
+
+
+def takes_serial(settings: HardwareSettings) -> bool:
+    """Whether the drive family has a serial line, be one named or not."""
+    return "serial" in settings.__struct_fields__
+
+
+def with_port(settings: HardwareSettings, port: str) -> HardwareSettings:
+    """The settings with their serial line at another port; where they name none, one like any other.
+
+    Raises:
+        ValueError: The drive family has no serial line; see `takes_serial`.
+    """
+    if not takes_serial(settings):
+        raise ValueError(f"{type(settings).__name__} has no serial line")
+    serial = msgspec.structs.replace(serial_of(settings) or SerialSettings(port=port), port=port)
+    return msgspec.structs.replace(settings, serial=serial)
 
 
 def serial_of(settings: HardwareSettings) -> SerialSettings | None:
@@ -68,7 +97,11 @@ def serial_of(settings: HardwareSettings) -> SerialSettings | None:
 
 
 def serial_line(settings: HardwareSettings) -> Line:
-    """What a drive family speaks on its serial line."""
+    """What a drive family speaks on its serial line.
+
+    Raises:
+        ValueError: It has none; see `takes_serial`.
+    """
     match settings:
         case WheelBoardSettings():
             return BoardLine()

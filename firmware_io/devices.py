@@ -2,9 +2,12 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from firmware_io.links.link import Frame
+
+SUPPLY_VOLTAGE: Final = "supply.voltage"
+"""The signal of what feeds the motors, V. A robot has one: of two drives that each tell it, the left one's."""
 
 
 class FrameKey(NamedTuple):
@@ -21,6 +24,10 @@ class Readings:
     values: tuple[float, ...]
     ages: tuple[float, ...]
     valid: tuple[bool, ...]
+
+    def plus(self, value: float, age: tuple[float, bool]) -> "Readings":
+        """These, and one value more: in SI, with its age, s, and whether it is fresh enough."""
+        return Readings((*self.values, value), (*self.ages, age[0]), (*self.valid, age[1]))
 
 
 class Sensor(Protocol):
@@ -46,7 +53,7 @@ class Sensor(Protocol):
         """The newest values."""
 
     def obstacles(self) -> list[str]:
-        """What speaks against arming the robot, each with how to mend it."""
+        """What speaks against arming the robot, each with how to mend it; nothing that arming itself has brought."""
 
     @property
     def health(self) -> Mapping[str, str]:

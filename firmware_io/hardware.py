@@ -58,6 +58,12 @@ class Hardware(Protocol):
             ArmingRefusedError: The drive is not fit; the reasons say why.
         """
 
+    def obstacles(self) -> Sequence[str]:
+        """What keeps `arm` from beginning, each with how to mend it; empty where nothing does.
+
+        May be asked at any time: while the motors are on it tells nothing that is so because they are.
+        """
+
     def disarm(self) -> None:
         """Send zero and switch the motors off; may be called at any time."""
 
@@ -87,6 +93,10 @@ class NoHardware:
 
     def arm(self) -> None:
         """Do nothing."""
+
+    def obstacles(self) -> Sequence[str]:
+        """Nothing is in the way of what has no motors."""
+        return ()
 
     def disarm(self) -> None:
         """Do nothing."""

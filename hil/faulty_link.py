@@ -4,7 +4,8 @@ import enum
 from collections.abc import Mapping
 
 from firmware_io.errors import LinkLostError
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from firmware_io.links.link import Frame, Link, LinkState
+from hil.link_front import LinkFront
 
 
 @enum.unique
@@ -31,7 +32,7 @@ _REFUSES_TO_SEND = frozenset({LinkFault.BUS_OFF, LinkFault.QUEUE_FULL, LinkFault
 _HEARS = frozenset({None, LinkFault.QUEUE_FULL})
 
 
-class FaultyLink:
+class FaultyLink(LinkFront):
     """A link with a fault that can be set and mended while it runs; see `Link`.
 
     Attributes:
@@ -40,49 +41,31 @@ class FaultyLink:
 
     def __init__(self, link: Link) -> None:
         """Stand in front of `link`."""
+        super().__init__(link)
         self.fault: LinkFault | None = None
-        self._link = link
-
-    @property
-    def counters(self) -> LinkCounters:
-        """Those of the link behind."""
-        return self._link.counters
-
-    @property
-    def description(self) -> str:
-        """That of the link behind."""
-        return self._link.description
 
     @property
     def state(self) -> LinkState:
         """What the fault shows, else what the link behind says."""
         if self.fault is LinkFault.UNPLUGGED:
             return LinkState.GONE
-        return self._link.state if self.fault is None else _STATES.get(self.fault, self._link.state)
+        return self.behind.state if self.fault is None else _STATES.get(self.fault, self.behind.state)
 
     @property
     def health(self) -> Mapping[str, str]:
         """That of the link behind, with the state that the fault shows."""
-        return {**self._link.health, "state": str(self.state)}
-
-    def open(self) -> None:
-        """Open the link behind."""
-        self._link.open()
+        return {**self.behind.health, "state": str(self.state)}
 
     def send(self, frame: Frame) -> bool:
         """Send, or fail to; see `Link.send`."""
         if self.fault in _REFUSES_TO_SEND:
             self.counters.send_dropped += 1
             return False
-        return True if self.fault in _SENDS_INTO_THE_VOID else self._link.send(frame)
+        return True if self.fault in _SENDS_INTO_THE_VOID else self.behind.send(frame)
 
     def receive(self) -> list[Frame]:
         """Receive, or fail to; see `Link.receive`."""
-        frames = self._link.receive()
+        frames = self.behind.receive()
         if self.fault is LinkFault.UNPLUGGED:
             raise LinkLostError(f"{self.description} is gone: unplugged")
         return frames if self.fault in _HEARS else []
-
-    def close(self) -> None:
-        """Close the link behind."""
-        self._link.close()

@@ -1,17 +1,18 @@
 """Lock step over a real bus: time stands still until everything that was sent has arrived."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final
 
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from firmware_io.links.link import Frame, Link
+from hil.link_front import LinkFront
 
 _PATIENCE_S: Final = 0.25
 """For a frame that is on its way through a kernel and its controllers; longer, and it is lost."""
 _POLL_S: Final = 0.0001
 
 
-class PacedLink:
+class PacedLink(LinkFront):
     """One end of a real bus whose other end is in the same process; see `Link`.
 
     `receive` returns once every frame that the other end sent has arrived, or has been given up for lost: on the
@@ -21,61 +22,37 @@ class PacedLink:
         sent: Data frames that went out here.
         lost: Frames of the other end that never arrived here.
         other: The other end.
-        link: The link that is paced.
     """
 
     def __init__(self, link: Link, sleep: Callable[[float], None] = time.sleep) -> None:
         """Pace a link; its other end is to be named before anything is received."""
+        super().__init__(link)
         self.sent = 0
         self.lost = 0
         self.other: PacedLink | None = None
-        self.link = link
         self._sleep = sleep
-
-    @property
-    def counters(self) -> LinkCounters:
-        """Those of the link itself."""
-        return self.link.counters
 
     @property
     def description(self) -> str:
         """Which bus it is."""
-        return f"{self.link.description}, in lock step"
-
-    @property
-    def state(self) -> LinkState:
-        """That of the link itself."""
-        return self.link.state
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        """That of the link itself."""
-        return self.link.health
-
-    def open(self) -> None:
-        """Open the link."""
-        self.link.open()
+        return f"{self.behind.description}, in lock step"
 
     def send(self, frame: Frame) -> bool:
         """Send, and count what the other end must wait for."""
-        was_sent = self.link.send(frame)
+        was_sent = self.behind.send(frame)
         self.sent += was_sent and not frame.is_remote
         return was_sent
 
     def receive(self) -> list[Frame]:
         """Everything that the other end has sent."""
-        frames = self.link.receive()
+        frames = self.behind.receive()
         deadline_s = time.monotonic() + _PATIENCE_S
         while (missing := self._missing()) > 0 and time.monotonic() < deadline_s:
             self._sleep(_POLL_S)
-            frames += self.link.receive()
+            frames += self.behind.receive()
         self.lost += missing
         return frames
 
-    def close(self) -> None:
-        """Close the link."""
-        self.link.close()
-
     def _missing(self) -> int:
         sent = 0 if self.other is None else self.other.sent
-        return max(sent - self.lost - self.link.counters.received, 0)
+        return max(sent - self.lost - self.counters.received, 0)

@@ -1,4 +1,4 @@
-"""Our own command in processes of their own."""
+"""Our own command in processes of their own, none of which outlives the one that starts it."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ class ProcessFailedError(RigError):
 
 
 class Command:
-    """One `segway-ecc` command, its messages kept in a file."""
+    """One `segway-ecc` command, its messages kept in a file; it is killed when the thread that started it ends."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Command:
         self._heard = b""
         with messages.open("wb") as errors:
             self.process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
-                [sys.executable, "-m", module, *arguments],
+                [sys.executable, "-m", "hil.child", str(os.getpid()), module, *arguments],
                 stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=errors,

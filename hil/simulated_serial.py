@@ -40,6 +40,7 @@ class SimulatedSerial:
 
     @cut.setter
     def cut(self, is_cut: bool) -> None:
+        """Cut the wires, or join them again."""
         for wire in self._wires:
             wire.pass_on()
             wire.is_cut = is_cut

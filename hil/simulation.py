@@ -19,7 +19,7 @@ from hil.devices.vesc import SimulatedVesc
 from hil.devices.wheel_board import SimulatedWheelBoard
 from hil.devices.xsens_mti import SimulatedXsensMti
 from hil.errors import NoSimulationError
-from hil.paced_link import PacedLink
+from hil.link_front import LinkFront
 from hil.simulated_robot import SimulatedRobot
 from node.config import NoHardwareSection, RobotFile
 from node.model.load import load_model
@@ -79,9 +79,10 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
 
 def _hear_remote_frames(link: Link) -> None:
     """Let devices on a real bus be asked by remote frame, as real ones can."""
-    end = link.link if isinstance(link, PacedLink) else link
-    if isinstance(end, BaseCanLink):
-        end.hears_remote = True
+    while isinstance(link, LinkFront):
+        link = link.behind
+    if isinstance(link, BaseCanLink):
+        link.hears_remote = True
 
 
 def _external_imu(settings: HardwareSettings, link: Link, tick_ns: int) -> Sequence[Device]:

@@ -79,7 +79,7 @@ class RecordingHardware:
 
     Attributes:
         measured: The next snapshot.
-        obstacles: What speaks against arming.
+        reasons: What speaks against arming.
         raises: The exception that a method raises, by the method's name.
         health: What diagnostics are told.
         journal: The methods called, in order, `exchange` only where it sent something.
@@ -99,7 +99,7 @@ class RecordingHardware:
         self.commands = commands
         self.limits = limits
         self.measured = Sensors((0.0,) * len(signals), (0.0,) * len(signals), (True,) * len(signals))
-        self.obstacles: Sequence[str] = ()
+        self.reasons: Sequence[str] = ()
         self.raises: dict[str, Exception] = {}
         self.health: dict[str, str] = {}
         self.journal = [] if journal is None else journal
@@ -120,11 +120,15 @@ class RecordingHardware:
         return self.measured
 
     def arm(self) -> None:
-        """Arm, unless there are `obstacles`."""
+        """Arm, unless there are `reasons`."""
         self._called("arm")
-        if self.obstacles:
-            raise ArmingRefusedError(self.obstacles)
+        if self.reasons:
+            raise ArmingRefusedError(self.reasons)
         self.armed = True
+
+    def obstacles(self) -> Sequence[str]:
+        """What speaks against arming."""
+        return self.reasons
 
     def disarm(self) -> None:
         """Disarm."""

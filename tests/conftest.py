@@ -4,6 +4,7 @@ import importlib.util
 import os
 import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -20,11 +21,17 @@ def missing_compiler() -> str | None:
     return None if shutil.which("gcc") and shutil.which("g++") else "no gcc or no g++"
 
 
+def missing_browser() -> str | None:
+    there = importlib.util.find_spec("playwright") and Path("/usr/bin/chromium").exists()
+    return None if there else "no playwright or no chromium"
+
+
 def missing_mujoco() -> str | None:
     return None if importlib.util.find_spec("mujoco") else "no mujoco"
 
 
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
+    "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "kernel": (uml.available, "sudo apt-get install user-mode-linux"),
     "rt_kernel": (

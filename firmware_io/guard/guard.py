@@ -107,9 +107,8 @@ class Guard:
             _logger.warning("%s", describe(newest))
 
 
-def describe(intervention: Intervention) -> str:
+def describe(told: Intervention) -> str:
     """An intervention in one line."""
-    told = intervention
     after = "no command was ever heard"
     if told.last_command_ns is not None:
         after = f"{(told.first_ns - told.last_command_ns) * 1e-6:.1f} ms after the last command"

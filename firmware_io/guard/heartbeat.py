@@ -83,9 +83,11 @@ class HeartbeatListener:
 
     def take(self) -> Iterator[bool]:
         """Of each heartbeat that has arrived, oldest first, whether the motors are wanted on; strange ones are not."""
-        for _ in range(_TAKEN_AT_ONCE if self._socket is not None else 0):
+        if self._socket is None:
+            return
+        for _ in range(_TAKEN_AT_ONCE):
             try:
-                word = self._socket.recv(len(_ON) + 1) if self._socket is not None else b""
+                word = self._socket.recv(len(_ON) + 1)
             except OSError:
                 return
             if word in (_ON, _OFF):

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from firmware_io.errors import LinkLostError
 from firmware_io.links.can_errors import BusErrors
 from firmware_io.links.can_port import (
     ERROR,
@@ -84,7 +83,7 @@ class BaseCanLink:
         self._own: set[int] = set()
         self._interface = InterfaceWatch(settings.kernel_name)
         self._meter = Meter(self.counters, now_ns)
-        self._recovery = Recovery(self._open, _close, now_ns)
+        self._recovery = Recovery(f"CAN bus {settings.description}", self._open, _close, now_ns)
 
     @property
     def description(self) -> str:
@@ -147,7 +146,7 @@ class BaseCanLink:
             self._failures = 1 if frames else self._failures + 1
             if error.is_gone or self._failures >= _FAILURES:
                 self._lose(port, error)
-                raise LinkLostError(self._lost()) from error
+                raise self._recovery.lost() from error
             self.counters.undecodable += 1
         else:
             self._failures = 0
@@ -214,17 +213,10 @@ class BaseCanLink:
         self._port = None
 
     def _regain(self) -> CanPort:
-        if not self._recovery.reason:
-            raise LinkLostError(f"CAN bus {self.description} is not open")
         opened = self._recovery.regain()
-        if opened is None:
-            raise LinkLostError(self._lost())
         self._use(opened)
         self.counters.reopened += 1
         return opened.port
-
-    def _lost(self) -> str:
-        return f"CAN bus {self.description} is gone: {self._recovery.reason}"
 
     def _learn(self, state: InterfaceState) -> None:
         self._errors.learn(state.state, state.tec, state.rec)

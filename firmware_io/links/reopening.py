@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, Generic, TypeVar
 
+from firmware_io.errors import LinkLostError
+
 T = TypeVar("T")
 NowNs = Callable[[], int]
 
@@ -104,9 +106,21 @@ class Recovery(Generic[T]):
         reason: Why the port was lost; empty while none is.
     """
 
-    def __init__(self, open_port: Callable[[], T], close_port: Callable[[T], None], now_ns: NowNs) -> None:
-        """Recover with `open_port`, which may take its time and must touch nothing that the loop uses."""
+    def __init__(
+        self, name: str, open_port: Callable[[], T], close_port: Callable[[T], None], now_ns: NowNs, cure: str = ""
+    ) -> None:
+        """Recover with `open_port`, which may take its time and must touch nothing that the loop uses.
+
+        Args:
+            name: Whose port it is, for people.
+            open_port: Opens it.
+            close_port: Closes one that was opened and is no longer wanted.
+            now_ns: The clock of the loop.
+            cure: What a person can do where it is lost.
+        """
         self.reason = ""
+        self._name = name
+        self._cure = cure
         self._open_port = open_port
         self._lost: deque[Callable[[], None]] = deque()
         self._reopening = Reopening(self.open, close_port, now_ns)
@@ -126,11 +140,23 @@ class Recovery(Generic[T]):
         self._lost.append(close)
         self.reason = reason
 
-    def regain(self) -> T | None:
-        """The port, once it is open again."""
+    def lost(self) -> LinkLostError:
+        """The error that tells why the port was lost, and what to do."""
+        cure = f"; {self._cure}" if self._cure else ""
+        return LinkLostError(f"{self._name} is gone: {self.reason}{cure}")
+
+    def regain(self) -> T:
+        """The port, once it is open again.
+
+        Raises:
+            LinkLostError: It is not yet, or it was closed and not lost.
+        """
+        if not self.reason:
+            raise LinkLostError(f"{self._name} is not open")
         opened = self._reopening.poll()
-        if opened is not None:
-            self.reason = ""
+        if opened is None:
+            raise self.lost()
+        self.reason = ""
         return opened
 
     def end(self) -> None:

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
+from firmware_io.errors import BusNotFoundError
 from firmware_io.links.link import Frame, LinkCounters, LinkState
 from firmware_io.links.meter import Meter
 from firmware_io.links.reopening import Recovery
@@ -109,7 +109,13 @@ class SerialLink:
         self._not_carried = 0
         self._full_reads = 0
         self._meter = Meter(self.counters, now_ns)
-        self._recovery: Recovery[Port] = Recovery(lambda: open_port(settings), operator.methodcaller("close"), now_ns)
+        self._recovery: Recovery[Port] = Recovery(
+            self.description,
+            lambda: open_port(settings),
+            operator.methodcaller("close"),
+            now_ns,
+            cure="plug it in again",
+        )
 
     @property
     def description(self) -> str:
@@ -165,7 +171,7 @@ class SerialLink:
             self._ask(port)
         except OSError as error:
             self._lose(port, error)
-            raise LinkLostError(self._lost()) from error
+            raise self._recovery.lost() from error
         frames = self._line.decode(data, self._now_ns())
         self.counters.received += len(frames)
         self.counters.bits += _BITS_PER_BYTE * len(data)
@@ -238,17 +244,10 @@ class SerialLink:
         self._port = None
 
     def _regain(self) -> Port:
-        if not self._recovery.reason:
-            raise LinkLostError(f"{self.description} is not open")
         port = self._recovery.regain()
-        if port is None:
-            raise LinkLostError(self._lost())
         self._use(port)
         self.counters.reopened += 1
         return port
-
-    def _lost(self) -> str:
-        return f"{self.description} is gone: {self._recovery.reason}; plug it in again"
 
 
 def _in_time(baudrate: int) -> int:

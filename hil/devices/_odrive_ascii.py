@@ -9,7 +9,6 @@ from hil.devices._odrive_axis import SimulatedAxis
 
 _LONGEST: Final = 256
 _ENDS: Final = b"\r\n!"
-_SUPPLY_VOLTAGE: Final = 36.0
 _REFUSED: Final = "invalid command format"
 _Read = Callable[[SimulatedAxis], str]
 
@@ -21,6 +20,10 @@ _READABLE: Final[Mapping[str, _Read]] = {
     "config.enable_watchdog": lambda axis: str(int(axis.watchdog_s is not None)),
     "config.watchdog_timeout": lambda axis: f"{axis.watchdog_s or 0.0:f}",
     "motor.current_control.Iq_measured": lambda axis: f"{axis.current_a:f}",
+}
+_READABLE_OF_BOARD: Final[Mapping[str, Callable[[Sequence[SimulatedAxis]], float]]] = {
+    "vbus_voltage": lambda axes: axes[0].supply_voltage,
+    "ibus": lambda axes: sum(axis.supply_current_a for axis in axes),
 }
 
 
@@ -110,8 +113,8 @@ class AsciiPort:
         return None
 
     def _read(self, name: str) -> str:
-        if name == "vbus_voltage":
-            return f"{_SUPPLY_VOLTAGE:f}"
+        if name in _READABLE_OF_BOARD:
+            return f"{_READABLE_OF_BOARD[name](self._axes):f}"
         axis, key = self._find(name)
         reader = _READABLE.get(key)
         return "invalid property" if axis is None or reader is None else reader(axis)

@@ -7,6 +7,7 @@ from firmware_io.drives.odrive.errors import WATCHDOG
 from firmware_io.drives.odrive.frames import Firmware
 from firmware_io.drives.odrive.settings import OdriveWheelSettings
 from firmware_io.drivetrain import TURN
+from hil.devices.device import SUPPLY_VOLTAGE
 
 INVALID_STATE: Final = 0x1
 """Error bit of 0.5."""
@@ -41,6 +42,7 @@ class SimulatedAxis:
         input_mode: How it is taken: as it is (1), or not at all.
         input_torque_nm: The set-point that is held until another comes.
         velocity_rev_s: Of the motor.
+        supply_voltage: Of its board, V.
     """
 
     def __init__(self, firmware: Firmware, settings: OdriveWheelSettings, watchdog_s: float | None) -> None:
@@ -54,6 +56,7 @@ class SimulatedAxis:
         self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
         self.velocity_limit_rev_s: float | None = None
         self.counts_per_turn = 8192
+        self.supply_voltage = SUPPLY_VOLTAGE
         self.restart()
 
     def restart(self) -> None:
@@ -100,6 +103,11 @@ class SimulatedAxis:
     def power_w(self) -> float:
         """Mechanical power now."""
         return self.torque_nm * self.velocity_rev_s * TURN
+
+    @property
+    def supply_current_a(self) -> float:
+        """What it takes from the supply now, losses not counted."""
+        return self.power_w / self.supply_voltage if self.supply_voltage else 0.0
 
     def move(self, angle: float, velocity: float) -> None:
         """Take where the wheel is, rad, and how fast it turns, rad/s."""

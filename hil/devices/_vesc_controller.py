@@ -15,6 +15,7 @@ from firmware_io.drives.vesc.frames import Command, Payload, Status, Status5, ar
 from firmware_io.drives.vesc.settings import VescWheelSettings
 from firmware_io.drivetrain import TURN
 from firmware_io.links.link import Frame
+from hil.devices.device import SUPPLY_VOLTAGE
 
 TICK_NS: Final = 1_000_000
 """Period of the simulated firmware's loop."""
@@ -26,6 +27,8 @@ _CURRENT_LAG_S: Final = 0.001
 _CURRENT_STEP: Final = 1.0 - math.exp(-TICK_NS * 1e-9 / _CURRENT_LAG_S)
 _MIN_CURRENT: Final = 0.05
 _MAX_DUTY: Final = 0.95
+_LEAST_VOLTAGE: Final = 1.0
+"""The duty cycle is a part of the supply, which must not be nothing."""
 _RESISTANCE: Final = 0.1
 _SPEED_GAIN: Final = 0.01
 _POSITION_GAIN: Final = 5.0
@@ -82,7 +85,7 @@ class Controller:
         self.controller_id = settings.controller_id
         self.current = 0.0
         self.fault = Fault.NONE
-        self.bus_voltage = 36.0
+        self.bus_voltage = SUPPLY_VOLTAGE
         self.has_timed_out = False
         self._settings = settings
         self._mode = Command.SET_CURRENT
@@ -94,8 +97,9 @@ class Controller:
         self._angle = 0.0
         self._velocity = 0.0
 
-    def measure(self, angle: float, velocity: float) -> None:
-        """Take the wheel's angle, rad, and velocity, rad/s."""
+    def measure(self, angle: float, velocity: float, bus_voltage: float = SUPPLY_VOLTAGE) -> None:
+        """Take the wheel's angle, rad, and velocity, rad/s, and the supply, V, which is no less than a volt."""
+        self.bus_voltage = max(bus_voltage, _LEAST_VOLTAGE)
         self._angle = self._settings.drivetrain.motor(angle)
         self._velocity = self._settings.drivetrain.motor(velocity)
 

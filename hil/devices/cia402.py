@@ -1,6 +1,6 @@
 """Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque mode."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from firmware_io.drives.cia402.frames import Emergency
@@ -11,6 +11,7 @@ from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import Port
 from hil.devices._canopen_objects import Entry, Key
 from hil.devices._canopen_slave import CanopenSlave
+from hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's loop."""
@@ -23,6 +24,8 @@ SIMULATED_FAULT: Final = Emergency(0x2310, 0x03)
 _PERMILLE_MNM: Final = 1e-6 * RATED_TORQUE_MNM
 """One step of 0x6071, N m."""
 _TORQUE_MODE: Final = 10
+_DC_LINK: Final = 0x6079
+_MILLIVOLT: Final = 0.001
 
 _STATUSWORDS: Final = {
     DriveState.NOT_READY: 0x0000,
@@ -47,8 +50,8 @@ class SimulatedDrive:
         torque: What its motor gives, N m.
     """
 
-    def __init__(self, link: Link, settings: Cia402WheelSettings) -> None:
-        """Switch a drive on."""
+    def __init__(self, link: Link, settings: Cia402WheelSettings, lacks: Collection[int] = ()) -> None:
+        """Switch a drive on that does not have the objects that it `lacks`."""
         self._settings = settings
         self._drivetrain = settings.drivetrain
         self.state = DriveState.SWITCH_ON_DISABLED
@@ -56,7 +59,9 @@ class SimulatedDrive:
         self._last_controlword = 0
         self._origin_counts = 0
         self._position_counts = 0
-        self.slave = CanopenSlave(link, settings.node_id, _objects(), self._lose_host)
+        self._lacks = frozenset(lacks)
+        objects = {key: entry for key, entry in _objects().items() if key[0] not in self._lacks}
+        self.slave = CanopenSlave(link, settings.node_id, objects, self._lose_host)
 
     def switch_off(self) -> None:
         """Cut its supply: it is silent, and its motor free."""
@@ -93,13 +98,15 @@ class SimulatedDrive:
         self.torque = permille * _PERMILLE_MNM
         return self._drivetrain.wheel_torque(self.torque)
 
-    def tell(self, now_ns: int, angle: float, velocity: float) -> None:
-        """Measure the wheel (rad, rad/s), and send what is due."""
+    def tell(self, now_ns: int, angle: float, velocity: float, supply: float) -> None:
+        """Measure the wheel (rad, rad/s) and the supply (V), and send what is due."""
         counts = self._settings.counts_per_turn
         self._position_counts = int(self._drivetrain.motor(angle) / TURN * counts // 1)
         self.slave.put(0x6064, self._position_counts - self._origin_counts)
         self.slave.put(0x606C, round(self._drivetrain.motor(velocity) / TURN / self._settings.velocity_unit_turns))
         self.slave.put(0x6041, _STATUSWORDS[self.state])
+        if _DC_LINK not in self._lacks:
+            self.slave.put(_DC_LINK, max(round(supply / _MILLIVOLT), 0))
         self.slave.tell(now_ns)
 
     def _lose_host(self) -> None:
@@ -154,11 +161,13 @@ class SimulatedCia402:
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 
-    def __init__(self, link: Link, settings: Cia402Settings, port: Port | None = None) -> None:
-        """Switch both drives on; they have no serial line."""
+    def __init__(
+        self, link: Link, settings: Cia402Settings, port: Port | None = None, lacks: Collection[int] = ()
+    ) -> None:
+        """Switch both drives on, without the objects that they are to lack; they have no serial line."""
         del port
-        self.left = SimulatedDrive(link, settings.left)
-        self.right = SimulatedDrive(link, settings.right)
+        self.left = SimulatedDrive(link, settings.left, lacks)
+        self.right = SimulatedDrive(link, settings.right, lacks)
 
     @property
     def refused_frames(self) -> int:
@@ -171,8 +180,9 @@ class SimulatedCia402:
 
     def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due; see `Device.tell`."""
-        self.left.tell(now_ns, outputs["left.angle"], outputs["left.velocity"])
-        self.right.tell(now_ns, outputs["right.angle"], outputs["right.velocity"])
+        supply = supply_voltage(outputs)
+        self.left.tell(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
+        self.right.tell(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
 
 
 def _objects() -> dict[Key, Entry]:
@@ -192,5 +202,6 @@ def _objects() -> dict[Key, Entry]:
         (0x6072, 0): Entry(2, MAX_TORQUE_PERMILLE),
         (0x6076, 0): Entry(4, RATED_TORQUE_MNM, "r"),
         (0x6077, 0): Entry(2, 0, "r", mappable=True),
+        (_DC_LINK, 0): Entry(4, 0, "r", mappable=True),
         (0x6502, 0): Entry(4, 0x0200, "r"),
     }

@@ -1,9 +1,18 @@
 """What stands at the other end of a link in simulation."""
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from firmware_io.links.link import Frame
+
+SUPPLY_VOLTAGE: Final = 36.0
+"""What drives measure of a supply that the plant does not have, V: above what any of them is told to give."""
+_PLANT_SUPPLY: Final = "truth.supply_voltage"
+
+
+def supply_voltage(outputs: Mapping[str, float]) -> float:
+    """What drives measure of the supply, V, among the plant's newest outputs by name."""
+    return outputs.get(_PLANT_SUPPLY, SUPPLY_VOLTAGE)
 
 
 class Device(Protocol):

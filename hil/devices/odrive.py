@@ -13,10 +13,10 @@ from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import Port
 from hil.devices._odrive_ascii import AsciiPort
 from hil.devices._odrive_axis import ESTOP, SimulatedAxis
+from hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
-SUPPLY_VOLTAGE: Final = 36.0
 _NAMES: Final = ("left", "right")
 _FULL: Final = 8
 _VERSION: Final = t.Version(2, 4, 4, 58, 0, 6, 10, 0)
@@ -28,7 +28,7 @@ _TOLD: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
     t.EncoderCount: lambda axis: t.EncoderCount(axis.counts, axis.counts % axis.counts_per_turn),
     t.Currents: lambda axis: t.Currents(axis.current_a, axis.current_a),
     t.Torques: lambda axis: t.Torques(axis.torque_nm, axis.torque_nm),
-    t.BusVoltageCurrent: lambda axis: t.BusVoltageCurrent(SUPPLY_VOLTAGE, axis.power_w / SUPPLY_VOLTAGE),
+    t.BusVoltageCurrent: lambda axis: t.BusVoltageCurrent(axis.supply_voltage, axis.supply_current_a),
     t.Errors: lambda axis: t.Errors(axis.error, axis.error),
     t.Temperatures: lambda _: t.Temperatures(30.0, None),
     t.MotorError: lambda _: t.MotorError(0),
@@ -147,6 +147,7 @@ class SimulatedOdrive:
     def _move(self, outputs: Mapping[str, float]) -> None:
         for name, axis in zip(_NAMES, self.axes, strict=True):
             axis.move(outputs[f"{name}.angle"], outputs[f"{name}.velocity"])
+            axis.supply_voltage = supply_voltage(outputs)
 
     def _board_has_errors(self) -> bool:
         """Whether an error on one axis keeps the other from closed loop; each 0.6 is a board of its own."""

@@ -20,6 +20,7 @@ from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import Port
 from hil.devices._vesc_controller import TICK_NS, Controller, Firmware
+from hil.devices.device import supply_voltage
 
 __all__ = ["TICK_NS", "SimulatedVesc"]
 
@@ -73,8 +74,8 @@ class SimulatedVesc:
                 self._link.send(frame)
 
     def _measure(self, outputs: Mapping[str, float]) -> None:
-        self.left.measure(outputs["left.angle"], outputs["left.velocity"])
-        self.right.measure(outputs["right.angle"], outputs["right.velocity"])
+        for name, controller in (("left", self.left), ("right", self.right)):
+            controller.measure(outputs[f"{name}.angle"], outputs[f"{name}.velocity"], supply_voltage(outputs))
 
     def _take(self, frame: Frame, now_ns: int) -> None:
         address = addressed(frame)

@@ -8,6 +8,7 @@ from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_ACCELERATION,
     MAX_ANGLE,
+    MAX_BUS_VOLTAGE,
     MAX_TURN_RATE,
     MAX_VELOCITY,
     AngularVelocity,
@@ -24,11 +25,10 @@ from firmware_io.drives.wheel_board.serial_line import BoardLine
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from firmware_io.links.link import Frame, Link
 from firmware_io.links.serial_link import LOST, Port
+from hil.devices.device import supply_voltage
 
 TICK_NS: Final = 5_000_000
 """Period of the firmware's loop, and of the wheel and IMU frames."""
-SUPPLY_VOLTAGE: Final = 36.0
-"""Above the range of commands, so that the motors get what they are told."""
 _DEFAULT_WATCHDOG_S: Final = 0.05
 _STATUS_TICKS: Final = round(CYCLE_TIME_S[FrameId.BOARD_STATUS] * 1e9 / TICK_NS)
 _OFF: Final = (0.0, 0.0)
@@ -90,7 +90,7 @@ class SimulatedWheelBoard:
         for frame_id, payload in self._measure(outputs):
             self._bus.send(frame_id, payload)
         if self._ticks % _STATUS_TICKS == 0 or self.state is not self._told_state:
-            self._bus.send(FrameId.BOARD_STATUS, self._status())
+            self._bus.send(FrameId.BOARD_STATUS, self._status(outputs))
             self._told_state = self.state
         self._ticks += 1
 
@@ -101,7 +101,7 @@ class SimulatedWheelBoard:
         if is_asked:
             for frame_id, payload in self._measure(outputs):
                 serial.endpoint.send(frame_id, payload)
-            serial.endpoint.send(FrameId.BOARD_STATUS, self._status())
+            serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
 
     def _take(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
         received = line.check(frame)
@@ -132,8 +132,9 @@ class SimulatedWheelBoard:
         self.state = state
         self.voltages = _OFF
 
-    def _status(self) -> BoardStatus:
-        return BoardStatus(self.state, SUPPLY_VOLTAGE, self._watchdog_s, self.refused_frames)
+    def _status(self, outputs: Mapping[str, float]) -> BoardStatus:
+        volts = min(max(supply_voltage(outputs), 0.0), MAX_BUS_VOLTAGE)
+        return BoardStatus(self.state, volts, self._watchdog_s, self.refused_frames)
 
     def _measure(self, outputs: Mapping[str, float]) -> Iterator[tuple[FrameId, Payload]]:
         """What the board measures; its counters stop at the ends of their range."""

@@ -1,12 +1,13 @@
 """Links and lines that lose, spoil, repeat and delay what passes, as they are told to."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Final
 
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from firmware_io.links.link import Frame, Link
 from hil.faults.injection import Injection, Injections
 from hil.faulty_link import FaultyLink, LinkFault
+from hil.link_front import LinkFront
 from hil.simulated_serial import SimulatedSerial
 
 NowNs = Callable[[], int]
@@ -99,7 +100,7 @@ def _spoilt(frame: Frame, injection: Injection) -> Frame:
     return frame._replace(data=bits.to_bytes(len(frame.data), "little"))
 
 
-class DisturbedDevicesLink:
+class DisturbedDevicesLink(LinkFront):
     """The devices' end of the bus: an IMU that is off sends nothing, and without supply nobody does; see `Link`."""
 
     def __init__(self, link: Link, injections: Injections, imu_frames: Collection[tuple[int, bool]]) -> None:
@@ -110,49 +111,21 @@ class DisturbedDevicesLink:
             injections: The faults of this run.
             imu_frames: Identifiers of the IMU's frames, and whether they are extended.
         """
-        self._link = link
+        super().__init__(link)
         self._imu = [i for i in injections.of("imu") if i.fault.type in {"off", "intermittent"}]
         self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
         self._imu_frames = imu_frames
-
-    @property
-    def counters(self) -> LinkCounters:
-        """Those of the link behind."""
-        return self._link.counters
-
-    @property
-    def description(self) -> str:
-        """That of the link behind."""
-        return self._link.description
-
-    @property
-    def state(self) -> LinkState:
-        """That of the link behind."""
-        return self._link.state
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        """That of the link behind."""
-        return self._link.health
-
-    def open(self) -> None:
-        """Open the link behind."""
-        self._link.open()
 
     def send(self, frame: Frame) -> bool:
         """Send, unless the sender is silent."""
         if self._is_without_supply or self._is_lost(frame):
             return True
-        return self._link.send(frame)
+        return self.behind.send(frame)
 
     def receive(self) -> list[Frame]:
         """Receive, unless nobody has supply."""
-        frames = self._link.receive()
+        frames = self.behind.receive()
         return [] if self._is_without_supply else frames
-
-    def close(self) -> None:
-        """Close the link behind."""
-        self._link.close()
 
     @property
     def _is_without_supply(self) -> bool:

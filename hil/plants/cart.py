@@ -8,29 +8,12 @@ its curve, and the floor that carries it.
 from collections.abc import Sequence
 from typing import Final
 
+from hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from node.model.variables import Variable
 from node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
 
 STEP_SIZE: Final = 0.005
 STANDARD_GRAVITY: Final = 9.80665
-
-_OUTPUTS: Final = (
-    Variable("left.angle", "rad"),
-    Variable("left.velocity", "rad/s"),
-    Variable("right.angle", "rad"),
-    Variable("right.velocity", "rad/s"),
-    Variable("truth.x", "m"),
-    Variable("truth.y", "m"),
-    Variable("truth.heading", "rad"),
-    Variable("truth.linear_velocity", "m/s"),
-    Variable("truth.angular_velocity", "rad/s"),
-    Variable("imu.angular_velocity_x", "rad/s"),
-    Variable("imu.angular_velocity_y", "rad/s"),
-    Variable("imu.angular_velocity_z", "rad/s"),
-    Variable("imu.linear_acceleration_x", "m/s2"),
-    Variable("imu.linear_acceleration_y", "m/s2"),
-    Variable("imu.linear_acceleration_z", "m/s2"),
-)
 
 
 class _RollingCart(CartBody):
@@ -38,7 +21,7 @@ class _RollingCart(CartBody):
 
     step_size = STEP_SIZE
     parameters = WHEEL_PARAMETERS
-    outputs = _OUTPUTS
+    outputs = (*WHEEL_OUTPUTS, *POSE_OUTPUTS, *IMU_OUTPUTS)
 
     def measured(
         self, wheels: Sequence[float], accelerations: Sequence[float], pose: Sequence[float]

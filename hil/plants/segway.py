@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
+from hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from hil.plants.segway_body import SegwayBody
 from hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
 from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
@@ -43,21 +44,9 @@ _PARAMETERS: Final = tuple(
     )
 )
 _OUTPUTS: Final = (
-    Variable("left.angle", "rad"),
-    Variable("left.velocity", "rad/s"),
-    Variable("right.angle", "rad"),
-    Variable("right.velocity", "rad/s"),
-    Variable("imu.angular_velocity_x", "rad/s"),
-    Variable("imu.angular_velocity_y", "rad/s"),
-    Variable("imu.angular_velocity_z", "rad/s"),
-    Variable("imu.linear_acceleration_x", "m/s2"),
-    Variable("imu.linear_acceleration_y", "m/s2"),
-    Variable("imu.linear_acceleration_z", "m/s2"),
-    Variable("truth.x", "m"),
-    Variable("truth.y", "m"),
-    Variable("truth.heading", "rad"),
-    Variable("truth.linear_velocity", "m/s"),
-    Variable("truth.angular_velocity", "rad/s"),
+    *WHEEL_OUTPUTS,
+    *IMU_OUTPUTS,
+    *POSE_OUTPUTS,
     Variable("truth.pitch", "rad"),
     Variable("truth.pitch_rate", "rad/s"),
     Variable("truth.supply_voltage", "V"),

@@ -1,12 +1,12 @@
 """A campaign as a web page of its own, which loads nothing from elsewhere."""
 
-import html
-import importlib.resources
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Final
 
 from node.campaign.result import Result
 from node.campaign.table import HEAD, cells, verdict
+from node.page import page, pairs, section, wide
 
 _TITLE: Final = "Campaign: declared faults, in lock step"
 _INTRODUCTION: Final = (
@@ -26,50 +26,28 @@ def render(results: Sequence[Result], facts: Mapping[str, str]) -> str:
     Returns:
         A complete HTML page.
     """
-    css = importlib.resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     bad = [result for result in results if not result.is_as_declared]
     good = [result for result in results if result.is_as_declared]
     sections = (
-        _section("Verdict", f"<p>{_text(verdict(results))}.</p>\n"),
-        _section("Not as declared", _table(bad)) if bad else "",
-        _section("As declared", _table(good)) if good else "",
-        _section("Facts of this campaign", _facts(facts)),
+        section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
+        section("Not as declared", _table(bad)) if bad else "",
+        section("As declared", _table(good)) if good else "",
+        section("Facts of this campaign", pairs(facts)),
     )
-    return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(_TITLE)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1>{_text(_TITLE)}</h1>\n<p>{_text(_INTRODUCTION)}</p>\n{''.join(sections)}</main>\n</body>\n</html>\n"
-    )
-
-
-def _text(text: str) -> str:
-    return html.escape(text)
-
-
-def _section(title: str, content: str) -> str:
-    return f"<section>\n<h2>{_text(title)}</h2>\n{content}</section>\n"
+    return page(_TITLE, _INTRODUCTION, sections)
 
 
 def _table(results: Sequence[Result]) -> str:
-    names = "".join(f'<th scope="col">{_text(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
+    names = "".join(f'<th scope="col">{escape(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
     rows = "".join(_row(result) for result in results)
-    return (
-        '<div class="wide" role="region" aria-label="Runs" tabindex="0">\n<table>\n'
-        f"<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n"
-    )
+    return wide("Runs", f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
 
 
 def _row(result: Result) -> str:
     name, *others = cells(result)
-    data = "".join(f"<td>{_text(text)}</td>" for text in others)
+    data = "".join(f"<td>{escape(text)}</td>" for text in others)
     parts = (*result.why_not, result.reason)
-    said = "".join(f"<span>{_text(part)}</span><br>" for part in parts if part)
-    last = f"<td>{said}<code>{_text(result.command)}</code></td>"
+    said = "".join(f"<span>{escape(part)}</span><br>" for part in parts if part)
+    last = f"<td>{said}<code>{escape(result.command)}</code></td>"
     kind = "" if result.is_as_declared else ' class="bad"'
-    return f'<tr{kind}><th scope="row">{_text(name)}</th>{data}{last}</tr>\n'
-
-
-def _facts(facts: Mapping[str, str]) -> str:
-    items = "".join(f"<dt>{_text(name)}</dt>\n<dd>{_text(value)}</dd>\n" for name, value in facts.items())
-    return f"<dl>\n{items}</dl>\n"
+    return f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'

@@ -8,14 +8,11 @@ from typing import Final
 
 import msgspec
 
-from firmware_io.build import HardwareSettings, serial_line, serial_of
+from firmware_io.build import HardwareSettings, make_link, serial_of, takes_serial, with_port
 from firmware_io.drives.wheel_board.frames import FrameId
 from firmware_io.errors import HardwareError
 from firmware_io.imus.xsens_mti.frames import Message
 from firmware_io.links.link import Link
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
-from firmware_io.settings import SerialSettings
 from hil.faults.clock import DisturbedClock, ProcessKilledError
 from hil.faults.fault import Fault
 from hil.faults.injection import Injections
@@ -34,7 +31,7 @@ from node.config import NoHardwareSection, RobotFile, load_robot
 from node.cycle.seams import NoRecorder, Recorder
 from node.errors import ConfigurationError, NodeError
 from node.recording.cycle_log import CycleLog, layout_of
-from node.robot import Robot, build_robot
+from node.robot import Robot, build_robot, clocks_of
 from node.safety.modes import Mode
 from node.sequence.manoeuvre import Manoeuvre
 
@@ -191,11 +188,9 @@ class _Bench:
         return simulated
 
     def _robots_link(self) -> Link:
-        hardware, serial = _hardware(self._file), serial_of(_hardware(self._file))
-        if self._wires is None or serial is None:
+        if self._wires is None:
             return self._bus
-        line = SerialLink(serial, serial_line(hardware), self._rig.now_ns, self._wires.host.open)
-        return RedundantLink(self._bus, line, self._rig.now_ns)
+        return make_link(_hardware(self._file), clocks_of(self._rig), self._bus, self._wires.host.open)
 
     def _attach(self) -> None:
         line = None if self._wires is None else DisturbedLine(self._wires, self._injections, self._simulated.tick_ns)
@@ -220,10 +215,11 @@ def _robot_file(job: _Job) -> RobotFile:
     if not job.fallback:
         return file
     hardware = _hardware(file)
-    if "serial" not in hardware.__struct_fields__:
+    if not takes_serial(hardware):
         raise ConfigurationError(f"the drives of robot '{file.name}' have no serial line: leave fallback out")
-    serial = serial_of(hardware) or SerialSettings(port="simulated", baudrate=921_600)
-    return msgspec.structs.replace(file, hardware=msgspec.structs.replace(hardware, serial=serial))
+    if serial_of(hardware) is None:
+        hardware = with_port(hardware, "simulated")
+    return msgspec.structs.replace(file, hardware=hardware)
 
 
 def _hardware(file: RobotFile) -> HardwareSettings:

@@ -3,6 +3,7 @@
 import hashlib
 import math
 from array import array
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from firmware_io.assembly import Assembly
 from firmware_io.hardware import Hardware
 from hil.faults.injection import Injections
 from hil.simulated_robot import SimulatedRobot
+from node.cycle.expendable import ExpendableRecorder
 from node.cycle.loop import Loop
 from node.cycle.seams import CycleRecord, NoRecorder, Recorder
 from node.cycle.status import Status
@@ -81,9 +83,12 @@ class DriveWatch:
 
 
 class NodeWatch:
-    """Watches the node, cycle by cycle; see `Recorder`. What it is given it hands on to a recorder, which may fail.
+    """Watches the node, cycle by cycle; see `Recorder`. What it is given it hands on to a recorder.
+
+    A recorder that fails is done without, as the loop does: the watch goes on seeing the run.
 
     Attributes:
+        events: What happened to the recorder.
         changes: Changes of mode and of lines, oldest first.
         mode: The present mode.
     """
@@ -93,7 +98,8 @@ class NodeWatch:
         self.changes: list[Change] = []
         self.mode = Mode.DISARMED
         self._timeline = injections.timeline
-        self._recorder = recorder or NoRecorder()
+        self.events: deque[str] = deque(maxlen=1)
+        self._recorder = ExpendableRecorder(recorder or NoRecorder(), self.events)
         self._switching = hardware.switching if isinstance(hardware, Assembly) else None
         self._switches = 0
         self._loop: Loop | None = None

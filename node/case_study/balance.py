@@ -4,10 +4,10 @@ import contextlib
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Final, NamedTuple, cast
 
 from firmware_io.links.link import Frame, Link
+from hil.link_front import LinkFront
 from hil.lockstep import LockstepRig
 from hil.simulated_robot import SimulatedRobot
 from hil.simulation import simulated_bus, simulated_robot
@@ -35,29 +35,24 @@ class Truth(NamedTuple):
     pitch_rate: float
 
 
-@dataclass(slots=True)
-class DelayedLink:
+class DelayedLink(LinkFront):
     """A link whose frames arrive later, which is as much as whole-loop delay; see `Link`.
 
     Attributes:
-        link: The link behind.
-        now_ns: The clock.
-        delay_ns: How much later what is received arrives; may be changed while it runs.
+        delay_ns: How much later what is received arrives, ns; may be changed while it runs.
     """
 
-    link: Link
-    now_ns: Callable[[], int]
-    delay_ns: int = 0
-    _waiting: deque[tuple[int, Frame]] = field(default_factory=deque)
-
-    def __getattr__(self, name: str) -> object:
-        """Everything but `receive` is the link's own."""
-        return getattr(self.link, name)
+    def __init__(self, link: Link, now_ns: Callable[[], int]) -> None:
+        """Stand in front of `link`, on a clock in ns."""
+        super().__init__(link)
+        self.delay_ns = 0
+        self._now_ns = now_ns
+        self._waiting: deque[tuple[int, Frame]] = deque()
 
     def receive(self) -> list[Frame]:
         """What has waited long enough, with a stamp that is as much later: the delay does not show."""
-        now_ns = self.now_ns()
-        self._waiting.extend((frame.received_ns, frame) for frame in self.link.receive())
+        now_ns = self._now_ns()
+        self._waiting.extend((frame.received_ns, frame) for frame in super().receive())
         frames = []
         while self._waiting and self._waiting[0][0] + self.delay_ns <= now_ns:
             received_ns, frame = self._waiting.popleft()
@@ -122,6 +117,7 @@ class _Keeper(NoRecorder):
         self._place, self._kept, self._world = place, kept, world
 
     def write(self, record: CycleRecord) -> None:
+        """Keep the phase of a cycle."""
         phase = record.y[self._place]
         self._kept.append(phase)
         if self._world is not None and phase == Phase.GIVEN_UP:
@@ -160,7 +156,7 @@ class Balance:
         rig.attach(simulated, self._observe)
         self._places = [simulated.output_names.index(f"truth.{name}") for name in _TRUTH]
         self.link = DelayedLink(rig.bus.attach("node"), rig.now_ns)
-        robot = build_robot(file, rig, cast("Link", self.link))
+        robot = build_robot(file, rig, self.link)
         self.model = BiasedModel(robot.model)
         self.robot = dataclasses.replace(robot, model=cast("Model", self.model))
         self.truth: list[Truth] = []

@@ -11,12 +11,17 @@ from node.models.segway_parameters import PUBLISHED, SegwayParameters
 from node.models.segway_phases import Phase
 
 PUSH_S: Final = 0.1
-"""How long a push lasts."""
+"""How long a shove lasts."""
+LONG_PUSH_S: Final = 1.0
+"""How long a push lasts by which balancers of Upkie, the published robot, are compared: its largest sagittal force."""
 PAYLOAD_SHARE: Final = 0.3
 SLOPE_RAD: Final = math.radians(5.0)
 DELAY_S: Final = 0.020
 GYRO_BIAS: Final = 0.02
 """Four times the standard deviation that the plant's gyro has."""
+TRACKING_ERROR: Final = 0.05
+TRACKED_WITHIN: Final = 0.1
+"""Of a step by 1 m/s or 1 rad/s."""
 
 LIES_AT: Final = PUBLISHED.stop_angle
 """Pitch at the start, rad."""
@@ -27,6 +32,9 @@ _NUDGE_N: Final = 10.0
 _DELAYED_AT_S: Final = 2.0
 _STEPS: Final = 90
 _STEP_S: Final = 0.02
+_STEPPED_AT_S: Final = 3.0
+_TRACKED_S: Final = 12.0
+_STEADY_S: Final = 3.0
 _RECOVERED_PITCH: Final = 0.15
 _RECOVERED_SPEED: Final = 0.3
 _RECOVERED_RATE: Final = 0.5
@@ -97,6 +105,8 @@ def disturbances(body: SegwayParameters) -> Sequence[Disturbance]:
     return (
         Disturbance("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
         Disturbance("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
+        Disturbance("push ahead, 1 s", "N", 100.0, 0.25, None, plain, _long_push),
+        Disturbance("push back, 1 s", "N", -100.0, 0.25, None, plain, _long_push),
         Disturbance("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
         Disturbance("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
         Disturbance("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
@@ -137,6 +147,82 @@ def recovers(file: RobotFile, kind: Disturbance, size: float, seed: int) -> bool
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A set-point that steps from rest to 1.
+
+    Attributes:
+        name: Which.
+        unit: Of the set-point.
+        setpoint: m/s and rad/s.
+        field: What of the truth follows it.
+    """
+
+    name: str
+    unit: str
+    setpoint: tuple[float, float]
+    field: str
+
+
+STEPS: Final = (
+    Step("tracks 1 m/s", "m/s", (1.0, 0.0), "linear_velocity"),
+    Step("tracks 1 rad/s", "rad/s", (0.0, 1.0), "angular_velocity"),
+    Step("tracks 1 m/s, turning at 1 rad/s", "m/s", (1.0, 1.0), "linear_velocity"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """How a step was followed, by the plant's truth; of some seeds the worst.
+
+    Attributes:
+        name: Which step.
+        unit: Of the errors.
+        steady_error: Of the mean over the last three seconds.
+        largest_error: In these three seconds.
+        settled_s: After the step, from when on it stays within a tenth of it, s; infinite where it does not.
+        required: Largest steady error.
+    """
+
+    name: str
+    unit: str
+    steady_error: float
+    largest_error: float
+    settled_s: float
+    required: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it settles, and where it should."""
+        return self.steady_error <= self.required and math.isfinite(self.settled_s)
+
+
+def track(file: RobotFile, step: Step, seeds: Sequence[int]) -> Tracking:
+    """Let it follow a step from rest, with each seed."""
+    runs = [_track_once(file, step, seed) for seed in seeds]
+    steady, largest, settled_s = (max(values) for values in zip(*runs, strict=True))
+    return Tracking(step.name, step.unit, steady, largest, settled_s, TRACKING_ERROR)
+
+
+def _track_once(file: RobotFile, step: Step, seed: int) -> tuple[float, float, float]:
+    """Steady error, largest error, and when it has settled."""
+    balance = Balance(file, pitch=LIES_AT, seed=seed)
+    truth = balance.run(_TRACKED_S, {_STEPPED_AT_S: lambda run: run.drive(*step.setpoint)}, until_given_up=True)
+    return tracked([(at.time - _STEPPED_AT_S, getattr(at, step.field) - 1.0) for at in truth])
+
+
+def tracked(errors: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
+    """Steady error, largest error at the end, and when it settled, from errors at times, s, since a step by 1."""
+    end_s = errors[-1][0]
+    if end_s < _TRACKED_S - _STEPPED_AT_S - _STEADY_S:
+        return math.inf, math.inf, math.inf  # it gave up
+    last = [error for time, error in errors if time > end_s - _STEADY_S]
+    off = [time for time, error in errors if abs(error) > TRACKED_WITHIN]
+    settled_s = max(off, default=0.0)
+    is_settled = settled_s < end_s - _STEADY_S
+    return abs(sum(last) / len(last)), max(map(abs, last)), settled_s if is_settled else math.inf
+
+
 def _is_calm(at: Truth) -> bool:
     return (
         abs(at.pitch) < _RECOVERED_PITCH
@@ -145,11 +231,15 @@ def _is_calm(at: Truth) -> bool:
     )
 
 
-def _push(force: float) -> Script:
+def _push(force: float, duration: float = PUSH_S) -> Script:
     return {
         _DISTURBED_AT_S: lambda balance: balance.plant.write("PushForce", force),
-        _DISTURBED_AT_S + PUSH_S: lambda balance: balance.plant.write("PushForce", 0.0),
+        _DISTURBED_AT_S + duration: lambda balance: balance.plant.write("PushForce", 0.0),
     }
+
+
+def _long_push(force: float) -> Script:
+    return _push(force, LONG_PUSH_S)
 
 
 def _nudge(_size: float = 0.0) -> Script:

@@ -11,10 +11,8 @@ from typing import Final
 import msgspec
 
 from firmware_io.assembly import Assembly
-from firmware_io.build import can_link, serial_line, serial_of
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
-from firmware_io.settings import SerialSettings
+from firmware_io.build import can_link, make_link, takes_serial, with_port
+from firmware_io.links.link import Link
 from firmware_io.switching import Switch
 from hil.faulty_link import FaultyLink, LinkFault
 from hil.processes import ProcessFailedError, command
@@ -80,11 +78,10 @@ class Failover:
             ConfigurationError: The robot's drives have no serial line.
         """
         hardware = file.hardware
-        if isinstance(hardware, NoHardwareSection) or "serial" not in hardware.__struct_fields__:
+        if isinstance(hardware, NoHardwareSection) or not takes_serial(hardware):
             raise ConfigurationError(f"the drives of robot '{file.name}' have no serial line to fall back on")
-        port = str(folder / "serial")
-        self._serial = msgspec.structs.replace(serial_of(hardware) or SerialSettings(port=port), port=port)
-        self._hardware = msgspec.structs.replace(hardware, serial=self._serial)
+        self._port = folder / "serial"
+        self._hardware = with_port(hardware, str(self._port))
         self._file = msgspec.structs.replace(file, hardware=self._hardware)
         self._robot = robot
         self._folder = folder
@@ -94,7 +91,7 @@ class Failover:
         name = cause.replace(" ", "_")
         truth, can = self._folder / f"{name}.truth.csv", self._hardware.can
         plant = ["plant", self._robot, "--interface", can.interface, "--channel", can.channel]
-        plant += ["--serial", self._serial.port, "--truth", str(truth)]
+        plant += ["--serial", str(self._port), "--truth", str(truth)]
         with command(plant, self._folder / f"{name}.plant.txt"):
             self._wait_for_plant()
             drive = self._drive(cause)
@@ -105,9 +102,8 @@ class Failover:
 
     def _drive(self, cause: str) -> "_Drive":
         clock = RealClock()
-        bus = FaultyLink(can_link(self._hardware.can, clocks_of(clock)))
-        line = SerialLink(self._serial, serial_line(self._hardware), clock.now_ns)
-        link = RedundantLink(bus, line, clock.now_ns)
+        clocks = clocks_of(clock)
+        bus = FaultyLink(can_link(self._hardware.can, clocks))
 
         def break_bus() -> None:
             if cause == INTERFACE_DOWN:
@@ -115,15 +111,15 @@ class Failover:
             else:
                 bus.fault = LinkFault(cause)
 
-        drive = _Drive(self._file, clock, link, break_bus)
+        drive = _Drive(self._file, clock, make_link(self._hardware, clocks, bus), break_bus)
         drive.run()
         return drive
 
     def _wait_for_plant(self) -> None:
         deadline = time.monotonic() + _PLANT_STARTS_WITHIN_S
-        while not Path(self._serial.port).exists():
+        while not self._port.exists():
             if time.monotonic() > deadline:
-                raise ProcessFailedError(f"the plant made no serial line at {self._serial.port}")
+                raise ProcessFailedError(f"the plant made no serial line at {self._port}")
             time.sleep(0.01)
 
     def _alone(self) -> list[Place]:
@@ -135,7 +131,7 @@ class Failover:
 class _Drive(NoRecorder):
     """One drive through the manoeuvre; it watches its own cycles, and breaks the bus in one of them."""
 
-    def __init__(self, file: RobotFile, clock: RealClock, link: RedundantLink, break_bus: Callable[[], None]) -> None:
+    def __init__(self, file: RobotFile, clock: RealClock, link: Link, break_bus: Callable[[], None]) -> None:
         robot = build_robot(file, clock, link)
         self.stage = ManoeuvreStage(Player(MANOEUVRE), list(robot.wiring.published), clock)
         self._hardware = robot.hardware

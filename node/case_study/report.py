@@ -1,14 +1,14 @@
 """The case study as a web page of its own, which loads nothing from elsewhere."""
 
-import html
-import importlib.resources
 import math
 from collections.abc import Callable, Sequence
+from html import escape
 from typing import TypeVar
 
 from node.case_study import figures
 from node.case_study.study import Cell, Seat, Study, difference, worst_difference, worst_thesis_difference
 from node.case_study.table import NOT_RUN, difference_text, worst_text
+from node.page import page, pairs, section, wide
 
 _T = TypeVar("_T")
 
@@ -29,33 +29,19 @@ def render(study: Study) -> str:
     Returns:
         A complete HTML page; positions and differences in m, velocities in m/s and rad/s.
     """
-    css = importlib.resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     sections = (
-        _section("Verdict", _verdict(study)),
-        _section("Where the cart ends", _table(study.cells, study.seats)),
-        _section("Figures", _figures(study)),
-        _section("Facts of this run", _facts(study)),
+        section("Verdict", _verdict(study)),
+        section("Where the cart ends", _table(study.cells, study.seats)),
+        section("Figures", _figures(study)),
+        section("Facts of this run", _facts(study)),
     )
-    return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_text(_TITLE)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
-        f"<h1>{_text(_TITLE)}</h1>\n<p>{_text(_INTRODUCTION)}</p>\n{''.join(sections)}</main>\n</body>\n</html>\n"
-    )
-
-
-def _text(text: str) -> str:
-    return html.escape(text)
-
-
-def _section(title: str, content: str) -> str:
-    return f"<section>\n<h2>{_text(title)}</h2>\n{content}</section>\n"
+    return page(_TITLE, _INTRODUCTION, sections)
 
 
 def _verdict(study: Study) -> str:
     sentences = [*(_seat_verdict(study, seat) for seat in Seat), _sameness(study.cells)]
-    items = "".join(f"<li>{_text(sentence)}</li>\n" for sentence in sentences)
-    return f"<p>{_text(_yardstick(study.cells))}</p>\n<ul>\n{items}</ul>\n"
+    items = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in sentences)
+    return f"<p>{escape(_yardstick(study.cells))}</p>\n<ul>\n{items}</ul>\n"
 
 
 def _yardstick(cells: Sequence[Cell]) -> str:
@@ -98,11 +84,11 @@ def _sameness(cells: Sequence[Cell]) -> str:
 
 def _table(cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
     rows = "".join(_row(cell, seats) for cell in cells)
-    return (
-        '<div class="wide" role="region" aria-label="Positions and differences" tabindex="0">\n<table>\n'
-        "<caption><span>Position (x, y) of the cart after 10 s, and the difference from the thesis' offline table in "
-        "the worse coordinate.</span></caption>\n"
-        f"{_heading(seats)}<tbody>\n{rows}</tbody>\n{_footer(cells, seats)}</table>\n</div>\n"
+    return wide(
+        "Positions and differences",
+        "<table>\n<caption><span>Position (x, y) of the cart after 10 s, and the difference from the thesis' offline "
+        "table in the worse coordinate.</span></caption>\n"
+        f"{_heading(seats)}<tbody>\n{rows}</tbody>\n{_footer(cells, seats)}</table>\n",
     )
 
 
@@ -110,10 +96,10 @@ def _heading(seats: Sequence[Seat]) -> str:
     count = len(seats)
     groups = [("Set-point", 2), ("Thesis: x, y in m", 2), ("Re-run: x, y in m", count), ("Difference in m", 1 + count)]
     upper = "".join(
-        f'<th scope="colgroup" class="group" colspan="{span}">{_text(name)}</th>' for name, span in groups if span
+        f'<th scope="colgroup" class="group" colspan="{span}">{escape(name)}</th>' for name, span in groups if span
     )
     names = ["linear, m/s", "angular, rad/s", "offline", "ROS", *seats, "thesis ROS", *seats]
-    lower = "".join(f'<th scope="col"{_edge(i, seats)}>{_text(name)}</th>' for i, name in enumerate(names))
+    lower = "".join(f'<th scope="col"{_edge(i, seats)}>{escape(name)}</th>' for i, name in enumerate(names))
     return f"<thead>\n<tr>{upper}</tr>\n<tr>{lower}</tr>\n</thead>\n"
 
 
@@ -169,11 +155,9 @@ def _figures(study: Study) -> str:
 def _figure(data: Sequence[_T], draw: Callable[[Sequence[_T]], str], caption: str, missing: str) -> str:
     """A figure of some data, or what to say where there are none."""
     if not data:
-        return f"<p>{_text(missing)}</p>\n" if missing else ""
-    drawing = f'<div class="wide" role="region" aria-label="{_text(caption)}" tabindex="0">\n{draw(data)}</div>\n'
-    return f"<figure>\n{drawing}<figcaption>{_text(caption)}</figcaption>\n</figure>\n"
+        return f"<p>{escape(missing)}</p>\n" if missing else ""
+    return f"<figure>\n{wide(caption, draw(data))}<figcaption>{escape(caption)}</figcaption>\n</figure>\n"
 
 
 def _facts(study: Study) -> str:
-    items = "".join(f"<dt>{_text(name)}</dt>\n<dd>{_text(value)}</dd>\n" for name, value in study.facts.items())
-    return f"<dl>\n{items}</dl>\n" if items else "<p>None were recorded.</p>\n"
+    return pairs(study.facts) if study.facts else "<p>None were recorded.</p>\n"

@@ -12,8 +12,8 @@ from typing import Final
 from firmware_io.build import serial_of
 from node.cli.options import print_json
 from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
-from node.drill import trial
-from node.drill.faults import FAULTS, Fault
+from node.drill import interface, trial
+from node.drill.faults import FAULTS, Fault, Outcome
 from node.drill.parts import Setup
 from node.drill.trial import Trial
 from node.errors import ConfigurationError
@@ -40,14 +40,13 @@ def run(options: argparse.Namespace) -> int:
     """Do every fault that the robot can have, and print the table; 1 where something was not as expected."""
     if not 1 <= options.repeat <= _MOST:
         raise ConfigurationError(f"--repeat must be 1 to {_MOST}")
-    file, has_guard = load_robot(options.robot), _has_guard() and not options.no_guard
-    chosen, left_out = _choose([FAULTS[name] for name in options.fault or FAULTS], file, has_guard=has_guard)
+    chosen, left_out = _choose(options, load_robot(options.robot))
     rows: list[list[Trial]] = []
     with tempfile.TemporaryDirectory(prefix="segway-ecc-drill-") as folder:
         for number, fault in enumerate(chosen):
             sys.stderr.write(f"segway-ecc: {fault.name}\n")
             folders = [Path(folder) / f"{number}_{n}" for n in range(options.repeat)]
-            rows.append([_trial(options, fault, place, has_guard=has_guard) for place in folders])
+            rows.append([_trial(options, fault, place) for place in folders])
     if options.json:
         print_json(_as_json(rows, left_out))
     else:
@@ -55,30 +54,33 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all(t.is_as_expected for row in rows for t in row) else _NOT_EXPECTED
 
 
-def _trial(options: argparse.Namespace, fault: Fault, folder: Path, *, has_guard: bool) -> Trial:
+def _trial(options: argparse.Namespace, fault: Fault, folder: Path) -> Trial:
     folder.mkdir()
     channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
     bus = ["--interface", options.interface, "--channel", channel]
-    setup = Setup(options.robot, bus, fault.serial, has_guard, fault.stepped, folder)
+    setup = Setup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
     return trial.run(fault, setup)
 
 
-def _choose(faults: Sequence[Fault], file: RobotFile, *, has_guard: bool) -> tuple[list[Fault], dict[str, str]]:
+def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[Fault], dict[str, str]]:
     """The faults that this robot can have here, and why it cannot have the others."""
     if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
     if serial_of(file.hardware) is not None:
         raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
-    can_serial = "serial" in file.hardware.__struct_fields__
-    left_out = {f.name: "there is no guard" for f in faults if f.guard and not has_guard}
+    can_serial, no_interface = "serial" in file.hardware.__struct_fields__, _no_interface(options)
+    faults = [FAULTS[name] for name in options.fault or FAULTS]
+    left_out = {f.name: "there is no guard" for f in faults if f.guard and options.no_guard}
     left_out |= {f.name: "its drives have no serial line" for f in faults if f.serial and not can_serial}
+    left_out |= {f.name: no_interface for f in faults if f.interface and no_interface is not None}
     return [fault for fault in faults if fault.name not in left_out], left_out
 
 
-def _has_guard() -> bool:
-    from node.cli.main import VERBS  # noqa: PLC0415 - main imports its verbs, and only when they are used
-
-    return "guard" in VERBS
+def _no_interface(options: argparse.Namespace) -> str | None:
+    """Why no interface can be set down; None where one can be."""
+    if options.interface != "socketcan" or options.channel is None:
+        return "it needs a network interface: --interface socketcan --channel vcan0"
+    return interface.obstacle(options.channel)
 
 
 def _as_json(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> object:
@@ -92,7 +94,7 @@ def _as_json(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> objec
         }
         for row in rows
     ]
-    return {"limit_s": trial.LIMIT_S, "faults": told, "left_out": left_out}
+    return {"faults": told, "left_out": left_out}
 
 
 def _table(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> str:
@@ -117,7 +119,7 @@ def _row(worst: Trial, repeats: int) -> tuple[str, ...]:
     ended = torque is not None and torque.zero_s is not None
     return (
         worst.fault + (f" x{repeats}" if repeats > 1 else ""),
-        str(worst.expected),
+        _expected(worst),
         worst.outcome,
         _ms(torque.last_s) if torque is not None and ended else "-",
         _ms(torque.zero_s) if torque is not None else "-",
@@ -125,6 +127,10 @@ def _row(worst: Trial, repeats: int) -> tuple[str, ...]:
         "ran" if worst.guard else "no",
         "as expected" if worst.is_as_expected else "NOT as expected",
     )
+
+
+def _expected(trial: Trial) -> str:
+    return f"{trial.expected}, {trial.within_s * 1e3:.0f} ms" if trial.expected is Outcome.ENDS else str(trial.expected)
 
 
 def _ms(seconds: float | None) -> str:

@@ -31,6 +31,7 @@ VERBS: Final = {
     "play": "the whole robot on this machine, to drive with the arrow keys",
     "design": "the gains of a balancing robot from what it is made of, with poles and margins",
     "margins": "how much the balancing robot bears, found by search, against what is required of it",
+    "endurance": "hours of normal driving in lock step, with lost frames: nothing may trip",
     "case-study": "the thesis' tables and figures through each seat, side by side",
     "bench": "how fast this machine runs the loop, in lock step and in real time",
 }

@@ -14,8 +14,7 @@ from typing import Final
 
 import msgspec
 
-from firmware_io.build import serial_of
-from firmware_io.settings import SerialSettings
+from firmware_io.build import takes_serial, with_port
 from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from node.cycle.real_time import real_time_priority
 from node.errors import ConfigurationError
@@ -55,10 +54,9 @@ def _with_lines(file: RobotFile, options: argparse.Namespace) -> RobotFile:
     hardware = file.hardware
     port = wanted.pop("serial", None)
     if port is not None:
-        if "serial" not in hardware.__struct_fields__:
+        if not takes_serial(hardware):
             raise ConfigurationError(f"--serial: the drives of robot '{file.name}' have no serial line")
-        serial = serial_of(hardware) or SerialSettings(port=port)
-        hardware = msgspec.structs.replace(hardware, serial=msgspec.structs.replace(serial, port=port))
+        hardware = with_port(hardware, port)
     can = msgspec.structs.replace(hardware.can, **wanted)
     return msgspec.structs.replace(file, hardware=msgspec.structs.replace(hardware, can=can))
 

@@ -22,6 +22,7 @@ from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robot
 from node.cycle.clock import RealClock
 from node.cycle.seams import NoRecorder, NoStage, Stage
 from node.errors import ConfigurationError
+from node.logs import messages_to
 from node.play.channel import LoopEnd, channel
 from node.play.rig import FORCE, Rig
 from node.play.stage import PlayStage
@@ -51,14 +52,14 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="segway-ecc-play-") as folder, contextlib.ExitStack() as stack:
         file = _with_lines(options, Path(folder))
         robot = build_robot(file, RealClock())
-        plant, has_guard = _start(stack, options, Path(folder))
-        rig = _rig(plant, file, robot, has_guard=has_guard)
+        plant, guard = _start(stack, options, Path(folder))
+        rig = _rig(plant, guard, file, robot)
         ours, theirs = channel()
         stage = _stage(stack, options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
         stage.watch(loop.modes)
         stack.enter_context(_terminal(ours, theirs))
-        stack.enter_context(_told_to(stage))
+        stack.enter_context(messages_to(_Notices(stage)))
         with stopped_by_signals(loop.stop), real_time():
             loop.run()
     with contextlib.suppress(OSError):  # nobody is left to be told where the terminal has hung up
@@ -85,28 +86,23 @@ def _with_lines(options: argparse.Namespace, folder: Path) -> RobotFile:
     return robot_file(options)
 
 
-def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Path) -> tuple[Command, bool]:
-    """The plant, once it runs, and the guard where there is one."""
-    from node.cli.main import VERBS  # noqa: PLC0415 - main imports its verbs, and only when they are used
-
+def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Path) -> tuple[Command, Command]:
+    """The plant, once it runs, and the guard."""
     lines = [options.robot]
     for name in ("interface", "channel", "serial"):
         value = getattr(options, name)
         lines += [] if value is None else [f"--{name}", value]
     plant = stack.enter_context(command(["plant", *lines, "--control"], folder / "plant.txt", listens=True))
     plant.ask("heal", _PLANT_STARTS_WITHIN_S)
-    has_guard = "guard" in VERBS
-    if has_guard:
-        stack.enter_context(command(["guard", *lines], folder / "guard.txt"))
-    return plant, has_guard
+    return plant, stack.enter_context(command(["guard", *lines], folder / "guard.txt"))
 
 
-def _rig(plant: Command, file: RobotFile, robot: Robot, *, has_guard: bool) -> Rig:
+def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> Rig:
     if plant.process.stdin is None:
         raise ValueError("the plant does not listen")
     can_be_pushed = any(state.name == FORCE for state in simulated_plant(file).states)
     control = plant.process.stdin.fileno()
-    return Rig(control, robot.period_ns, has_guard=has_guard, can_be_pushed=can_be_pushed)
+    return Rig(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
 
 
 def _stage(
@@ -148,24 +144,8 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
         process.wait()
 
 
-@contextlib.contextmanager
-def _told_to(stage: PlayStage) -> Iterator[None]:
-    """Show notices below the view: nothing else may write to the terminal."""
-    handler = _Notices(stage)
-    root = logging.getLogger()
-    level = root.level
-    root.addHandler(handler)
-    root.setLevel(logging.INFO)
-    logging.getLogger("can").setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        root.removeHandler(handler)
-        root.setLevel(level)
-
-
 class _Notices(logging.Handler):
-    """Keeps what is logged for the view."""
+    """Keeps what is logged for the view: nothing else may write to the terminal."""
 
     def __init__(self, stage: PlayStage) -> None:
         super().__init__()
@@ -173,4 +153,5 @@ class _Notices(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep a notice."""
-        self._stage.messages.append(record.getMessage())
+        seconds = record.relativeCreated * 1e-3
+        self._stage.messages.append(f"{seconds:6.1f} s  {record.getMessage()}")

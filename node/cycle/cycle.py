@@ -1,6 +1,5 @@
 """One cycle of the robot: exchange, ROS stage, decide, equations, limit."""
 
-import itertools
 import math
 import os
 import traceback
@@ -12,14 +11,14 @@ from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.clock import Clock
-from node.cycle.seams import CycleRecord, NoRecorder, Recorder, Report, Request, Stage, StampedSetpoint
+from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram
 from node.cycle.wiring import Wiring
 from node.errors import ModelFailedError
 from node.model.model import Model
-from node.safety.checklist import Item
+from node.safety.checklist import Item, drives_item
 from node.safety.limits import not_finite
 from node.safety.modes import Mode
 from node.safety.monitor import SafetyMonitor
@@ -42,6 +41,7 @@ class Cycle:
         histograms: Duration of each phase, by name, and of the whole cycle.
         sensors: The newest snapshot of the hardware.
         events: What happened to the links and has not been told yet; the oldest is forgotten where nobody tells it.
+        recorder: Keeps the cycles; must not raise, which the loop sees to.
     """
 
     def __init__(  # noqa: PLR0913 - the six seams of the robot, each named at the one place that joins them
@@ -69,13 +69,14 @@ class Cycle:
         self.time_base = time_base
         self.hardware = hardware
         self.histograms = {name: Histogram() for name in (*PHASES, WHOLE)}
+        self._timed = tuple(self.histograms.values())
         self.sensors = Sensors()
         self.events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._model = model
         self._wiring = wiring
         self._clock = clock
         self._stage = stage
-        self._recorder = recorder
+        self.recorder = recorder
         self._immediately = actuate_immediately
         watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
         self._monitor = SafetyMonitor(watched, list(hardware.signals), wiring.sensors, period_ns)
@@ -86,6 +87,7 @@ class Cycle:
         self._y: list[float] = []
         self._set_values = list(wiring.set_values)
         self._applied: StampedSetpoint | None = None
+        self._told: Setpoint | None = None
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations."""
@@ -99,10 +101,10 @@ class Cycle:
             ModelFailedError: The model's own equations raised.
         """
         now_ns = self._clock.now_ns
-        marks = [now_ns()]
+        start_ns = now_ns()
         self.authority.modes.cycle = cycle
         sensors = self._exchange(None if self._immediately else self._commands)
-        marks.append(now_ns())
+        exchanged_ns = now_ns()
         self.sensors = sensors
         self.events.extend(sensors.events)
         inbox = self._stage.take()
@@ -110,21 +112,28 @@ class Cycle:
         stamp_ns = self.time_base.stamp_ns(cycle)
         topics = [self._model.read(variable) for variable in self._wiring.topics.values()]
         self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied, topics))
-        marks.append(now_ns())
-        self._monitor.look(sensors.values, sensors.valid, marks[0], lateness_ns)
+        published_ns = now_ns()
+        self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
         for place, value in inbox.values:
             self._receive_value(place, value)
         setpoint = self._decide(cycle, inbox.requests, sensors)
+        self._told = setpoint if self.authority.is_active else None
         self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
-        marks.append(now_ns())
+        decided_ns = now_ns()
         u = self._equations(sensors, setpoint)
-        marks.append(now_ns())
+        computed_ns = now_ns()
         self._limit()
-        marks.append(now_ns())
-        durations_ns = tuple(end - start for start, end in itertools.pairwise(marks))
-        self._record(
+        limited_ns = now_ns()
+        durations_ns = (
+            exchanged_ns - start_ns,
+            published_ns - exchanged_ns,
+            decided_ns - published_ns,
+            computed_ns - decided_ns,
+            limited_ns - computed_ns,
+        )
+        self.recorder.write(
             CycleRecord(
                 cycle,
                 stamp_ns,
@@ -140,18 +149,9 @@ class Cycle:
             )
         )
         end_ns = now_ns()
-        for histogram, duration_ns in zip(
-            self.histograms.values(), (*durations_ns, end_ns - marks[-1], end_ns - marks[0]), strict=True
-        ):
+        whole_ns = (*durations_ns, end_ns - limited_ns, end_ns - start_ns)
+        for histogram, duration_ns in zip(self._timed, whole_ns, strict=True):
             histogram.add(duration_ns)
-
-    def _record(self, record: CycleRecord) -> None:
-        """Keep the cycle; a recorder that fails is done without, for recording is worth less than control."""
-        try:
-            self._recorder.write(record)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not fall for it
-            self._recorder = NoRecorder()
-            self.events.append(f"recording has ended: {type(error).__name__}: {error}")
 
     @property
     def model_stopped(self) -> bool:
@@ -217,7 +217,8 @@ class Cycle:
     def _checklist(self) -> Sequence[Item]:
         """Go through the checklist with the newest snapshot."""
         sensors = self.sensors
-        return self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=_has_real_time())
+        items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=_has_real_time())
+        return [drives_item(self.hardware.obstacles()), *items]
 
     def _initialize(self, sensors: Sensors) -> None:
         try:

@@ -10,6 +10,7 @@ from typing import Final
 from node.cycle.announcer import Announcer
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
+from node.cycle.expendable import ExpendableRecorder
 from node.cycle.report import DiagnosticReport
 from node.cycle.seams import Recorder, Stage
 from node.cycle.status import Status
@@ -73,7 +74,7 @@ class Loop:
         self._cycle = cycle
         self._clock = clock
         self._stage = stage
-        self._recorder = recorder
+        self._recorder = cycle.recorder = ExpendableRecorder(recorder, cycle.events)
         self._period_ns = period_ns
         self._robot_name = robot_name
         self._late_ns = round(_LATE_FRACTION * period_ns)
@@ -113,6 +114,7 @@ class Loop:
         """
         with contextlib.ExitStack() as exits:
             # Left in reverse: zero first, then the final equations, then everything is closed.
+            exits.callback(self._tell_the_rest)
             exits.callback(self._recorder.close)
             exits.callback(self._stage.close)
             exits.callback(self._cycle.hardware.close)
@@ -122,6 +124,11 @@ class Loop:
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
                 self._run(cycles)
+
+    def _tell_the_rest(self) -> None:
+        """Tell what happened too late to be told in the slack of a cycle."""
+        while self._cycle.events:
+            self._announcer.tell_event(self._cycle.events)
 
     def _what(self) -> str:
         link = self._cycle.hardware.health.get("link")
@@ -211,8 +218,8 @@ class Loop:
 
 @contextlib.contextmanager
 def _garbage_collected_in_the_slack() -> Iterator[None]:
-    """Collect once, leave what survives alone for good, and collect by hand from then on."""
-    gc.collect()
+    """Collect what is young, leave what survives alone for good, and collect by hand from then on."""
+    gc.collect(1)  # what is older was looked at before, and all of it takes longer than a hundred cycles
     gc.freeze()
     gc.disable()
     try:

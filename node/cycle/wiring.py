@@ -37,7 +37,10 @@ IMU_SIGNALS: Final = (
 )
 """Angular velocity, rad/s, and specific force, m/s2, in the robot's axes."""
 
-PUBLISHED_SIGNALS: Final = (*ODOMETRY_SIGNALS, *JOINT_SIGNALS, *IMU_SIGNALS)
+SUPPLY_SIGNAL: Final = "supply.voltage"
+"""What feeds the motors: V."""
+
+PUBLISHED_SIGNALS: Final = (*ODOMETRY_SIGNALS, *JOINT_SIGNALS, *IMU_SIGNALS, SUPPLY_SIGNAL)
 """What the robot can tell the world."""
 
 SET: Final = "set."

@@ -14,11 +14,16 @@ from pathlib import Path
 from typing import Final
 
 from hil.processes import ProcessFailedError
+from node.drill import interface
 from node.drill.parts import Parts, stopped
 from node.drill.stepped_clock import AHEAD, BACK
 
 _ANSWERS_WITHIN_S: Final = 5.0
 _RECORDER_ENDS_WITHIN_S: Final = 30.0
+LIMIT_S: Final = 0.05
+"""Torque must end within this time of a part that died or was cut off."""
+_FROZEN_LIMIT_S: Final = 0.5
+"""A sensor that stays as it is looks like one at rest for a while; the same as `hil/scenarios/encoder-stuck.yaml`."""
 _ROOM_BYTES: Final = 1 << 16
 _FILLING: Final = bytes(1 << 16)
 
@@ -43,19 +48,23 @@ class Fault:
         name: What is done.
         expected: What is to come of it.
         harm: Does it.
+        within_s: Longest time from it to the last torque, where torque is to end, s.
         guard: Whether it needs a guard.
         serial: Whether it needs a serial line to fall back on.
         stepped: Whether it needs wall clocks that can be stepped.
         disk: Whether the log is to be on a disk of its own.
+        interface: Whether it needs a network interface, which is set down.
     """
 
     name: str
     expected: Outcome
     harm: Harm
+    within_s: float = LIMIT_S
     guard: bool = False
     serial: bool = False
     stepped: bool = False
     disk: bool = False
+    interface: bool = False
 
 
 def _node(parts: Parts) -> int:
@@ -101,6 +110,15 @@ def _tell(line: str) -> Harm:
         return int(stamp)
 
     return harm
+
+
+def _set_down(parts: Parts, undo: ExitStack) -> int:
+    now_ns = time.monotonic_ns()
+    try:
+        undo.enter_context(interface.down(parts.setup.channel))
+    except OSError as error:
+        raise ProcessFailedError(f"cannot set {parts.setup.channel} down: {error.strerror}") from error
+    return now_ns
 
 
 def _step_clock(number: signal.Signals) -> Harm:
@@ -159,9 +177,10 @@ FAULTS: Final = {
         Fault("recorder killed", Outcome.DRIVES_ON, _kill(_recorder)),
         Fault("recorder stopped", Outcome.DRIVES_ON, _stop(_recorder)),
         Fault("drives mute", Outcome.ENDS, _tell("mute")),
+        Fault("bus down", Outcome.ENDS, _set_down, interface=True),
         Fault("cable cut", Outcome.ENDS, _tell("cut")),
         Fault("cable cut with serial line", Outcome.DRIVES_ON, _tell("cut"), serial=True),
-        Fault("left sensor frozen", Outcome.ENDS, _tell("freeze left")),
+        Fault("left sensor frozen", Outcome.ENDS, _tell("freeze left"), within_s=_FROZEN_LIMIT_S),
         Fault("clock an hour ahead", Outcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
         Fault("clock an hour back", Outcome.DRIVES_ON, _step_clock(BACK), stepped=True),
         Fault("disk full", Outcome.DRIVES_ON, _fill_disk, disk=True),

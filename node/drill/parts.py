@@ -25,7 +25,7 @@ _SEGMENTS: Final = (
 """Never at rest and never steady: what is measured keeps changing."""
 _TIMES: Final = 100
 _STARTS_WITHIN_S: Final = 30.0
-_POLL_S: Final = 0.02
+_POLL_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Setup:
 
     Attributes:
         robot: A robot file, or the name of one that ships with the package.
-        bus: The options that name the bus, which all processes share.
+        bus: The options that name the bus, which all processes share; the last word is its name.
         serial: Whether a serial line is made for the drives.
         guard: Whether the guard runs.
         stepped: Whether the wall clocks that the processes read can be stepped.
@@ -47,6 +47,11 @@ class Setup:
     guard: bool
     stepped: bool
     folder: Path
+
+    @property
+    def channel(self) -> str:
+        """The name of the bus."""
+        return self.bus[-1]
 
     @property
     def trace(self) -> Path:

@@ -9,6 +9,8 @@ from typing import IO, Final, NamedTuple
 from hil.real_time import Trace
 
 _STAMPS: Final = ("monotonic_ns", "wall_ns")
+NOTHING: Final = 1e-4
+"""N m or V that drive nothing: a current dies away exponentially, and is never quite zero. The cart needs 0.01 N m."""
 
 
 class Tick(NamedTuple):
@@ -48,7 +50,7 @@ def read(path: Path) -> list[Tick]:
         return []
     text = path.read_text(encoding="ascii")
     rows = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))[1:]
-    return [Tick(int(row[0]), any(float(value) != 0.0 for value in row[len(_STAMPS) :])) for row in rows]
+    return [Tick(int(row[0]), any(abs(float(value)) > NOTHING for value in row[len(_STAMPS) :])) for row in rows]
 
 
 def driven_since_ns(ticks: Sequence[Tick]) -> int | None:

@@ -8,12 +8,10 @@ from typing import Final
 
 from hil.processes import ProcessFailedError
 from node.drill import trace
-from node.drill.faults import Fault, Outcome
+from node.drill.faults import LIMIT_S, Fault, Outcome
 from node.drill.parts import Parts, Setup, running, small_disk, wait_until_driven
 from node.drill.trace import Torque
 
-LIMIT_S: Final = 0.05
-"""Torque must end within this time."""
 GAP_LIMIT_S: Final = 0.1
 """A robot that drives on may be without torque for no longer, as while it passes to its other line."""
 _DRIVEN_S: Final = 1.5
@@ -34,6 +32,7 @@ class Trial:
         torque: What became of the torque; None where the trial failed.
         said: What node and guard said after the fault.
         note: How the harm was done, where that is not plain; or why the trial failed.
+        within_s: Longest time to the last torque, where torque was to end, s.
     """
 
     fault: str
@@ -42,6 +41,7 @@ class Trial:
     torque: Torque | None
     said: Sequence[str]
     note: str = ""
+    within_s: float = LIMIT_S
 
     @property
     def is_as_expected(self) -> bool:
@@ -49,7 +49,7 @@ class Trial:
         if self.torque is None:
             return False
         if self.expected is Outcome.ENDS:
-            return self.torque.zero_s is not None and self.torque.last_s <= LIMIT_S
+            return self.torque.zero_s is not None and self.torque.last_s <= self.within_s
         return self.torque.zero_s is None and self.torque.gap_s <= GAP_LIMIT_S
 
     @property
@@ -70,8 +70,8 @@ def run(fault: Fault, setup: Setup) -> Trial:
                 wait_until_driven(parts, _DRIVEN_S)
                 torque, said = _harm(fault, parts)
     except ProcessFailedError as error:
-        return Trial(fault.name, fault.expected, setup.guard, None, [], str(error))
-    return Trial(fault.name, fault.expected, setup.guard, torque, said, _note(fault, is_small=is_small))
+        return Trial(fault.name, fault.expected, setup.guard, None, [], str(error), fault.within_s)
+    return Trial(fault.name, fault.expected, setup.guard, torque, said, _note(fault, is_small=is_small), fault.within_s)
 
 
 def _harm(fault: Fault, parts: Parts) -> tuple[Torque, list[str]]:

@@ -18,6 +18,7 @@ class Key(enum.StrEnum):
     DISARM = "d"
     STOP = "s"
     CLEAR_FAULT = "c"
+    STAND = "u"
     PUSH = "p"
     BREAK_BUS = "b"
     QUIT = "q"
@@ -28,7 +29,7 @@ class Key(enum.StrEnum):
 _SEQUENCES: Final = {
     **{b"\x1b[" + letter: key for letter, key in zip((b"A", b"B", b"C", b"D"), "UDRL", strict=True)},
     **{b"\x1bO" + letter: key for letter, key in zip((b"A", b"B", b"C", b"D"), "UDRL", strict=True)},
-    **{key.encode(): key for key in " adscpbq"},
+    **{key.encode(): key for key in " adscupbq"},
     b"\x03": Key.QUIT,
     b"\x04": Key.QUIT,
 }

@@ -1,10 +1,12 @@
 """What a person can do to the plant: push it, and break its bus."""
 
 import os
+from collections.abc import Callable
 from typing import Final
 
 PUSH_N: Final = 50.0
-PUSH_S: Final = 0.2
+PUSH_S: Final = 0.1
+"""With `PUSH_N` 5 N s: the segway of the case study bears 7.5 N s at rest."""
 FORCE: Final = "PushForce"
 
 
@@ -13,17 +15,23 @@ class Rig:
 
     Attributes:
         has_ros: Whether ROS reaches the robot.
-        has_guard: Whether a guard runs.
+        guard_runs: Whether the guard runs.
         can_be_pushed: Whether the plant can be pushed.
         is_bus_broken: Whether the bus was broken by hand.
     """
 
     def __init__(
-        self, control: int, period_ns: int, *, has_ros: bool = False, has_guard: bool = False, can_be_pushed: bool
+        self,
+        control: int,
+        period_ns: int,
+        guard_runs: Callable[[], bool],
+        *,
+        has_ros: bool = False,
+        can_be_pushed: bool,
     ) -> None:
         """Write to the plant's control, a descriptor; `work` is called once in `period_ns`."""
         self.has_ros = has_ros
-        self.has_guard = has_guard
+        self.guard_runs = guard_runs
         self.can_be_pushed = can_be_pushed
         self.is_bus_broken = False
         self._control = control

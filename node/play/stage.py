@@ -1,6 +1,8 @@
 """The keyboard as a stage of the loop, in front of ROS or of nobody."""
 
+import logging
 import math
+import re
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -10,6 +12,7 @@ from node.cycle.setpoints import REST, Setpoint
 from node.cycle.status import Status
 from node.play.channel import LoopEnd
 from node.play.keys import Key
+from node.play.posture import Posture
 from node.play.rig import Rig
 from node.play.snapshot import Snapshot
 from node.robot import Robot
@@ -22,7 +25,9 @@ MAX_ANGULAR: Final = 2.0
 PITCH: Final = "Pitch"
 """The model's output that tells the tilt, where it has one."""
 _SHOW_EVERY_S: Final = 0.05
-_MESSAGES: Final = 5
+_MESSAGES: Final = 6
+_LINK_STATE: Final = re.compile(r"link\.(?:(\w+)\.)?state")
+_TIMING: Final = frozenset({"rate_hz", "late", "skipped"})
 _STEPS: Final = {
     Key.UP: (LINEAR_STEP, 0.0),
     Key.DOWN: (-LINEAR_STEP, 0.0),
@@ -35,6 +40,8 @@ _ACTIONS: Final = {
     Key.STOP: Action.STOP,
     Key.CLEAR_FAULT: Action.CLEAR_FAULT,
 }
+
+_logger = logging.getLogger(__name__)
 
 
 class PlayStage:
@@ -56,6 +63,7 @@ class PlayStage:
         self._robot = robot
         self._modes = modes
         self._signals = list(robot.wiring.published)
+        self._posture = Posture(robot)
         self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
         self._show_every = max(round(_SHOW_EVERY_S * 1e9 / robot.period_ns), 1)
         self._cycles = 0
@@ -84,6 +92,7 @@ class PlayStage:
             self._press(key, inbox)
         if self._terminal.is_gone:
             self._over = self._over or "the terminal is gone"
+        inbox.values.extend(self._posture.told())
         self._rig.work()
         return inbox
 
@@ -131,6 +140,8 @@ class PlayStage:
                 inbox.setpoints.append(StampedSetpoint(REST, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
+            case Key.STAND:
+                self._change_posture()
             case Key.PUSH:
                 self._rig.push()
             case Key.BREAK_BUS:
@@ -145,8 +156,18 @@ class PlayStage:
             _within(start.linear_velocity + linear, MAX_LINEAR), _within(start.angular_velocity + angular, MAX_ANGULAR)
         )
 
+    def _change_posture(self) -> None:
+        if self._modes is None or self._modes.mode not in ACTIVE:
+            _logger.info("refused: arm the robot first")
+        elif self._posture.can_change:
+            self._posture.change()
+
     def _hear(self, answer: Answer) -> None:
-        self.messages.append(answer.message if answer.accepted else f"refused: {answer.message}")
+        """Tell an answer; a change of mode is told by the loop already."""
+        if not answer.accepted:
+            _logger.info("refused: %s", answer.message)
+        elif self._modes is None or answer.message != f"{self._modes.mode}: {self._modes.reason}":
+            _logger.info("%s", answer.message)
 
     def _snapshot(self, report: Report) -> Snapshot:
         is_armed = report.mode is Mode.ARMED
@@ -159,12 +180,14 @@ class PlayStage:
             wanted_linear=self._in_force.linear_velocity if is_armed else 0.0,
             wanted_angular=self._in_force.angular_velocity if is_armed else 0.0,
             pitch=self._robot.model.read(PITCH) if self._has_pitch else None,
+            posture=self._posture.doing,
             battery={k: v for k, v in self._hardware.items() if k.endswith("bus_voltage_v")},
-            links={k: v for k, v in self._hardware.items() if k.startswith("link.") and k.endswith("state")},
-            timing={k: v for k, v in self._timing.items() if k in {"rate_hz", "late", "skipped", "lateness"}},
+            links=_links(self._hardware),
+            line=self._hardware.get("link.owner"),
+            timing={k: v for k, v in self._timing.items() if k in _TIMING},
             messages=list(self.messages),
             has_ros=self._rig.has_ros,
-            has_guard=self._rig.has_guard,
+            guard_runs=self._rig.guard_runs(),
             can_be_pushed=self._rig.can_be_pushed,
             is_bus_broken=self._rig.is_bus_broken,
         )
@@ -174,6 +197,11 @@ class PlayStage:
             return None
         value = report.values[self._signals.index(signal)]
         return value if math.isfinite(value) else None
+
+
+def _links(hardware: Mapping[str, str]) -> dict[str, str]:
+    found = {_LINK_STATE.fullmatch(key): state for key, state in hardware.items()}
+    return {match[1] or "can": state for match, state in found.items() if match is not None}
 
 
 def _within(value: float, limit: float) -> float:

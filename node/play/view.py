@@ -20,16 +20,22 @@ def picture(snapshot: Snapshot | None) -> RenderableType:
     rows = Table.grid(padding=(0, 2))
     for name, text in _rows(snapshot):
         rows.add_row(Text(name, style="dim"), text)
-    keys = _KEYS + ("   p push" if snapshot.can_be_pushed else "")
-    keys += "   b mend the bus" if snapshot.is_bus_broken else "   b break the bus"
+    others = ["u stand up, sit down"] if snapshot.posture is not None else []
+    others += ["p push"] if snapshot.can_be_pushed else []
+    others += ["b mend the bus" if snapshot.is_bus_broken else "b break the bus", "q quit"]
     told = Text("\n".join(snapshot.messages))
-    return Panel(Group(rows, Text(), told, Text(), Text(f"{keys}   q quit")), title=f"segway-ecc play {snapshot.robot}")
+    return Panel(
+        Group(rows, Text(), told, Text(), Text(f"{_KEYS}\n{'   '.join(others)}")),
+        title=f"segway-ecc play {snapshot.robot}",
+    )
 
 
 def _rows(snapshot: Snapshot) -> list[tuple[str, Text]]:
     rows = [("mode", Text.assemble((snapshot.mode, _COLOURS.get(snapshot.mode, "")), f"  {snapshot.reason}"))]
     if snapshot.pitch is not None:
         rows.append(("tilt", Text(f"{math.degrees(snapshot.pitch):+7.2f} deg")))
+    if snapshot.posture is not None:
+        rows.append(("posture", Text(snapshot.posture)))
     rows += [
         ("velocity", Text(_pair(snapshot.linear, snapshot.angular))),
         ("set-point", Text(_pair(snapshot.wanted_linear, snapshot.wanted_angular))),
@@ -38,13 +44,18 @@ def _rows(snapshot: Snapshot) -> list[tuple[str, Text]]:
         ("loop", Text(_named(snapshot.timing))),
     ]
     ros = "cmd_vel drives too" if snapshot.has_ros else "not here"
-    return [*rows, ("ROS", Text(ros)), ("guard", Text("runs" if snapshot.has_guard else "none in this version"))]
+    return [
+        *rows,
+        ("ROS", Text(ros)),
+        ("guard", Text("runs") if snapshot.guard_runs else Text("has ended", style="red")),
+    ]
 
 
 def _links(snapshot: Snapshot) -> Text:
-    broken = "   (broken by hand)" if snapshot.is_bus_broken else ""
+    told = _named(snapshot.links) + ("" if snapshot.line is None else f"   commands go over {snapshot.line}")
+    broken = "   (bus broken by hand)" if snapshot.is_bus_broken else ""
     is_well = all(state == "active" for state in snapshot.links.values()) and not broken
-    return Text(_named(snapshot.links) + broken, style="" if is_well else "red")
+    return Text(told + broken, style="" if is_well else "red")
 
 
 def _pair(linear: float | None, angular: float | None) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from node.config import RosSection
-from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
+from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from node.ros.messages import message_type, set_heading, set_stamp
 from node.ros.untyped import RosObject
 
@@ -17,6 +17,7 @@ _SCALARS: Final = {
     "linear_velocity": "odometry.linear_velocity",
     "angular_velocity": "odometry.angular_velocity",
 }
+_BATTERY_PERIOD_NS: Final = 500_000_000
 _NOT_MEASURED: Final = -1.0
 """Where a covariance begins with it, the message does not carry what it belongs to (sensor_msgs/Imu)."""
 
@@ -35,6 +36,8 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
         publishers.append(_joint_states(node, ros, [index[signal] for signal in JOINT_SIGNALS]))
     if all(signal in index for signal in IMU_SIGNALS):
         publishers.append(_imu(node, ros, [index[signal] for signal in IMU_SIGNALS]))
+    if SUPPLY_SIGNAL in index:
+        publishers.append(_battery(node, ros, index[SUPPLY_SIGNAL]))
     return publishers
 
 
@@ -119,6 +122,30 @@ def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
         if not all(map(math.isfinite, measured)):
             return
         set_stamp(message.header, stamp_ns)
+        publisher.publish(message)
+
+    return publish
+
+
+def _battery(node: RosObject, ros: RosSection, index: int) -> Publish:
+    """The supply's voltage, twice a second by the stamps: what a base station shows needs no more."""
+    kind = message_type("sensor_msgs/msg/BatteryState")
+    message, publisher = kind(), node.create_publisher(kind, "battery_state", _DEPTH)
+    message.header.frame_id = ros.base_frame
+    message.present = True
+    # Not measured, as the message wants it told; how it is charged and of what kind it is stays "unknown".
+    message.temperature = message.current = message.charge = math.nan
+    message.capacity = message.design_capacity = message.percentage = math.nan
+    told = -1
+
+    def publish(stamp_ns: int, values: Sequence[float]) -> None:
+        nonlocal told
+        turn = stamp_ns // _BATTERY_PERIOD_NS
+        if turn == told or not math.isfinite(values[index]):
+            return
+        told = turn
+        set_stamp(message.header, stamp_ns)
+        message.voltage = values[index]
         publisher.publish(message)
 
     return publish

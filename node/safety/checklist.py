@@ -82,6 +82,11 @@ def run_checklist(settings: ChecklistSettings, supply: SupplyWindow | None, meas
     return [item for item in items if item is not None]
 
 
+def drives_item(reasons: Sequence[str]) -> Item:
+    """The drives' own word on arming: `reasons` against it, each of which says how to mend it."""
+    return Item("drives", not reasons, "; ".join(reasons) or "nothing speaks against it")
+
+
 def obstacles(items: Sequence[Item]) -> list[str]:
     """What keeps the robot from arming."""
     return [f"{item.name}: {item.text}" for item in items if item.refuses]

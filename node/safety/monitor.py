@@ -8,6 +8,7 @@ from node.safety.bounds import Bounds
 from node.safety.check import Check, Signal, View, periods_in
 from node.safety.checklist import Item, Measured, run_checklist
 from node.safety.deadlines import DeadlineWatch
+from node.safety.following import FollowingError
 from node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
 from node.safety.rate import RateMeter, StillWatch
 from node.safety.settings import SafetySettings
@@ -48,11 +49,21 @@ class SafetyMonitor:
         limit = settings.late_cycles_limit
         self._deadlines = None if limit is None else DeadlineWatch(limit, period_ns)
         self._deadline_ns: int | None = None
+        self._start_ns: int | None = None
         self._rate = RateMeter(period_ns)
         still = settings.checklist
         self._still = StillWatch(still.still_rate, still.still_acceleration) if still and self._has_imu else None
+        self._imu = self._places("checklist", _IMU) if self._has_imu else ()
+        self._watches = bool(self._checks) or self._deadlines is not None or still is not None
 
-    def look(self, values: Sequence[float], valid: Sequence[bool], start_ns: int, lateness_ns: int) -> Sequence[str]:
+    def look(
+        self,
+        values: Sequence[float],
+        valid: Sequence[bool],
+        start_ns: int,
+        lateness_ns: int,
+        setpoint: tuple[float, float] | None = None,
+    ) -> Sequence[str]:
         """Take a cycle.
 
         Args:
@@ -60,16 +71,22 @@ class SafetyMonitor:
             valid: Whether each is fresh enough to be used.
             start_ns: When the cycle started, ns, monotonic.
             lateness_ns: How long after its deadline that was, ns.
+            setpoint: What the robot was told in the cycle before, m/s and rad/s; None where it had to follow nothing.
 
         Returns:
             What is wrong; each of it is a reason to take the torque away.
         """
-        periods = self._advance(start_ns - lateness_ns)
-        self._rate.mark(start_ns)
-        view = View(values, valid, periods)
+        if not self._watches:
+            return self.faults
+        # Values are as new as the cycle that reads them, however many deadlines there were.
+        elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
+        self._start_ns = start_ns
+        view = View(values, valid, max(round(elapsed_s / self._period_s), 1), setpoint, elapsed_s)
         found = [check.look(view) for check in self._checks]
         if self._deadlines is not None:
-            found.append(self._deadlines.look(periods, lateness_ns))
+            found.append(self._deadlines.look(self._advance(start_ns - lateness_ns), lateness_ns))
+        if self._settings.checklist is not None:
+            self._rate.mark(start_ns)
         if self._still is not None:
             self._look_still(self._still, view)
         self.faults = [fault for fault in found if fault is not None]
@@ -99,9 +116,13 @@ class SafetyMonitor:
             still_s=self._still.periods * self._period_s if self._still else 0.0,
             tilt=self._tilt.estimate.tilt if self._tilt else None,
             wheels=[values[self._signals[name]] for name in _VELOCITIES if name in self._signals],
-            supply_v=values[self._signals[_SUPPLY]] if _SUPPLY in self._signals else None,
+            supply_v=self._supply_v(values, valid),
             real_time=real_time,
         )
+
+    def _supply_v(self, values: Sequence[float], valid: Sequence[bool]) -> float | None:
+        index = self._signals.get(_SUPPLY)
+        return None if index is None or not valid[index] else values[index]
 
     def _advance(self, deadline_ns: int) -> int:
         """How many periods this deadline is after the last one."""
@@ -109,9 +130,8 @@ class SafetyMonitor:
         return 1 if last_ns is None else max(round((deadline_ns - last_ns) / self._period_ns), 1)
 
     def _look_still(self, still: StillWatch, view: View) -> None:
-        imu = self._places("checklist", _IMU)
-        if view.has(imu):
-            values = view.pick(imu)
+        if view.has(self._imu):
+            values = view.pick(self._imu)
             still.look(values[:3], values[3:], view.periods)
         else:
             still.interrupt()
@@ -134,6 +154,10 @@ class SafetyMonitor:
         yield from self._make_bounds()
         yield from self._make_frozen()
         yield from self._make_agreements()
+        following = self._settings.following_error
+        if following is not None:
+            left, right = self._places("following_error", _VELOCITIES)
+            yield FollowingError(left, right, following, self._period_s)
 
     def _make_bounds(self) -> Iterator[Check]:
         limit, supply = self._settings.wheel_velocity_limit, self._settings.supply

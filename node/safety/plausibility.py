@@ -76,7 +76,11 @@ class YawAgreement:
 
 
 class VelocityAgreement:
-    """A wheel's velocity and the change of its angle, alike over a window; see `Check`."""
+    """A wheel's velocity and the change of its angle, alike over a window; see `Check`.
+
+    What repeats bit for bit though the wheel moves is no new sample: either the robot passes to its other line, or the
+    encoder is frozen, which `Frozen` is for.
+    """
 
     def __init__(self, angle: Signal, velocity: Signal, settings: VelocityConsistency, period_s: float) -> None:
         """Compare the two signals."""
@@ -91,14 +95,24 @@ class VelocityAgreement:
         )  # of the shortest span that is enough
         self._now = 0
         self._travelled = 0.0
+        self._sample: tuple[float, ...] | None = None
+        self._since = 0
+        self._since_s = 0.0
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
         if not view.has(self.needs):
             self._errors.clear()
+            self._sample, self._since, self._since_s = None, 0, 0.0
             return None
-        angle, velocity = view.pick(self.needs)
-        self._advance(angle, velocity, view.periods)
+        self._since += view.periods
+        self._since_s += view.periods * self._period_s if view.elapsed_s is None else view.elapsed_s
+        angle, velocity = sample = view.pick(self.needs)
+        if sample == self._sample and abs(velocity) > MOVING:
+            return None
+        self._sample = sample
+        self._advance(angle, velocity)
+        self._since, self._since_s = 0, 0.0
         began, first, first_velocity = self._errors[0]
         span = self._now - began
         if span < self._window:
@@ -108,13 +122,13 @@ class VelocityAgreement:
             return None
         return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"
 
-    def _advance(self, angle: float, velocity: float, periods: int) -> None:
+    def _advance(self, angle: float, velocity: float) -> None:
         """Note by how much the angle has gone further than the velocity says, in total."""
         if not self._errors:
             self._now, self._travelled = 0, angle
         else:
-            self._now += periods
-            self._travelled += 0.5 * (self._velocity + velocity) * periods * self._period_s
+            self._now += self._since
+            self._travelled += 0.5 * (self._velocity + velocity) * self._since_s
         self._velocity = velocity
         self._errors.append((self._now, angle - self._travelled, velocity))
         while len(self._errors) > 1 and self._now - self._errors[1][0] >= self._window:

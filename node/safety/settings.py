@@ -42,6 +42,36 @@ class VelocityConsistency(_Part, frozen=True, kw_only=True):
     for_s: Span = 0.1
 
 
+class FollowingErrorSettings(_Part, frozen=True, kw_only=True):
+    """How closely the robot must follow its set-points, by what its wheels do.
+
+    Its velocity must lie between the smallest and the largest set-point of the last `settle_s`, give or take a window.
+
+    Attributes:
+        track: Between the wheels' points of contact, m.
+        wheel_radius: m.
+        linear_window: Of the velocity ahead, m/s; None where that is not looked at.
+        angular_window: Of the angular velocity, rad/s; None where that is not looked at.
+        settle_s: How long the robot takes from one set-point to another, s.
+        for_s: How long it must be wrong, s.
+        may_rest: Whether it may also be at rest, or slower than asked, for as long as it likes: one that must stand up
+            first, or goes no faster than it can balance.
+    """
+
+    track: Positive
+    wheel_radius: Positive
+    linear_window: Positive | None = None
+    angular_window: Positive | None = None
+    settle_s: Span = 1.0
+    for_s: Span = 0.1
+    may_rest: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse to look at nothing."""
+        if self.linear_window is None and self.angular_window is None:
+            raise ValueError("give linear_window (m/s), angular_window (rad/s) or both")
+
+
 class SupplyWindow(_Part, frozen=True, kw_only=True):
     """Between which voltages the supply must be, V."""
 
@@ -101,6 +131,7 @@ class SafetySettings(_Part, frozen=True, kw_only=True):
         imu_is_noisy: Whether an IMU's values never repeat; else they may, while the wheels are at rest.
         yaw_consistency: Wheels against gyro.
         velocity_consistency: Each wheel's angle against its velocity.
+        following_error: The robot against its set-points.
         supply: Window of the supply, where the robot measures `supply.voltage`.
         late_cycles_limit: What makes a broken run of deadlines.
         max_command: Largest magnitude of each command, in its unit, where that is below what the drive takes.
@@ -115,6 +146,7 @@ class SafetySettings(_Part, frozen=True, kw_only=True):
     imu_is_noisy: bool = True
     yaw_consistency: YawConsistency | None = None
     velocity_consistency: VelocityConsistency | None = None
+    following_error: FollowingErrorSettings | None = None
     supply: SupplyWindow | None = None
     late_cycles_limit: LateCyclesLimit | None = None
     max_command: Positive | None = None

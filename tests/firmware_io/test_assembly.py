@@ -5,7 +5,7 @@ import pytest
 from firmware_io.assembly import Assembly
 from firmware_io.devices import FrameKey, Readings
 from firmware_io.errors import ArmingRefusedError, LinkLostError
-from firmware_io.hardware import Hardware
+from firmware_io.hardware import Hardware, NoHardware
 from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 from firmware_io.links.redundant_link import RedundantLink
 
@@ -303,3 +303,17 @@ def test_a_sensor_that_only_the_bus_reaches_is_heard_whichever_line_is_the_owner
 
 def test_one_line_knows_of_no_switching(bench: Bench) -> None:
     assert bench.assembly.switching is None
+
+
+def test_obstacles_are_those_of_every_device_and_arming_asks_for_them(bench: Bench) -> None:
+    assert list(bench.assembly.obstacles()) == []
+    bench.left.reasons, bench.right.reasons = ["left: mend it"], ["right: mend it", "and this"]
+    assert list(bench.assembly.obstacles()) == ["left: mend it", "right: mend it", "and this"]
+    with pytest.raises(ArmingRefusedError) as refused:
+        bench.assembly.arm()
+    assert list(refused.value.reasons) == list(bench.assembly.obstacles())
+    assert "enable" not in bench.left.told + bench.right.told
+
+
+def test_nothing_is_in_the_way_of_no_hardware() -> None:
+    assert not NoHardware().obstacles()

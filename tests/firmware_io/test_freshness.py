@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_io.freshness import STALE_PERIODS, Freshness, stale_after_ns
+from firmware_io.freshness import PATIENCE_PERIODS, STALE_PERIODS, SUPPLY_STALE_NS, Freshness, stale_after_ns
 
 MS = 1_000_000
 
@@ -50,12 +50,42 @@ def test_a_kind_is_as_old_as_its_newest_frame(bench: Bench) -> None:
     assert bench.fresh.age("fast") == pytest.approx((0.003, True))
 
 
+def test_what_a_frame_carries_beside_may_be_older(bench: Bench) -> None:
+    assert SUPPLY_STALE_NS == 1_000 * MS
+    assert bench.fresh.age("fast", SUPPLY_STALE_NS) == (math.inf, False)
+    bench.fresh.mark("fast", bench.now_ns)
+    bench.now_ns += 1_000 * MS
+    assert bench.fresh.age("fast", SUPPLY_STALE_NS) == pytest.approx((1.0, True))
+    assert bench.fresh.age("fast") == pytest.approx((1.0, False))
+    bench.now_ns += 1
+    assert bench.fresh.age("fast", SUPPLY_STALE_NS) == pytest.approx((1.0, False))
+
+
 def test_a_kind_is_fresh_up_to_and_with_its_limit(bench: Bench) -> None:
     bench.fresh.mark("fast", bench.now_ns)
     bench.now_ns += 10 * MS
     assert bench.fresh.age("fast") == pytest.approx((0.010, True))
     bench.now_ns += 1
     assert bench.fresh.age("fast") == pytest.approx((0.010, False))
+
+
+def test_while_other_frames_come_a_kind_may_be_missing_for_five_periods(bench: Bench) -> None:
+    assert PATIENCE_PERIODS == 5
+    bench.fresh.mark("slow", bench.now_ns)
+    bench.now_ns += 100 * MS // 3
+    bench.fresh.mark("fast", bench.now_ns)
+    assert bench.fresh.age("slow")[1]
+    bench.now_ns += 1 * MS
+    assert not bench.fresh.age("slow")[1]
+
+
+def test_that_counts_only_while_the_other_frames_are_no_older_than_the_limit(bench: Bench) -> None:
+    bench.fresh.mark("slow", bench.now_ns - 5 * MS)
+    bench.fresh.mark("fast", bench.now_ns - 1)
+    bench.now_ns += 20 * MS - 1
+    assert bench.fresh.age("slow") == pytest.approx((0.025, True))
+    bench.now_ns += 1
+    assert bench.fresh.age("slow") == pytest.approx((0.025, False))
 
 
 def test_every_kind_has_its_own_age_and_limit(bench: Bench) -> None:

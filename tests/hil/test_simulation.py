@@ -1,11 +1,18 @@
+from collections.abc import Callable
+
 import pytest
 from msgspec import structs
 
+from firmware_io.build import Clocks, can_link
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from firmware_io.links.base_can_link import BaseCanLink
+from firmware_io.links.link import Link
 from firmware_io.settings import CanSettings
 from hil.errors import NoSimulationError
+from hil.faulty_link import FaultyLink
+from hil.paced_link import PacedLink
 from hil.plants.cart import CartPlant
-from hil.simulation import simulated_bus, simulated_plant
+from hil.simulation import simulated_bus, simulated_plant, simulated_robot
 from node.config import SimulationSection, load_robot
 from node.errors import ModelError
 
@@ -36,3 +43,14 @@ def test_a_plant_that_is_not_there_is_named() -> None:
     file = structs.replace(load_robot("cart-can"), simulation=SimulationSection(plant="hil.plants.cart:Boat"))
     with pytest.raises(ModelError, match=r"hil\.plants\.cart:Boat"):
         simulated_plant(file)
+
+
+@pytest.mark.parametrize("front", [lambda link: link, PacedLink, lambda link: FaultyLink(PacedLink(link))])
+def test_devices_can_be_asked_by_remote_frame_whatever_stands_in_front_of_their_bus(
+    front: Callable[[Link], Link],
+) -> None:
+    bus = can_link(CAN, Clocks())
+    assert isinstance(bus, BaseCanLink)
+    assert not bus.hears_remote
+    simulated_robot(load_robot("cart-can"), front(bus))
+    assert bus.hears_remote

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from node.logs import messages
+from node.logs import messages, messages_to
 
 
 def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -101,3 +101,35 @@ def test_a_terminal_that_takes_nothing_does_not_hold_up_who_speaks(monkeypatch: 
         terminal.let_go.set()
 
     assert terminal.getvalue().splitlines() == ["segway-ecc: first", *(f"segway-ecc: {n}" for n in range(100))]
+
+
+class Kept(logging.Handler):
+    """Keeps what is said."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.said.append(record.getMessage())
+
+
+def test_messages_can_go_elsewhere(capsys: pytest.CaptureFixture[str]) -> None:
+    kept, root = Kept(), logging.getLogger()
+    before = (root.level, list(root.handlers))
+    with messages_to(kept):
+        logging.getLogger("node").debug("a detail")
+        logging.getLogger("node").info("it is %s", "warm")
+        logging.getLogger("can.interfaces").warning("something python-can finds remarkable")
+    logging.getLogger("node").warning("too late")
+
+    assert kept.said == ["it is warm"]
+    assert lines(capsys) == []
+    assert (root.level, list(root.handlers)) == before
+
+
+def test_an_error_gives_the_root_logger_back() -> None:
+    kept, root = Kept(), logging.getLogger()
+    with pytest.raises(ZeroDivisionError), messages_to(kept):
+        raise ZeroDivisionError
+    assert kept not in root.handlers

@@ -22,8 +22,9 @@ _VARIABLES: Final = {
     0x6071: ("target torque", INTEGER16),
     0x6076: ("motor rated torque", UNSIGNED32),
     0x6077: ("torque actual value", INTEGER16),
+    0x6079: ("DC link circuit voltage", UNSIGNED32),
 }
-_READ_ONLY: Final = frozenset({0x1000, 0x6041, 0x6061, 0x6064, 0x606C, 0x6077})
+_READ_ONLY: Final = frozenset({0x1000, 0x6041, 0x6061, 0x6064, 0x606C, 0x6077, 0x6079})
 _PDO_COMMUNICATION: Final = {
     0x1400: "RPDO1",
     0x1800: "TPDO1",

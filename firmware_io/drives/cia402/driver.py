@@ -4,7 +4,7 @@ import importlib.util
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
 from firmware_io.drives.cia402.plan import Plan
 from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
@@ -36,6 +36,7 @@ class Cia402Pair:
         "right.angle": "rad",
         "right.velocity": "rad/s",
         "right.torque": "N m",
+        SUPPLY_VOLTAGE: "V",
     }
     commands: Mapping[str, str] = {"left.torque": "N m", "right.torque": "N m"}
 
@@ -86,9 +87,10 @@ class Cia402Pair:
         return wheel is not None and wheel.take(frame)
 
     def read(self) -> Readings:
-        """The wheels' angles, velocities and torques."""
+        """The wheels' angles, velocities and torques, and the supply's voltage as the left drive measures it."""
         left, right = (wheel.read() for wheel in self._wheels)
-        return Readings(left.values + right.values, left.ages + right.ages, left.valid + right.valid)
+        readings = Readings(left.values + right.values, left.ages + right.ages, left.valid + right.valid)
+        return readings.plus(self._wheels[0].supply_voltage, self._wheels[0].supply_age)
 
     def obstacles(self) -> list[str]:
         """A drive that is not there, not set up with its watchdog on, or not operational."""
@@ -171,6 +173,7 @@ class Cia402Pair:
 
 def _plans(settings: Cia402Settings, loop_period_s: float) -> tuple[Plan, Plan]:
     def plan(wheel: Cia402WheelSettings) -> Plan:
+        """One drive's; its motor's torque, N m, is the wheel's through the gear."""
         return Plan(
             node_id=wheel.node_id,
             host_node_id=settings.host_node_id,

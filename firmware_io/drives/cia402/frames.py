@@ -18,6 +18,8 @@ MAX_TORQUE_SHARE: Final = 32.767
 _COMMAND: Final = struct.Struct("<Hh")
 _STATUS: Final = struct.Struct("<Hih")
 _VELOCITY: Final = struct.Struct("<i")
+_SUPPLY: Final = struct.Struct("<I")
+_MILLIVOLT: Final = 0.001
 _EMERGENCY: Final = struct.Struct("<HB5s")
 _SDO: Final = struct.Struct("<BHB4s")
 
@@ -54,8 +56,9 @@ PDOS: Final = {
     Service.RPDO1: (MappedObject(0x6040, 16), MappedObject(0x6071, 16)),
     Service.TPDO1: (MappedObject(0x6041, 16), MappedObject(0x6064, 32), MappedObject(0x6077, 16)),
     Service.TPDO2: (MappedObject(0x606C, 32),),
+    Service.TPDO3: (MappedObject(0x6079, 32),),
 }
-"""What the PDOs carry; in sub-index 0 of each object."""
+"""What the PDOs carry; in sub-index 0 of each object. A drive need not have 0x6079."""
 
 
 @enum.unique
@@ -125,6 +128,17 @@ def unpack_velocity(data: bytes) -> int:
     _check(data, _VELOCITY.size, "a velocity")
     (velocity,) = _VELOCITY.unpack(data)
     return int(velocity)
+
+
+def unpack_supply(data: bytes) -> float:
+    """TPDO3: the voltage of the DC link (0x6079), V.
+
+    Raises:
+        FrameRefusedError: Wrong length.
+    """
+    _check(data, _SUPPLY.size, "a supply voltage")
+    (millivolts,) = _SUPPLY.unpack(data)
+    return float(millivolts * _MILLIVOLT)
 
 
 class Emergency(NamedTuple):

@@ -8,7 +8,13 @@ from canopen.pdo import PdoMap
 
 from firmware_io.drives.cia402.dictionary import object_dictionary
 from firmware_io.drives.cia402.frames import MAX_TORQUE_SHARE, PDOS, MappedObject, NmtCommand, Service, pack_nmt
-from firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, WATCHDOG_ALLOWED_MS
+from firmware_io.drives.cia402.limits import (
+    ANSWER_WITHIN_NS,
+    HEARTBEAT_PERIOD_MS,
+    MAX_SYNCS,
+    SUPPLY_PERIOD_US,
+    WATCHDOG_ALLOWED_MS,
+)
 from firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
 from firmware_io.drives.cia402.plan import Plan
 from firmware_io.errors import HardwareError
@@ -57,6 +63,7 @@ class _SetUp:
         self._plan = plan
 
     def run(self) -> float:
+        """Go through all of it, in the order that the profile wants; see `set_up`."""
         plan = self._plan
         profile = self._read(0x1000) & 0xFFFF
         if profile != PROFILE:
@@ -74,8 +81,8 @@ class _SetUp:
         self._map(self._node.rpdo[1], Service.RPDO1, AT_ONCE)
         self._map(self._node.tpdo[1], Service.TPDO1, EVERY_SYNC)
         self._map(self._node.tpdo[2], Service.TPDO2, EVERY_SYNC)
-        for number, service in ((3, Service.TPDO3), (4, Service.TPDO4)):
-            self._write_if_there(0x1800 + number - 1, _NOT_VALID | (service + plan.node_id), 1)
+        self._map_supply()
+        self._switch_off(4, Service.TPDO4)
         return rated
 
     def _watchdog(self) -> None:
@@ -123,6 +130,20 @@ class _SetUp:
         found = tuple(MappedObject(variable.index, variable.length) for variable in pdo.map)
         if (found, (pdo.cob_id, pdo.trans_type, pdo.enabled)) != (objects, asked):
             raise SetUpError(f"{service.name} is not mapped as asked: does the drive allow mapping?")
+
+    def _map_supply(self) -> None:
+        """Have the supply's voltage told now and then; a drive that does not do that is as good."""
+        every = min(max(SUPPLY_PERIOD_US // self._plan.cycle_us, EVERY_SYNC), MAX_SYNCS)
+        try:
+            self._map(self._node.tpdo[3], Service.TPDO3, every)
+        except SetUpError as error:
+            if isinstance(error.__cause__, canopen.SdoCommunicationError):
+                raise
+            self._switch_off(3, Service.TPDO3)
+
+    def _switch_off(self, number: int, service: Service) -> None:
+        """Switch a TPDO off, where the drive has it."""
+        self._write_if_there(0x1800 + number - 1, _NOT_VALID | (service + self._plan.node_id), 1)
 
     def _write_checked(self, index: int, subindex: int, value: int) -> None:
         self._write(index, subindex, value)

@@ -14,6 +14,7 @@ from firmware_io.drives.cia402.frames import (
     Service,
     Status,
     unpack_heartbeat,
+    unpack_supply,
     unpack_velocity,
 )
 from firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
@@ -21,11 +22,11 @@ from firmware_io.drives.cia402.restoring import Restoring
 from firmware_io.drives.cia402.settings import Cia402WheelSettings
 from firmware_io.drives.cia402.states import Controlword, DriveState, state_of, step_towards_operation
 from firmware_io.drivetrain import TURN, WrappedCounter
-from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
-_HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
+_HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
 _POSITION_BITS: Final = 32
 
 
@@ -40,6 +41,7 @@ class Cia402Wheel:
         restoring: Its setting up again; does nothing where it has not restarted.
         state: The state its statusword tells; None before the first, or for one the profile does not know.
         nmt: The state of its communication.
+        supply_voltage: What it measured of its supply, V.
         emergency: The error it reported since `begin`; None where there is none.
         needs_start: Whether it has told that its communication waits to be started.
         listens_to: Identifiers of its frames.
@@ -58,6 +60,7 @@ class Cia402Wheel:
         self.nmt: NmtState | None = None
         self.emergency: Emergency | None = None
         self.needs_start = False
+        self.supply_voltage = 0.0
         self.listens_to = frozenset(service + settings.node_id for service in _HEARD)
         self._settings = settings
         self._drivetrain = settings.drivetrain
@@ -70,6 +73,7 @@ class Cia402Wheel:
         self._refused: Counter[str] = Counter()
         stale_ns = dict.fromkeys((Service.TPDO1, Service.TPDO2), stale_after_ns(loop_period_s, loop_period_s))
         stale_ns[Service.HEARTBEAT] = stale_after_ns(HEARTBEAT_PERIOD_MS * 1e-3, loop_period_s)
+        stale_ns[Service.TPDO3] = SUPPLY_STALE_NS
         self._fresh = Freshness(stale_ns, now_ns)
 
     @property
@@ -123,6 +127,11 @@ class Cia402Wheel:
             tuple(self._values), (status_age, velocity_age, status_age), (status_valid, velocity_valid, status_valid)
         )
 
+    @property
+    def supply_age(self) -> tuple[float, bool]:
+        """Age of the supply's voltage, s, and whether it is fresh; a drive need not tell it at all."""
+        return self._fresh.age(Service.TPDO3)
+
     def fault(self) -> str | None:
         """What is wrong with a drive that is to be enabled, or is; None while all is well."""
         if self.has_restarted:
@@ -155,6 +164,7 @@ class Cia402Wheel:
             "state": str(self.state or "unknown"),
             "nmt": self._nmt_name,
             "emergency": "none" if self.emergency is None else self.emergency.description,
+            "bus_voltage_v": f"{self.supply_voltage:.3f}" if self.supply_age[1] else "not told",
             "rated_torque_nm": "unknown" if self.rated_torque is None else f"{self.rated_torque:g}",
             "set_up": self.trouble or self.restoring.failure or ("under way" if self.has_restarted else "yes"),
         }
@@ -179,6 +189,8 @@ class Cia402Wheel:
             case Service.TPDO2:
                 turns = unpack_velocity(frame.data) * self._settings.velocity_unit_turns
                 self._values[1] = self._drivetrain.wheel(turns * TURN)
+            case Service.TPDO3:
+                self.supply_voltage = unpack_supply(frame.data)
             case Service.HEARTBEAT:
                 self._hear(unpack_heartbeat(frame.data))
             case Service.SDO_REPLY:

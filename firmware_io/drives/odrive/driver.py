@@ -17,6 +17,7 @@ from firmware_io.links.link import Frame, Link
 _ZERO = c.SetInputTorque(0.0)
 _TORQUE_MODE = c.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
 _NEVER = -(1 << 62)
+_CALIBRATE = "calibrate it where it is not: stop the node, wheels in the air, FULL_CALIBRATION_SEQUENCE, save"
 
 
 class Odrive:
@@ -38,7 +39,6 @@ class Odrive:
     ) -> None:
         """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
         self.name = name
-        self.signals: Mapping[str, str] = {f"{name}.angle": "rad", f"{name}.velocity": "rad/s", f"{name}.torque": "N m"}
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self._settings = settings
         self._wheel = settings.wheel(name)
@@ -46,6 +46,7 @@ class Odrive:
         self._link = link
         self._now_ns = now_ns
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
+        self.signals: Mapping[str, str] = self._axis.signals
         self.listens_to = self._axis.listens_to
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         self._settled_ns = round((loop_period_s + _line_s(settings)) * 1e9) + IN_FLIGHT_NS
@@ -68,11 +69,17 @@ class Odrive:
         return taken
 
     def read(self) -> Readings:
-        """Angle, velocity and torque of the wheel; the torque is valid only where the drive tells it."""
+        """Angle, velocity and torque of the wheel, and for the left one the supply's voltage.
+
+        The torque and the voltage are valid only where the drive tells them.
+        """
         return self._axis.read()
 
     def obstacles(self) -> list[str]:
-        """Silence, an unknown firmware, or a watchdog that has not proved itself."""
+        """Silence, an unknown firmware, no calibration, motion, or a watchdog that has not proved itself.
+
+        Errors that stand are none: arming clears them, and those that come back end it.
+        """
         axis, settings = self._axis, self._settings
         who = f"{self.name} ODrive axis (node {self._wheel.node_id})"
         if not axis.age("heartbeat")[1]:
@@ -92,8 +99,10 @@ class Odrive:
                 f"{who} sends no encoder estimates, or seldom; "
                 f"set can.encoder_{suffix} = {settings.encoder_period_s * 1e3:g}"
             )
-        if axis.state != AxisState.IDLE:
-            reasons.append(f"{who} is in {axis.state_name}, and is being told to be idle")
+        if axis.is_uncalibrated:
+            reasons.append(f"{who} is not calibrated; {_CALIBRATE}")
+        if self._enabling.phase is Phase.OFF and axis.state != AxisState.IDLE:
+            reasons.append(f"{who} is in {axis.state_name}, and is being told to be idle; try again in a moment")
         return reasons + self._watchdog_obstacles(who)
 
     @property
@@ -127,7 +136,7 @@ class Odrive:
         axis = self._axis
         who, why = f"the {self.name} ODrive axis", f"{axis.state_name}, errors: {', '.join(axis.errors) or 'none'}"
         if self._enabling.is_overdue(self._now_ns()):
-            return (f"{who} does not go to closed loop: {why}",)
+            return (f"{who} does not go to closed loop: {why}; see dump_errors in odrivetool, and {_CALIBRATE}",)
         if not self.is_enabled:
             return ()
         found = [] if axis.is_closed_loop else [f"{who} switched its motor off: {why}"]

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
 
-from firmware_io.devices import FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.odrive import telemetry as t
 from firmware_io.drives.odrive.commands import AxisState
 from firmware_io.drives.odrive.errors import WATCHDOG, error_names
@@ -23,7 +23,7 @@ from firmware_io.drives.odrive.frames import (
 from firmware_io.drives.odrive.settings import OdriveSettings
 from firmware_io.drives.odrive.watchdog import WatchdogProof
 from firmware_io.drivetrain import TURN
-from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
@@ -38,6 +38,8 @@ _TOLD_IN_HEALTH: Final[Mapping[type[Message], str]] = {
     t.EncoderError: "encoder",
     t.ControllerError: "controller",
 }
+_NOT_CALIBRATED: Final = 14
+"""Result of a procedure (`ProcedureResult` in the firmware of 0.6)."""
 _COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17, 0x1C, 0x1D)
 """Those that carry what is used here, in one firmware or the other."""
 
@@ -46,15 +48,23 @@ class AxisListener:
     """Keeps the newest of what one axis tells.
 
     Attributes:
+        signals: What it measures, with units; the left axis measures the supply too.
         listens_to: The frames that it takes.
         refused: Frames that it did not take, by cause.
         error: Error bits of the newest heartbeat.
         state: State of the axis in the newest heartbeat, see `AxisState`.
+        is_uncalibrated: Whether it told that it lacks a calibration, when it was last asked for closed loop; 0.6.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: Callable[[], int]) -> None:
         """Listen to the axis of the wheel called `name`."""
+        self.signals: Mapping[str, str] = {
+            f"{name}.angle": "rad",
+            f"{name}.velocity": "rad/s",
+            f"{name}.torque": "N m",
+            **({SUPPLY_VOLTAGE: "V"} if name == "left" else {}),
+        }
         self._wheel = settings.wheel(name)
         self._drivetrain = self._wheel.drivetrain
         self.search = FirmwareSearch(settings.firmware)
@@ -66,17 +76,20 @@ class AxisListener:
         self.refused: Counter[Refusal] = Counter()
         self.error = 0
         self.state = int(AxisState.UNDEFINED)
+        self.is_uncalibrated = False
         self.gap_ns = 0
         self.stale_beat_ns = stale_after_ns(settings.heartbeat_period_s, loop_period_s)
         stale_ns = {
             "heartbeat": self.stale_beat_ns,
             "estimates": stale_after_ns(settings.encoder_period_s, loop_period_s),
             "torque": stale_after_ns(settings.torque_period_s, loop_period_s),
+            "supply": SUPPLY_STALE_NS,
         }
         self._fresh = Freshness(stale_ns, now_ns)
         self._beat_ns: int | None = None
         self._estimates = t.EncoderEstimates(0.0, 0.0)
         self._torque = 0.0
+        self._supply = 0.0
         self._told: dict[type[Message], Message] = {}
 
     def take(self, frame: Frame) -> bool:
@@ -95,11 +108,11 @@ class AxisListener:
         return True
 
     def age(self, kind: str) -> tuple[float, bool]:
-        """Age of the newest `heartbeat`, `estimates` or `torque`, s, and whether it is fresh; see `Freshness`."""
+        """Age of the newest `heartbeat`, `estimates`, `torque` or `supply`, s, and whether it is fresh: `Freshness`."""
         return self._fresh.age(kind)
 
     def read(self) -> Readings:
-        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel.
+        """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
 
         The angle is the drive's own, which counts from power-on: its resolution is that of the wire's 32-bit float,
         4e-4 rad at 1000 turns of the motor and 6e-3 rad at 10000.
@@ -109,7 +122,8 @@ class AxisListener:
         age, valid = self.age("estimates")
         torque_age, torque_valid = self.age("torque")
         values = (wheel(position * TURN), wheel(velocity * TURN), self._drivetrain.wheel_torque(self._torque))
-        return Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
+        readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
+        return readings.plus(self._supply, self.age("supply")) if SUPPLY_VOLTAGE in self.signals else readings
 
     @property
     def is_closed_loop(self) -> bool:
@@ -157,6 +171,8 @@ class AxisListener:
     def _keep(self, message: Message, received_ns: int) -> None:
         match message:
             case t.Heartbeat() | t.ProcedureHeartbeat():
+                result = message.procedure_result if isinstance(message, t.ProcedureHeartbeat) else None
+                self.is_uncalibrated = result == _NOT_CALIBRATED
                 self._hear(message.axis_error, message.state, received_ns)
             case t.EncoderEstimates():
                 self._estimates = message
@@ -165,6 +181,9 @@ class AxisListener:
                 self._identify(message)
             case t.Torques():
                 self._measure(message.estimate_nm, received_ns)
+            case t.BusVoltageCurrent(voltage):
+                self._supply = voltage
+                self._fresh.mark("supply", received_ns)
             case t.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
                 self._measure(message.measured_a * self._wheel.torque_constant, received_ns)
         if type(message) in _TOLD_IN_HEALTH:

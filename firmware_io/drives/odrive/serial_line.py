@@ -19,7 +19,7 @@ from typing import Final
 from firmware_io.drives.odrive import commands as c
 from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
 from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.odrive.telemetry import EncoderEstimates, Heartbeat
+from firmware_io.drives.odrive.telemetry import BusVoltageCurrent, EncoderEstimates, Heartbeat
 from firmware_io.integrity import FrameRefusedError
 from firmware_io.links.link import Frame
 from firmware_io.links.serial_link import LOST
@@ -29,13 +29,19 @@ _LONGEST: Final = 64
 _ENDS: Final = re.compile(rb"[\r\n]+")
 _CHECKED: Final = re.compile(rb"([^*]*)\*(\d{1,3})")
 _ESTIMATES: Final = re.compile(rb"(-?\d{1,40}\.\d{1,9}) (-?\d{1,40}\.\d{1,9})")
+_FLOAT: Final = re.compile(rb"-?\d{1,40}\.\d{1,9}")
 _NUMBER: Final = re.compile(rb"\d{1,10}")
 _MARK: Final = re.compile(rb"invalid motor (\d{2})")
 _FIRST_MARK: Final = 10
 _MARKS: Final = 90
 _AXES: Final = (0, 1)
+_SUPPLY: Final = ("r vbus_voltage", "r ibus")
+_SUPPLY_EVERY: Final = 10
+_SUPPLY_TURN: Final = 9
+"""The last of every ten polls asks for the supply too, which changes slowly; ten divides the marks, so that a mark
+tells whether its poll did."""
 _REPLIES: Final = 6
-"""To one poll, its mark not counted."""
+"""To one poll, its mark and the supply not counted."""
 _LATE: Final = 3
 """A reply to a poll that lies this many polls back is too old: the line is too slow for what is asked."""
 
@@ -49,7 +55,7 @@ def checked(text: str) -> bytes:
 class OdriveLine:
     """Translates the frames of two axes of one board; see `Line`.
 
-    Each poll asks for the estimates, state and errors of both axes.
+    Each poll asks for the estimates, state and errors of both axes; one in ten, for the supply's voltage and current.
 
     Attributes:
         refused: Lines received and not taken, by cause; under `LOST` polls of whose replies some are missing.
@@ -83,6 +89,8 @@ class OdriveLine:
         texts = [f"f {axis}" for axis in _AXES]
         for axis in _AXES:
             texts += [f"r axis{axis}.current_state", f"r axis{axis}.error"]
+        if _asks_for_supply(self._polls):
+            texts += _SUPPLY
         texts.append(f"f {_FIRST_MARK + self._polls % _MARKS}")
         self._polls += 1
         return b"".join(map(checked, texts))
@@ -118,7 +126,7 @@ class OdriveLine:
         mark = _MARK.fullmatch(match[1])
         if mark is not None:
             return self._complete(int(mark[1]) - _FIRST_MARK, now_ns)
-        if len(self._replies) <= _REPLIES:
+        if len(self._replies) <= _REPLIES + len(_SUPPLY):
             self._replies.append(match[1])
         return []
 
@@ -128,7 +136,8 @@ class OdriveLine:
         previous, self._last_mark = self._last_mark, mark
         if previous is None:
             return []  # when the first of these replies was asked for is not known
-        if mark != (previous + 1) % _MARKS or len(replies) != _REPLIES:
+        wanted = _REPLIES + (len(_SUPPLY) if _asks_for_supply(mark) else 0)
+        if mark != (previous + 1) % _MARKS or len(replies) != wanted:
             self.refused[LOST] += 1
             return []
         if (self._polls - 1 - mark) % _MARKS >= _LATE:
@@ -147,8 +156,21 @@ class OdriveLine:
         for axis in _AXES:
             state = _number(next(told))
             messages.append((axis, Heartbeat(_number(next(told)), state)))
+        messages += [(axis, message) for message in _supply(list(told)) for axis in _AXES]
         frames = (encode(Firmware.V0_5, self._node_of[axis], message) for axis, message in messages)
         return [frame._replace(received_ns=now_ns) for frame in frames]
+
+
+def _asks_for_supply(poll: int) -> bool:
+    return poll % _SUPPLY_EVERY == _SUPPLY_TURN
+
+
+def _supply(replies: list[bytes]) -> list[BusVoltageCurrent]:
+    """What the board tells of its supply; nothing where it was not asked, or does not know one of the two."""
+    if not replies or not all(map(_FLOAT.fullmatch, replies)):
+        return []
+    voltage, current = map(float, replies)
+    return [BusVoltageCurrent(voltage, current)]
 
 
 def _estimates(reply: bytes) -> EncoderEstimates:

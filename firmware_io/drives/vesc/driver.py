@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.enabling import Enabling, Phase
 from firmware_io.drives.vesc.buffers import decode_short
 from firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
@@ -22,7 +22,7 @@ from firmware_io.drives.vesc.frames import (
 from firmware_io.drives.vesc.settings import VescSettings
 from firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
 from firmware_io.drivetrain import TURN, WrappedCounter
-from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame, Link
 
@@ -51,7 +51,12 @@ class Vesc:
         """Drive the wheel `name`, left or right, over `link`."""
         wheel = settings.left if name == "left" else settings.right
         self.name = name
-        self.signals: Mapping[str, str] = {f"{name}.angle": "rad", f"{name}.velocity": "rad/s", f"{name}.torque": "N m"}
+        self.signals: Mapping[str, str] = {
+            f"{name}.angle": "rad",
+            f"{name}.velocity": "rad/s",
+            f"{name}.torque": "N m",
+            **({SUPPLY_VOLTAGE: "V"} if name == "left" else {}),
+        }
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self.limits: Sequence[float] = (wheel.max_torque,)
         self._link = link
@@ -99,17 +104,20 @@ class Vesc:
         return True
 
     def read(self) -> Readings:
-        """The wheel's angle, velocity and torque."""
+        """The wheel's angle, velocity and torque, and of the left controller the supply's voltage."""
         motor_angle = self._counter.total * TURN / (_STEPS_PER_TURN * self._wheel.pole_pairs)
         motor_velocity = self._status.erpm * TURN / (60.0 * self._wheel.pole_pairs)
         torque = self._drivetrain.wheel_torque(self._status.current * self._wheel.torque_constant)
         age, is_valid = self._fresh.age(Command.STATUS)
         angle_age, angle_is_valid = self._fresh.age(Command.STATUS_5)
-        return Readings(
+        readings = Readings(
             (self._drivetrain.wheel(motor_angle), self._drivetrain.wheel(motor_velocity), torque),
             (angle_age, age, age),
             (angle_is_valid, is_valid, is_valid),
         )
+        if SUPPLY_VOLTAGE not in self.signals:
+            return readings
+        return readings.plus(self._bus_voltage, self._fresh.age(Command.STATUS_5, SUPPLY_STALE_NS))
 
     def obstacles(self) -> list[str]:
         """Silence, a time-out that does not act or has not been measured yet, or a fault."""

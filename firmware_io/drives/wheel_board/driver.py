@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.enabling import Enabling, Phase
 from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
@@ -19,7 +19,7 @@ from firmware_io.drives.wheel_board.frames import (
     WheelCommand,
 )
 from firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
-from firmware_io.freshness import Freshness, stale_after_ns
+from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from firmware_io.links.link import Frame, Link
 
 _WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
@@ -55,7 +55,10 @@ class WheelBoard:
         """Drive the board at the other end of `link`, its watchdog set to `watchdog_s` (0.02 to 0.05 s)."""
         measured = {**_WHEELS, **_IMU} if imu else _WHEELS
         telemetry = frozenset({*measured, FrameId.BOARD_STATUS})
-        self.signals: Mapping[str, str] = {k: v for signals in measured.values() for k, v in signals.items()}
+        self.signals: Mapping[str, str] = {
+            **{k: v for signals in measured.values() for k, v in signals.items()},
+            SUPPLY_VOLTAGE: "V",
+        }
         self.listens_to: Collection[FrameKey] = frozenset(FrameKey(frame_id) for frame_id in telemetry)
         self._link = link
         self._endpoint = Endpoint(link, telemetry)
@@ -86,7 +89,7 @@ class WheelBoard:
         return True
 
     def read(self) -> Readings:
-        """The wheels' angles and velocities, then the IMU's angular velocity and acceleration."""
+        """The wheels' angles and velocities, the IMU's angular velocity and acceleration, the supply's voltage."""
         values: list[float] = []
         ages: list[float] = []
         valid: list[bool] = []
@@ -95,7 +98,8 @@ class WheelBoard:
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        return Readings(tuple(values), tuple(ages), tuple(valid))
+        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
+        return Readings(tuple(values), tuple(ages), tuple(valid)).plus(self._status.bus_voltage, supply_age)
 
     def obstacles(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""

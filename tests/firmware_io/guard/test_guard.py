@@ -67,14 +67,16 @@ class Bench:
         self.beats = make_beats()
         self.watch = Watch(Board(), 0)
         self.slept: list[int] = []
+        self.passes = 5
         clocks = Clocks(lambda: self.now_ms * MS, lambda: 0, self._sleep)
         self.guard = Guard(self.ears, self.voice, self.beats, self.watch, clocks)
 
     def _sleep(self, until_ns: int) -> None:
         self.slept.append(until_ns - self.now_ms * MS)
         self.now_ms = until_ns // MS
-        if len(self.slept) == 5:
+        if len(self.slept) == self.passes:
             self.guard.stop("enough")
+        assert len(self.slept) <= self.passes, "it goes on though it was stopped"
 
     def pass_(self, ms: int = 1) -> None:
         for _ in range(ms):
@@ -134,6 +136,13 @@ def test_it_takes_all_that_has_piled_up_before_it_judges(bench: Bench) -> None:
     assert bench.watch.commands == 11
 
 
+def test_a_bus_that_never_falls_quiet_does_not_hold_a_pass_up(bench: Bench) -> None:
+    bench.ears.arriving = [[Frame(1, b"zero", 1 * MS)] for _ in range(1_000)]
+    bench.pass_()
+
+    assert bench.ears.received == 20
+
+
 def test_it_drains_the_link_that_it_speaks_on(bench: Bench) -> None:
     bench.voice.arriving = [[Frame(1, b"move")]] * 5
     bench.pass_(10)
@@ -172,12 +181,14 @@ def test_it_runs_until_it_is_stopped_and_closes_everything(bench: Bench, caplog:
     assert caplog.messages == ["guard on ears"]
 
 
-def test_the_time_before_it_runs_is_not_counted(bench: Bench) -> None:
+@pytest.mark.parametrize(("passes", "sent"), [(15, []), (17, [STOP])])
+def test_it_guards_from_when_it_runs_and_not_from_before(bench: Bench, passes: int, sent: list[Frame]) -> None:
     bench.say(Meaning.MOVE)
     bench.now_ms = 500
+    bench.passes = passes  # of 2 ms, the last of them not looked after; the limit is 30 ms
     bench.guard.run()
 
-    assert bench.voice.sent == []
+    assert bench.voice.sent == sent
 
 
 def test_a_bus_that_is_not_there_ends_it(bench: Bench) -> None:

@@ -31,6 +31,15 @@ def sender() -> Iterator[HeartbeatSender]:
     sender.close()
 
 
+def test_neither_side_ever_waits(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    sender.beat(is_on=True)
+    assert sender._socket is not None
+    assert listener._socket is not None
+
+    assert not sender._socket.getblocking()
+    assert not listener._socket.getblocking()
+
+
 def test_heartbeats_arrive_in_their_order(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
     for is_on in (True, False, True):
         sender.beat(is_on=is_on)
@@ -63,6 +72,42 @@ def test_a_guard_that_does_not_keep_up_holds_nobody_up(listener: HeartbeatListen
     sender.beat(is_on=False)
     rest = list(listener.take())
     assert rest[-1] is False
+
+
+def test_a_node_that_beats_without_end_does_not_hold_the_guard_up(
+    listener: HeartbeatListener, sender: HeartbeatSender
+) -> None:
+    sender.beat(is_on=True)
+    taken = 0
+    for _ in listener.take():
+        taken += 1
+        sender.beat(is_on=True)
+        assert taken <= 64
+
+    assert taken == 64
+
+
+def test_a_sender_opens_one_socket_and_gives_it_back(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+    sender.beat(is_on=True)
+    first = sender._socket
+    sender.beat(is_on=True)
+    assert first is not None
+    assert sender._socket is first
+    sender.close()
+    assert first.fileno() == -1
+    sender.close()
+    sender.beat(is_on=False)
+
+    assert list(listener.take()) == [True, True, False]
+
+
+def test_a_listener_gives_its_socket_back(listener: HeartbeatListener) -> None:
+    first = listener._socket
+    assert first is not None
+    listener.close()
+    listener.close()
+
+    assert first.fileno() == -1
 
 
 def test_strange_words_are_passed_over(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
@@ -98,7 +143,9 @@ def test_each_bus_has_an_address_of_its_own_that_its_name_gives() -> None:
 
     assert address_of(CanSettings(interface="local")) == address_of(same)
     assert address_of(same) != address_of(CAN)
-    assert address_of(same).startswith("\0segway-ecc-guard-")
+    # A guard and a node of different releases must find each other: printf 'socketcan can0' | sha256sum
+    can0 = CanSettings(interface="socketcan", channel="can0")
+    assert address_of(can0) == "\0segway-ecc-guard-90541c4965ee54b0"
 
 
 class Beats:

@@ -1,54 +1,32 @@
 """A healthy robot that loses one frame in a hundred is never stopped by its guard."""
 
 import random
-from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from firmware_io.links.link import Frame, Link
+from hil.link_front import LinkFront
 
 MS = 1_000_000
 MINUTE = 6_000
 """Cycles at 100 Hz."""
 
 
-class Lossy:
+class Lossy(LinkFront):
     """A link that loses frames both ways, the same ones every time."""
 
     def __init__(self, link: Link, seed: int, share: float = 0.01) -> None:
+        super().__init__(link)
         self.lost = 0
-        self._link = link
         self._chance = random.Random(seed)  # noqa: S311 - losses, and the same every time
         self._share = share
 
-    @property
-    def counters(self) -> LinkCounters:
-        return self._link.counters
-
-    @property
-    def description(self) -> str:
-        return self._link.description
-
-    @property
-    def state(self) -> LinkState:
-        return self._link.state
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        return self._link.health
-
-    def open(self) -> None:
-        self._link.open()
-
     def send(self, frame: Frame) -> bool:
-        return True if self._loses() else self._link.send(frame)
+        return True if self._loses() else self.behind.send(frame)
 
     def receive(self) -> list[Frame]:
-        return [frame for frame in self._link.receive() if not self._loses()]
-
-    def close(self) -> None:
-        self._link.close()
+        return [frame for frame in self.behind.receive() if not self._loses()]
 
     def _loses(self) -> bool:
         is_lost = self._chance.random() < self._share
@@ -78,7 +56,7 @@ def test_a_healthy_robot_with_a_lossy_bus(guarded: Any, robot: str, minutes: flo
 
     g = guarded(robot, wrap_ears=lossy_ears)
     g.arm()
-    g.bus._link = Lossy(g.bus._link, 1)
+    g.bus.behind = Lossy(g.bus.behind, 1)
     g.plant._steps = 0  # where the cart is has no part in this, and takes half of the time
     cycles = round(minutes * MINUTE)
     for cycle in range(cycles):

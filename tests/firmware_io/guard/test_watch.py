@@ -78,6 +78,15 @@ def test_nothing_is_sent_while_commands_come(bench: Bench) -> None:
     assert bench.watch.longest_gap_ns == 10 * MS
 
 
+def test_a_gap_counts_only_where_a_drive_may_follow(bench: Bench) -> None:
+    bench.drive(200, ZERO)
+    assert bench.watch.longest_gap_ns == 0
+    bench.say(ON, "right")
+    bench.drive(100, ZERO)
+
+    assert bench.watch.longest_gap_ns == 10 * MS
+
+
 def test_nothing_is_sent_where_nothing_was_ever_heard(bench: Bench) -> None:
     bench.wait(1_000)
 
@@ -153,7 +162,10 @@ def test_a_report_of_both_drives_is_needed(bench: Bench) -> None:
     assert len(bench.sent) == 3
 
 
-def test_drives_that_say_nothing_are_told_for_a_second(bench: Bench) -> None:
+@pytest.mark.parametrize("were_on", [True, False])
+def test_drives_that_say_nothing_are_told_for_a_second(bench: Bench, *, were_on: bool) -> None:
+    if were_on:
+        bench.say(ON)
     bench.drive(100)
     bench.wait(3_000)
 
@@ -175,6 +187,14 @@ def test_a_drive_that_is_still_on_after_that_is_told_again(bench: Bench) -> None
 def test_a_drive_that_is_on_though_the_node_sent_zero_is_stopped(bench: Bench) -> None:
     bench.drive(100, ZERO)
     bench.say(ON, "left")
+    bench.wait(100)
+
+    assert bench.times[0] == 1_121
+
+
+def test_a_zero_does_not_switch_a_drive_off(bench: Bench) -> None:
+    bench.say(ON, "left")
+    bench.drive(100, ZERO)
     bench.wait(100)
 
     assert bench.times[0] == 1_121
@@ -229,6 +249,33 @@ def test_a_report_of_before_does_not_end_it(bench: Bench) -> None:
     assert bench.times == [1_121, 1_131]
 
 
+def test_a_report_of_the_moment_in_which_it_begins_does_not_end_it(bench: Bench) -> None:
+    bench.drive(100)
+    bench.wait(20)
+    bench.say(OFF, "left", at_ms=1_121)
+    bench.wait(2)
+    bench.say(OFF, "right")
+    bench.wait(20)
+
+    assert bench.times == [1_121, 1_131, 1_141]
+
+
+@pytest.mark.parametrize(
+    ("reports", "meaning", "end"), [(True, OFF, End.OFF), (True, ZERO, End.NODE), (False, MOVE, End.NODE)]
+)
+def test_what_is_heard_in_the_moment_of_the_first_stop_frame_counts(
+    meaning: Meaning, end: End, *, reports: bool
+) -> None:
+    bench = Bench(reports=reports)
+    bench.drive(100)
+    bench.wait(21)
+    bench.say(meaning)
+    bench.wait(1)
+
+    assert bench.times == [1_121]
+    assert ends(bench) == [end]
+
+
 def test_one_drive_whose_commands_stop_stops_both(bench: Bench) -> None:
     bench.drive(100)
     for _ in range(10):
@@ -236,6 +283,7 @@ def test_one_drive_whose_commands_stop_stops_both(bench: Bench) -> None:
         bench.wait(10)
 
     assert bench.times[0] == 1_121
+    assert bench.watch.interventions[0].last_command_ns == 1_120 * MS
 
 
 def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
@@ -251,6 +299,18 @@ def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
     assert bench.watch.commands == 21
 
 
+def test_as_many_equal_frames_as_we_sent_are_our_own(bench: Bench) -> None:
+    bench.watch._stopper.stop = lambda: [Frame(1, b"left zero")] * 2  # type: ignore[method-assign]
+    bench.drive(100)
+    bench.wait(25)
+    commands = []
+    for _ in range(3):
+        bench.say(ZERO, "left")
+        commands.append(bench.watch.commands)
+
+    assert commands == [20, 20, 21]
+
+
 def test_frames_of_ours_that_never_come_back_are_forgotten(bench: Bench) -> None:
     bench.watch._stopper.stop = lambda: [Frame(1, b"left zero")] * 2  # type: ignore[method-assign]
     bench.drive(100)
@@ -263,6 +323,29 @@ def test_frames_of_ours_that_never_come_back_are_forgotten(bench: Bench) -> None
     bench.say(ZERO, "left")
 
     assert bench.watch.commands == 21
+
+
+@pytest.mark.parametrize(("after_ns", "is_ours"), [(100 * MS, True), (100 * MS + 1, False)])
+def test_a_frame_of_ours_may_be_that_long_on_its_way(after_ns: int, *, is_ours: bool) -> None:
+    letters = Letters()
+    letters.stop = lambda: [Frame(1, b"left zero")]  # type: ignore[method-assign]
+    watch = Watch(letters, 0)
+    watch.take(Frame(1, b"left move", 0))
+    for ms in (15, 30):
+        watch.step(ms * MS)
+    assert watch.step(31 * MS)
+    watch.take(Frame(1, b"left off", 32 * MS))
+    watch.take(Frame(1, b"right off", 32 * MS))
+    watch.step(33 * MS)
+    watch.step(31 * MS + after_ns)
+    watch.take(Frame(1, b"left zero", 31 * MS + after_ns))
+
+    assert (watch.commands == 1) is is_ours
+
+
+def test_the_words_for_why_it_began_and_ended() -> None:
+    assert [*Cause] == ["commands stopped", "a stopped node commanded motion without a zero before"]
+    assert [*End] == ["the drives report off", "the node is back", "the time for it is over"]
 
 
 def test_a_node_that_is_back_with_zeros_ends_it(bench: Bench) -> None:
@@ -389,6 +472,15 @@ def test_a_pass_of_half_the_limit_is_no_hold_up(bench: Bench) -> None:
     assert bench.times == [1_031]
 
 
+def test_a_pass_of_more_than_that_is_one(bench: Bench) -> None:
+    bench.say(MOVE)
+    bench.now_ms += 15
+    bench.wait(30)
+
+    # Held up until 1016, it judges as if the command had come half the limit before that, at 1001.
+    assert bench.times[0] == 1_032
+
+
 def test_silence_while_the_bus_was_gone_is_excused(bench: Bench) -> None:
     bench.drive(100)
     for _ in range(100):
@@ -419,6 +511,15 @@ def test_the_limit_can_be_set() -> None:
     at_ms = next(ms for ms in range(200) if watch.step(ms * MS))
 
     assert at_ms == 51
+
+
+def test_the_limit_itself_is_still_allowed() -> None:
+    watch = Watch(Letters(), 0)
+    watch.take(Frame(1, b"left move", 0))
+
+    assert watch.step(15 * MS) == ()
+    assert watch.step(30 * MS) == ()
+    assert watch.step(30 * MS + 1) == STOP
 
 
 def test_what_means_nothing_changes_nothing(bench: Bench) -> None:

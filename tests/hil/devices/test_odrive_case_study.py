@@ -94,7 +94,8 @@ def test_both_firmwares_prove_their_watchdogs_arm_turn_and_disarm(runs: Firmware
     assert left.values[1] == pytest.approx(right.values[1], abs=0.01)
     assert left.values[1] > 1.0
     assert left.values[2] == pytest.approx(0.1, rel=1e-6)
-    assert left.valid == (True, True, True)
+    assert left.valid == (True, True, True, True)
+    assert left.values[3] == pytest.approx(36.0)
 
     for drive in bench.drives:
         drive.disable()

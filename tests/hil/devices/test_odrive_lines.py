@@ -58,7 +58,8 @@ class Bench:
         self.link = RedundantLink(self.bus, fallback, self.rig.now_ns)
         drives_link = self.rig.bus.attach("drives")
         self.device = SimulatedOdrive(drives_link, settings, self.wires.device)
-        self.rig.attach(SimulatedRobot(drives_link, [self.device], CartTorquePlant(), TICK_NS))
+        self.plant = SimulatedRobot(drives_link, [self.device], CartTorquePlant(), TICK_NS)
+        self.rig.attach(self.plant)
         drives = [Odrive(self.link, name, settings, CYCLE_NS * 1e-9, self.rig.now_ns) for name in ("left", "right")]
         self.robot = Assembly(self.link, drives, now_ns=self.rig.now_ns)
 
@@ -72,10 +73,9 @@ class Bench:
             if cycle == ARM_AT:
                 self.robot.arm()
             self.rig.sleep_until_ns(self.rig.now_ns() + CYCLE_NS)
-            valid = [
-                valid for name, valid in zip(self.robot.signals, sensors.valid, strict=True) if "torque" not in name
-            ]
-            seen.append(Seen(sensors.faults, sensors.ready, all(valid), {axis.state for axis in self.device.axes}))
+            valid = dict(zip(self.robot.signals, sensors.valid, strict=True))
+            is_valid = all(valid[name] for name in valid if "torque" not in name)
+            seen.append(Seen(sensors.faults, sensors.ready, is_valid, {axis.state for axis in self.device.axes}))
         return seen[fault_at:]
 
 
@@ -108,6 +108,22 @@ def test_without_a_fault_it_stays_on_the_bus_and_the_line_is_heard_without_loss(
     assert {(cycle.is_ready, cycle.is_valid) for cycle in seen} == {(True, True)}
     assert not bench.line.refused
     assert bench.device.refused_frames == 0
+
+
+@pytest.mark.parametrize("baudrate", [460_800, 921_600])
+def test_on_the_serial_line_the_supply_is_asked_for_and_followed(baudrate: int) -> None:
+    bench = Bench(baudrate)
+    bench.run(LinkFault.CUT, 60)
+    place = list(bench.robot.signals).index("supply.voltage")
+    bench.plant.stuck["truth.supply_voltage"] = 21.5
+    seen = []
+    for _ in range(150):
+        bench.rig.sleep_until_ns(bench.rig.now_ns() + CYCLE_NS)
+        sensors = bench.robot.exchange((0.0, 0.0))
+        seen.append((sensors.values[place], sensors.ages[place], sensors.valid[place]))
+    assert all(valid for *_, valid in seen)
+    assert max(age for _, age, _ in seen) <= 0.2
+    assert seen[-1][0] == pytest.approx(21.5)
 
 
 def test_disarmed_on_the_serial_line_the_axes_are_idle_and_can_be_armed_again() -> None:

@@ -135,8 +135,10 @@ def test_both_wheels_follow_again_over_the_uart(bench: Bench) -> None:
     assert switch.torque_gap_ns <= 60_000_000
     assert bench.torques == pytest.approx((1.0, -2.0))
     assert bench.sensors.ready
-    assert bench.sensors.values[1::3] == pytest.approx((30.0, -30.0), abs=0.02)
-    assert bench.sensors.values[2::3] == pytest.approx((1.0, -2.0), abs=0.01)
+    told = dict(zip(bench.robot.signals, bench.sensors.values, strict=True))
+    assert (told["left.velocity"], told["right.velocity"]) == pytest.approx((30.0, -30.0), abs=0.02)
+    assert (told["left.torque"], told["right.torque"]) == pytest.approx((1.0, -2.0), abs=0.01)
+    assert told["supply.voltage"] == pytest.approx(36.0)
 
 
 def test_a_fault_is_told_over_the_uart_too(bench: Bench) -> None:

@@ -134,6 +134,21 @@ def test_a_slow_disk_makes_the_cycles_late_and_no_more() -> None:
     assert 0.0 <= result.max_distance_m < 0.01
 
 
+def test_a_disk_that_fails_moves_no_motor_and_the_run_is_seen_to_its_end() -> None:
+    result = run(fault("disk", "off"), fault("can", "off", at_s=1.3))
+    alone = run(fault("can", "off", at_s=1.3))
+    assert (result.outcome, result.digest) == ("faults", alone.digest)
+    assert "left.velocity is too old" in result.reason
+
+
+def test_a_motor_that_is_off_is_noticed_once_the_robot_is_told_otherwise() -> None:
+    result = run(fault("left_motor", "off"), robot="cart-odrive")
+    assert result.outcome == "faults"
+    assert result.reason.startswith("the robot goes ")
+    # From 0.8 s on it is told to turn the other way; it must be wrong for a quarter of a second.
+    assert result.detection_s == pytest.approx(0.3 + 0.25, abs=0.1)
+
+
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
     same = [run(fault("can", "intermittent", amount=0.3), seed=5) for _ in range(2)]
     assert same[0] == same[1]

@@ -8,9 +8,8 @@ import msgspec
 import pytest
 
 from firmware_io.assembly import Assembly
-from firmware_io.build import serial_line
+from firmware_io.build import make_link
 from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
 from firmware_io.settings import SerialSettings
 from firmware_io.switching import Switch
 from hil.faulty_link import FaultyLink, LinkFault
@@ -22,7 +21,7 @@ from node.config import NoHardwareSection, RobotFile, load_robot
 from node.cycle.loop import Loop
 from node.cycle.seams import CycleRecord, NoRecorder
 from node.errors import ConfigurationError
-from node.robot import build_robot
+from node.robot import build_robot, clocks_of
 from node.safety.modes import ACTIVE, Mode
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
@@ -73,8 +72,8 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, mend_at: int 
     plant = simulated_robot(file, rig.bus.attach("plant"), wires.device)
     rig.attach(plant)
     bus = FaultyLink(rig.bus.attach("node"))
-    line = SerialLink(serial, serial_line(hardware), rig.now_ns, wires.host.open)
-    link = RedundantLink(bus, line, rig.now_ns)
+    link = make_link(hardware, clocks_of(rig), bus, wires.host.open)
+    assert isinstance(link, RedundantLink)
     robot = build_robot(file, rig, link)
     stage = ManoeuvreStage(Player(MANOEUVRE), list(robot.wiring.published), rig)
     loop = robot.loop(stage, Breaker(bus, fault, at, mend_at))

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from node.cli import main as cli
-from node.drill import trial
+from node.drill import interface, trial
 from node.drill.faults import FAULTS, Fault, Outcome
 from node.drill.parts import Setup
 from node.drill.trace import Torque
@@ -17,6 +16,8 @@ from node.drill.trial import Trial
 
 Run = Callable[..., Any]
 WELL = {Outcome.ENDS: Torque(0.0312, 0.0362, 0.0), Outcome.DRIVES_ON: Torque(1.5, None, 0.02)}
+CHOSEN = [name for name in FAULTS if name != "bus down"]
+NO_INTERFACE = "it needs a network interface: --interface socketcan --channel vcan0"
 
 
 class Trials:
@@ -39,22 +40,11 @@ def trials(monkeypatch: pytest.MonkeyPatch) -> Trials:
     return found
 
 
-@pytest.fixture
-def with_guard(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "VERBS", {**cli.VERBS, "guard": "guards"})
-
-
-@pytest.fixture
-def without_guard(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "VERBS", {verb: text for verb, text in cli.VERBS.items() if verb != "guard"})
-
-
-@pytest.mark.usefixtures("with_guard")
 def test_every_fault_once_is_the_default_and_all_well_is_zero(segway_ecc: Run, trials: Trials) -> None:
     outcome = segway_ecc("kill-drill")
 
     assert outcome.code == 0
-    assert [name for name, _ in trials.setups] == list(FAULTS)
+    assert [name for name, _ in trials.setups] == CHOSEN
     assert {setup.robot for _, setup in trials.setups} == {"cart-can"}
     assert all(setup.guard for _, setup in trials.setups)
     assert [name for name, setup in trials.setups if setup.serial] == ["cable cut with serial line"]
@@ -62,56 +52,49 @@ def test_every_fault_once_is_the_default_and_all_well_is_zero(segway_ecc: Run, t
     channels = [setup.bus[3] for _, setup in trials.setups]
     assert len(set(channels)) == len(channels), "a bus of its own for each"
     assert {tuple(setup.bus[:3]) for _, setup in trials.setups} == {("--interface", "local", "--channel")}
-    assert outcome.errors == [f"segway-ecc: {name}" for name in FAULTS]
+    assert outcome.errors == [f"segway-ecc: {name}" for name in CHOSEN]
+    assert outcome.out.splitlines()[-1] == f"bus down: left out, {NO_INTERFACE}"
 
 
-@pytest.mark.usefixtures("with_guard", "trials")
+@pytest.mark.usefixtures("trials")
 def test_the_table(segway_ecc: Run) -> None:
     lines = segway_ecc("kill-drill", "--fault", "node killed", "--fault", "recorder killed").out.splitlines()
 
     assert lines == [
-        "fault            expected     measured     last torque, ms  zero from, ms  gap, ms  guard  verdict",
-        "node killed      torque ends  torque ends  31.2             36.2           -        ran    as expected",
+        "fault            expected            measured     last torque, ms  zero from, ms  gap, ms  guard  verdict",
+        "node killed      torque ends, 50 ms  torque ends  31.2             36.2           -        ran    as expected",
         "    (a note)",
         "    robot: node killed noticed",
-        "recorder killed  drives on    drives on    -                -              20.0     ran    as expected",
+        "recorder killed  drives on           drives on    -                -              20.0     ran    as expected",
         "    (a note)",
         "    robot: recorder killed noticed",
     ]
 
 
-@pytest.mark.usefixtures("without_guard")
-def test_without_a_guard_its_faults_are_left_out_and_said_so(segway_ecc: Run, trials: Trials) -> None:
-    outcome = segway_ecc("kill-drill")
+def test_the_guard_can_be_left_out(segway_ecc: Run, trials: Trials) -> None:
+    words = [word for name in ("node killed", "guard killed", "guard stopped") for word in ("--fault", name)]
+    outcome = segway_ecc("kill-drill", "--no-guard", *words)
 
-    assert outcome.code == 0
-    assert not any(setup.guard for _, setup in trials.setups)
+    assert [(name, setup.guard) for name, setup in trials.setups] == [("node killed", False)]
+    assert " no     as expected" in outcome.out
     assert outcome.out.splitlines()[-2:] == [
         "guard killed: left out, there is no guard",
         "guard stopped: left out, there is no guard",
     ]
 
 
-@pytest.mark.usefixtures("with_guard")
-def test_the_guard_can_be_left_out(segway_ecc: Run, trials: Trials) -> None:
-    outcome = segway_ecc("kill-drill", "--no-guard", "--fault", "node killed", "--fault", "guard killed")
-
-    assert [(name, setup.guard) for name, setup in trials.setups] == [("node killed", False)]
-    assert " no     as expected" in outcome.out
-
-
-@pytest.mark.usefixtures("with_guard")
 def test_of_repeats_the_worst_is_told(segway_ecc: Run, trials: Trials) -> None:
     trials.told["node killed"] = [Torque(0.01, 0.015, 0.0), Torque(0.045, 0.05, 0.0), Torque(0.02, 0.025, 0.0)]
     outcome = segway_ecc("kill-drill", "--fault", "node killed", "--repeat", "3")
 
     assert outcome.code == 0
-    assert " ".join(outcome.out.splitlines()[1].split()[:9]) == "node killed x3 torque ends torque ends 45.0 50.0"
+    assert (
+        " ".join(outcome.out.splitlines()[1].split()[:11]) == "node killed x3 torque ends, 50 ms torque ends 45.0 50.0"
+    )
     folders = [setup.folder for _, setup in trials.setups]
     assert len(set(folders)) == 3
 
 
-@pytest.mark.usefixtures("with_guard")
 @pytest.mark.parametrize("torque", [Torque(0.06, 0.065, 0.0), Torque(1.0, None, 0.0), None])
 def test_one_that_is_not_as_expected_is_exit_code_1(segway_ecc: Run, trials: Trials, torque: Torque | None) -> None:
     trials.told["node killed"] = [WELL[Outcome.ENDS], torque, WELL[Outcome.ENDS]]
@@ -121,29 +104,26 @@ def test_one_that_is_not_as_expected_is_exit_code_1(segway_ecc: Run, trials: Tri
     assert "NOT as expected" in outcome.out.splitlines()[1]
 
 
-@pytest.mark.usefixtures("with_guard")
 def test_json(segway_ecc: Run, trials: Trials) -> None:
     trials.told["node killed"] = [Torque(0.06, 0.065, 0.0), None]
     outcome = segway_ecc("kill-drill", "--fault", "node killed", "--repeat", "2", "--json")
     result = json.loads(outcome.out)
 
     assert outcome.code == 1
-    assert result["limit_s"] == 0.05
     assert result["left_out"] == {}
     (row,) = result["faults"]
     assert (row["fault"], row["expected"], row["outcome"]) == ("node killed", "torque ends", "failed")
+    assert row["within_s"] == 0.05
     assert (row["as_expected"], row["repeats"], row["last_torque_s"]) == (False, 2, [0.06, None])
     assert row["guard"] is True
 
 
-@pytest.mark.usefixtures("with_guard")
 def test_the_bus_can_be_named(segway_ecc: Run, trials: Trials) -> None:
     segway_ecc("kill-drill", "--fault", "cable cut", "--interface", "socketcan", "--channel", "vcan0")
 
     assert list(trials.setups[0][1].bus) == ["--interface", "socketcan", "--channel", "vcan0"]
 
 
-@pytest.mark.usefixtures("with_guard")
 def test_drives_without_a_serial_line_cannot_lose_the_cable_only(segway_ecc: Run, trials: Trials) -> None:
     outcome = segway_ecc("kill-drill", "cart-cia402", "--fault", "cable cut", "--fault", "cable cut with serial line")
 
@@ -177,3 +157,28 @@ def test_a_robot_that_names_a_serial_line_is_told_to_leave_it_out(segway_ecc: Ru
 
     assert outcome.code == 2
     assert "names a serial line" in outcome.errors[0]
+
+
+INTERFACE = ("--fault", "bus down", "--interface", "socketcan", "--channel", "vcan7")
+
+
+def test_an_interface_that_can_be_set_down_is(segway_ecc: Run, trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interface, "obstacle", {"vcan7": None}.__getitem__)
+    outcome = segway_ecc("kill-drill", *INTERFACE)
+
+    assert outcome.code == 0
+    assert [(name, setup.channel) for name, setup in trials.setups] == [("bus down", "vcan7")]
+
+
+@pytest.mark.usefixtures("trials")
+def test_an_interface_that_is_not_there_is_told(segway_ecc: Run) -> None:
+    outcome = segway_ecc("kill-drill", *INTERFACE)
+
+    assert outcome.out.splitlines()[-1] == "bus down: left out, vcan7 cannot be set down: No such device"
+
+
+@pytest.mark.usefixtures("trials")
+def test_a_bus_that_is_no_interface_of_the_kernel_cannot_be_set_down(segway_ecc: Run) -> None:
+    outcome = segway_ecc("kill-drill", "--fault", "bus down", "--interface", "socketcan")
+
+    assert outcome.out.splitlines()[-1] == f"bus down: left out, {NO_INTERFACE}"

@@ -73,6 +73,7 @@ def test_help_names_every_verb(segway_ecc: Run) -> None:
         "play",
         "design",
         "margins",
+        "endurance",
         "case-study",
         "bench",
     ]

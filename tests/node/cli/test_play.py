@@ -117,6 +117,14 @@ def armed(player: Player) -> None:
     player.wait_for(COMMAND, is_enabled)
 
 
+def lives(pid: int) -> bool:
+    """Whether a process runs; one whose new parent has not noticed its end does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
 def velocity(data: bytes) -> float:
     return float(struct.unpack_from("<h", data, 4)[0]) * 0.01
 
@@ -170,6 +178,21 @@ def test_a_terminal_that_goes_away_ends_the_robot(player: Player) -> None:
     assert player.process.wait(PATIENCE_S) == 0
     assert not is_enabled(player.frames(COMMAND)[-1])
     assert b"stopped: the terminal is gone" in player.screen
+    assert player.settings() == player.before
+
+
+def test_a_player_that_is_killed_leaves_nothing_behind_and_the_terminal_as_it_was(player: Player) -> None:
+    armed(player)
+    path = Path(f"/proc/{player.process.pid}/task/{player.process.pid}/children")
+    children = [int(pid) for pid in path.read_text().split()]
+    assert len(children) == 3, "the plant, the guard and the terminal"
+    os.kill(player.process.pid, signal.SIGKILL)
+    player.process.wait(PATIENCE_S)
+
+    deadline = time.monotonic() + PATIENCE_S
+    while any(lives(pid) for pid in children):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
     assert player.settings() == player.before
 
 

@@ -197,11 +197,11 @@ def test_a_robot_that_waits_to_be_asked_arms_when_asked(make_bench: Callable[...
 
 def test_arming_is_refused_with_the_reasons_of_the_hardware(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
-    bench.hardware.obstacles = ("no supply: switch it on", "no watchdog: update the board")
+    bench.hardware.reasons = ("no supply: switch it on", "no watchdog: update the board")
     bench.stage.ask(1, Action.ARM)
     bench.loop.run(cycles=3)
     assert modes(bench) == [Mode.DISARMED] * 3
-    refused = Answer(accepted=False, message="no supply: switch it on; no watchdog: update the board")
+    refused = Answer(accepted=False, message="drives: no supply: switch it on; no watchdog: update the board")
     assert bench.stage.answers == [refused]
 
 
@@ -210,13 +210,13 @@ def test_a_robot_that_arms_itself_keeps_trying_and_tells_what_it_waits_for(bench
 
     def clear() -> None:
         seen.append(bench.cycle.authority.arming_obstacle)
-        bench.hardware.obstacles = ()
+        bench.hardware.reasons = ()
 
-    bench.hardware.obstacles = ("no supply",)
+    bench.hardware.reasons = ("no supply",)
     bench.clock.events[3] = clear
     bench.loop.run(cycles=5)
     assert modes(bench) == [Mode.DISARMED] * 3 + [Mode.ARMED] * 2
-    assert seen == ["no supply"]
+    assert seen == ["drives: no supply"]
     assert bench.cycle.authority.arming_obstacle is None
 
 

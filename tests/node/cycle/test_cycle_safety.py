@@ -1,5 +1,6 @@
 """What the safety section does to the real cycle; the checks themselves are tested in tests/node/safety."""
 
+import itertools
 import os
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from node.model.sectioned import SectionedModel
 from node.model.variables import Variable
 from node.robot import build_robot
 from node.safety.modes import Action, Mode, Transition
-from node.safety.settings import ChecklistSettings, LateCyclesLimit, SafetySettings
+from node.safety.settings import ChecklistSettings, FollowingErrorSettings, LateCyclesLimit, SafetySettings
 from node.testing import Bench, RecordingHardware, ScriptedClock
 
 MS = 1_000_000
@@ -181,6 +182,64 @@ def test_a_fault_wins_over_a_hold(balancer: Callable[..., Bench]) -> None:
     assert modes(bench)[51:] == [Mode.ARMED, Mode.FAULT, Mode.FAULT]
 
 
+FOLLOWING = FollowingErrorSettings(track=0.5, wheel_radius=0.1, linear_window=0.2, settle_s=0.1, for_s=0.05)
+
+
+@pytest.fixture
+def follower(make_two: Callable[..., Bench]) -> Bench:
+    """A robot that stands still whatever it is told, and whose following is watched."""
+    return make_two(quiet(following_error=FOLLOWING))
+
+
+@pytest.fixture
+def make_two(script: SimpleNamespace) -> Callable[..., Bench]:
+    """A bench with two wheels that are measured and one motor."""
+
+    def make(safety: SafetySettings, *, arm_at_start: bool = True) -> Bench:
+        hardware = RecordingHardware({"left.velocity": "rad/s", "right.velocity": "rad/s"}, {"m": "N.m"}, (30.0,))
+        return Bench(
+            Balancer(script),
+            hardware,
+            {"Speed": "left.velocity", "Torque": "m"},
+            safety=safety,
+            arm_at_start=arm_at_start,
+        )
+
+    return make
+
+
+def test_a_robot_that_does_not_follow_loses_its_torque(follower: Bench) -> None:
+    follower.stage.say(20, Setpoint(1.0, 0.0))
+    follower.loop.run(cycles=60)
+    # Told in cycle 20, to be seen from 21 on; rest was last asked in cycle 20 and counts for 10 more, then 5 are wrong.
+    assert modes(follower).index(Mode.FAULT) == 20 + 10 + 5
+    assert follower.cycle.authority.modes.reason == "the robot goes 0.00 m/s ahead, asked is 1.00 to 1.00 m/s"
+
+
+def test_a_robot_that_is_not_armed_has_nothing_to_follow(make_two: Callable[..., Bench]) -> None:
+    bench = make_two(quiet(following_error=FOLLOWING), arm_at_start=False)
+    bench.hardware.measured = Sensors((50.0, 50.0), (0.0, 0.0), (True, True))
+    bench.stage.ask(50, Action.ARM)
+    bench.loop.run(cycles=60)
+    assert [answer.accepted for answer in bench.stage.answers] == [True]
+    assert bench.loop.modes.mode is Mode.ARMED
+    bench = make_two(quiet(following_error=FOLLOWING))
+    bench.hardware.measured = Sensors((50.0, 50.0), (0.0, 0.0), (True, True))
+    bench.loop.run(cycles=60)
+    assert bench.loop.modes.mode is Mode.FAULT, "at rest it was to be"
+
+
+def test_a_robot_that_holds_must_come_to_rest(make_two: Callable[..., Bench]) -> None:
+    bench = make_two(quiet(following_error=FOLLOWING))
+    bench.hardware.measured = Sensors((10.0, 10.0), (0.0, 0.0), (True, True))
+    bench.stage.say(0, Setpoint(1.0, 0.0))
+    bench.stage.say(1, Setpoint(1.0, 0.0))
+    bench.loop.run(cycles=100)
+    found = [mode for mode, _ in itertools.groupby(modes(bench))]
+    assert found == [Mode.ARMED, Mode.HOLD, Mode.FAULT]
+    assert "the robot goes 1.00 m/s ahead, asked is 0.00 to 0.00 m/s" in bench.cycle.authority.modes.reason
+
+
 def test_the_checklist_refuses_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:
     bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
     bench.hardware.measured = sensors(LEANING)
@@ -211,6 +270,7 @@ def test_the_checklist_is_in_the_diagnostics(balancer: Callable[..., Bench], mon
     bench.loop.run(cycles=102)
     values = bench.loop.statuses()[0].values
     assert {name: text for name, text in values.items() if name.startswith("check.")} == {
+        "check.drives": "ok: nothing speaks against it",
         "check.rate": "ok: 100.00 Hz of 100 Hz over the last second",
         "check.telemetry": "ok: the newest value is 1.0 ms old",
         "check.sensors": "ok: all values are fresh",

@@ -33,7 +33,7 @@ OUTPUTS = (
     "left.voltage, right.voltage, odometry.x, odometry.y, odometry.heading, odometry.linear_velocity, "
     "odometry.angular_velocity, left.angle, right.angle, imu.angular_velocity_x, imu.angular_velocity_y, "
     "imu.angular_velocity_z, imu.linear_acceleration_x, imu.linear_acceleration_y, imu.linear_acceleration_z, "
-    "topic.<name>"
+    "supply.voltage, topic.<name>"
 )
 
 

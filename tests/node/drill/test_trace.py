@@ -19,20 +19,22 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     with path.open("w", encoding="ascii") as file:
         write = writer(file, ["left.torque", "right.torque"])
         write(5, 1005, [0.0, 0.0])
-        write(10, 1010, [0.0, -1e-9])
+        write(10, 1010, [0.0, -2e-4])
         write(15, 1015, [2.5, 0.0])
         write(20, 1020, [-0.0, 0.0])
+        write(25, 1025, [-9e-5, 9e-5])
 
     assert path.read_text().splitlines()[:3] == [
         "monotonic_ns,wall_ns,left.torque,right.torque",
         "5,1005,0.0,0.0",
-        "10,1010,0.0,-1e-09",
+        "10,1010,0.0,-0.0002",
     ]
     assert read(path) == [
         Tick(5, is_driven=False),
         Tick(10, is_driven=True),
         Tick(15, is_driven=True),
         Tick(20, is_driven=False),
+        Tick(25, is_driven=False),
     ]
 
 

@@ -1,5 +1,6 @@
 """Verdicts, and one fault with real processes."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,6 +36,13 @@ def test_verdicts(expected: Outcome, torque: Torque | None, *, is_as_expected: b
     assert (found.is_as_expected, found.outcome) == (is_as_expected, outcome)
 
 
+def test_a_fault_can_have_a_limit_of_its_own() -> None:
+    found = made(Outcome.ENDS, Torque(0.12, 0.125, 0.0))
+    verdicts = [dataclasses.replace(found, within_s=limit_s).is_as_expected for limit_s in (0.1, 0.15)]
+    assert verdicts == [False, True]
+    assert {fault.within_s for fault in FAULTS.values() if "frozen" not in fault.name} == {0.05}
+
+
 def ends(*last_s: float) -> list[Trial]:
     return [made(Outcome.ENDS, Torque(s, s + 0.005, 0.0)) for s in last_s]
 
@@ -52,7 +60,7 @@ def test_the_worst_is_what_was_not_expected_then_the_longest() -> None:
 def test_faults_have_names_of_their_own_and_each_part_is_harmed() -> None:
     assert all(name == fault.name for name, fault in FAULTS.items())
     assert {name.split()[0] for name in FAULTS} == {
-        "node", "guard", "recorder", "drives", "cable", "left", "clock", "disk"
+        "node", "guard", "recorder", "drives", "bus", "cable", "left", "clock", "disk"
     }  # fmt: skip
 
 

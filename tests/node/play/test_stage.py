@@ -1,6 +1,7 @@
 """The keyboard as a stage: set-points, requests, who drives, and what is shown."""
 
 import dataclasses
+import logging
 import math
 import os
 import socket
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from node.config import load_robot
-from node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from node.cycle.seams import Inbox, NoStage, Report, SetValue, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint
 from node.cycle.status import Level, Status
 from node.model.variables import Variable
@@ -57,6 +58,7 @@ class Game(NamedTuple):
     robot: Robot
     control: int
     ends: tuple[socket.socket, socket.socket]
+    rig: Rig
 
     def press(self, *keys: Key) -> Inbox:
         for key in keys:
@@ -88,10 +90,16 @@ def game() -> Iterator[Game]:
     reader, writer = os.pipe()
     ours, theirs = channel()
     behind = Behind()
-    rig = Rig(writer, robot.period_ns, has_guard=True, can_be_pushed=True)
+    rig = Rig(writer, robot.period_ns, lambda: True, can_be_pushed=True)
     with ours, theirs:
         yield Game(
-            PlayStage(behind, LoopEnd(ours), rig, robot), behind, TerminalEnd(theirs), robot, reader, (ours, theirs)
+            PlayStage(behind, LoopEnd(ours), rig, robot),
+            behind,
+            TerminalEnd(theirs),
+            robot,
+            reader,
+            (ours, theirs),
+            rig,
         )
     os.close(reader)
     os.close(writer)
@@ -156,18 +164,33 @@ def test_what_was_wanted_is_forgotten_when_the_motors_go_off(game: Game, mode: M
         (Key.CLEAR_FAULT, Action.CLEAR_FAULT),
     ],
 )
-def test_requests_are_made_and_their_answers_shown(game: Game, key: Key, action: Action) -> None:
+def test_requests_are_made_and_their_answers_told(
+    game: Game, caplog: pytest.LogCaptureFixture, key: Key, action: Action
+) -> None:
+    caplog.set_level(logging.INFO)
     (request,) = game.press(key).requests
     assert request.action is action
     request.answer(Answer(accepted=True, message="done"))
     request.answer(Answer(accepted=False, message="not now"))
-    assert list(game.stage.messages) == ["done", "refused: not now"]
+    assert caplog.messages == ["done", "refused: not now"]
+
+
+def test_a_change_of_mode_is_told_by_the_loop_and_not_again_here(game: Game, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    modes = Modes()
+    game.stage.watch(modes)
+    (request,) = game.press(Key.ARM).requests
+    request.answer(modes.ask(Action.ARM))
+    assert modes.mode is Mode.ARMED
+    assert caplog.messages == []
+    request.answer(modes.ask(Action.ARM))
+    assert caplog.messages == ["armed already"]
 
 
 def test_push_and_break_go_to_the_plant(game: Game) -> None:
     game.press(Key.PUSH, Key.BREAK_BUS)
     assert os.read(game.control, 4096) == b"write PushForce 50.0\ncut\n"
-    for _ in range(20):
+    for _ in range(10):
         game.press()
     assert os.read(game.control, 4096) == b"write PushForce 0\n"
     assert game.shown(reported(game)).is_bus_broken
@@ -208,7 +231,9 @@ def test_what_is_shown(game: Game) -> None:
     game.stage.watch(modes)
     health = {
         "link": "x",
+        "link.owner": "serial",
         "link.can.state": "passive",
+        "link.serial.state": "active",
         "link.can.sent": "3",
         "board.bus_voltage_v": "36.0",
         "lost": "0",
@@ -225,10 +250,12 @@ def test_what_is_shown(game: Game) -> None:
     assert (shown.linear, shown.angular, shown.pitch) == (0.25, -0.5, None)
     assert (shown.wanted_linear, shown.wanted_angular) == (0.3, -0.4)
     assert shown.battery == {"board.bus_voltage_v": "36.0"}
-    assert shown.links == {"link.can.state": "passive"}
-    assert shown.timing == {"rate_hz": "100", "late": "1", "skipped": "2", "lateness": "p50"}
+    assert shown.links == {"can": "passive", "serial": "active"}
+    assert shown.line == "serial"
+    assert shown.posture is None
+    assert shown.timing == {"rate_hz": "100", "late": "1", "skipped": "2"}
     assert shown.messages == ["hello"]
-    assert (shown.has_ros, shown.has_guard, shown.can_be_pushed, shown.is_bus_broken) == (False, True, True, False)
+    assert (shown.has_ros, shown.guard_runs, shown.can_be_pushed, shown.is_bus_broken) == (False, True, True, False)
 
 
 def test_in_hold_the_set_point_in_force_is_rest(game: Game) -> None:
@@ -253,5 +280,34 @@ def test_the_tilt_is_shown_where_the_model_tells_it(game: Game) -> None:
             return {"Pitch": 0.125}[name]
 
     robot = dataclasses.replace(game.robot, model=Leaning())  # type: ignore[arg-type]  # what is read of a model
-    stage = PlayStage(NoStage(), LoopEnd(game.ends[0]), Rig(game.control, 10, can_be_pushed=False), robot)
+    stage = PlayStage(
+        NoStage(), LoopEnd(game.ends[0]), Rig(game.control, 10, lambda: False, can_be_pushed=False), robot
+    )
     assert game._replace(stage=stage, robot=robot).shown(reported(game)).pitch == 0.125
+
+
+def test_a_robot_with_one_line_tells_its_state_as_that_of_the_bus(game: Game) -> None:
+    game.stage.publish_diagnostics(3, [Status(Level.OK, "cart: hardware", "", {"link.state": "active"})])
+    shown = game.shown(reported(game))
+    assert (shown.links, shown.line) == ({"can": "active"}, None)
+
+
+def test_a_robot_that_cannot_stand_up_is_not_told_to(game: Game) -> None:
+    modes = Modes()
+    game.stage.watch(modes)
+    modes.ask(Action.ARM)
+    assert game.press(Key.STAND).values == []
+
+
+def test_standing_up_waits_for_the_motors(game: Game, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    stage = PlayStage(NoStage(), LoopEnd(game.ends[0]), game.rig, build_robot(load_robot("segway"), ScriptedClock()))
+    game = game._replace(stage=stage)
+    modes = Modes()
+    stage.watch(modes)
+    assert game.press(Key.STAND).values == []
+    assert game.press().values == []
+    assert caplog.messages == ["refused: arm the robot first"]
+    modes.ask(Action.ARM)
+    # It rests, as far as its model knows.
+    assert [game.press(*keys).values for keys in ([Key.STAND], [], [])] == [[SetValue(0, 0.0)], [SetValue(0, 1.0)], []]

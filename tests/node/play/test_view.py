@@ -18,11 +18,13 @@ WELL = Snapshot(
     wanted_angular=-0.6,
     pitch=0.1,
     battery={"board.bus_voltage_v": "35.900"},
-    links={"link.can.state": "active"},
+    posture="balancing",
+    links={"can": "active", "serial": "active"},
+    line="can",
     timing={"rate_hz": "200.0000", "late": "0"},
     messages=["one", "two"],
     has_ros=True,
-    has_guard=True,
+    guard_runs=True,
     can_be_pushed=True,
     is_bus_broken=False,
 )
@@ -41,10 +43,11 @@ def test_everything_is_told_in_the_units_that_people_use() -> None:
     assert lines[1:-1] == [
         "mode       ARMED  asked to arm",
         "tilt         +5.73 deg",  # 0.1 rad
+        "posture    balancing",
         "velocity    +0.250 m/s   -0.500 rad/s",
         "set-point   +0.300 m/s   -0.600 rad/s",
         "battery    board 35.900 V",
-        "links      link.can.state active",
+        "links      can active   serial active   commands go over can",
         "loop       rate_hz 200.0000   late 0",
         "ROS        cmd_vel drives too",
         "guard      runs",
@@ -52,13 +55,22 @@ def test_everything_is_told_in_the_units_that_people_use() -> None:
         "one",
         "two",
         "",
-        "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault   p push   b break the bus   q quit",
+        "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault",
+        "u stand up, sit down   p push   b break the bus   q quit",
     ]
 
 
 def test_what_there_is_not_is_not_told() -> None:
     bare = msgspec.structs.replace(
-        WELL, pitch=None, linear=None, battery={}, has_ros=False, has_guard=False, can_be_pushed=False
+        WELL,
+        pitch=None,
+        posture=None,
+        line=None,
+        linear=None,
+        battery={},
+        has_ros=False,
+        guard_runs=False,
+        can_be_pushed=False,
     )
     lines = shown(bare)
 
@@ -66,14 +78,15 @@ def test_what_there_is_not_is_not_told() -> None:
     assert "velocity         - m/s   -0.500 rad/s" in lines
     assert "battery    -" in lines
     assert "ROS        not here" in lines
-    assert "guard      none in this version" in lines
-    assert not any("p push" in line for line in lines)
+    assert "guard      has ended" in lines
+    assert not any("p push" in line or "posture" in line or "u stand" in line for line in lines)
+    assert "links      can active   serial active" in lines
 
 
 def test_a_bus_broken_by_hand_can_be_mended() -> None:
     lines = shown(msgspec.structs.replace(WELL, is_bus_broken=True))
 
-    assert "links      link.can.state active   (broken by hand)" in lines
+    assert "links      can active   serial active   commands go over can   (bus broken by hand)" in lines
     assert "b mend the bus" in lines[-2]
 
 

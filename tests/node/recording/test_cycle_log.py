@@ -198,7 +198,7 @@ def test_a_layout_names_what_each_cycle_of_the_robot_holds() -> None:
     layout = layout_of(robot)
 
     assert layout.robot == "cart-can"
-    assert layout.sensors == ("left.angle", "left.velocity", "right.angle", "right.velocity")
+    assert layout.sensors == ("left.angle", "left.velocity", "right.angle", "right.velocity", "supply.voltage")
     assert layout.inputs == ("LeftVelocity", "RightVelocity")
     assert layout.outputs[-2:] == ("LeftVoltage", "RightVoltage")
     assert layout.commands == ("left.voltage", "right.voltage")

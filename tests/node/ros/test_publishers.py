@@ -1,12 +1,13 @@
 """What each publisher says, message by message, in a node that only remembers."""
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from node.config import RosSection
-from node.cycle.wiring import PUBLISHED_SIGNALS
+from node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
 from node.ros.publishers import make_publishers
 
 pytestmark = pytest.mark.ros
@@ -54,8 +55,45 @@ def test_half_an_imu_is_not_published(missing: str) -> None:
 
 
 def test_a_robot_without_an_imu_has_the_topics_it_always_had() -> None:
-    without = [signal for signal in PUBLISHED_SIGNALS if signal not in IMU]
+    without = [signal for signal in PUBLISHED_SIGNALS if signal not in [*IMU, SUPPLY_SIGNAL]]
     assert without == list(PUBLISHED_SIGNALS[:9])
     topics = ["linear_velocity", "angular_velocity", "position", "odom", "joint_states"]
     assert published(without).topics == topics
-    assert published(list(PUBLISHED_SIGNALS)).topics == [*topics, "imu/data"]
+    assert published(list(PUBLISHED_SIGNALS)).topics == [*topics, "imu/data", "battery_state"]
+
+
+def battery(told: list[tuple[int, float]]) -> list[Any]:
+    """What a robot says of its battery when these voltages are measured at these stamps, ns."""
+    said: list[Any] = []
+    node = SimpleNamespace(
+        create_publisher=lambda kind, topic, _depth: SimpleNamespace(
+            publish=lambda message: said.append((kind.__name__, topic, message.header.stamp.nanosec, message.voltage))
+        )
+    )
+    (publish,) = make_publishers(node, RosSection(), ["left.angle", SUPPLY_SIGNAL])
+    for stamp_ns, volts in told:
+        publish(stamp_ns, [0.0, volts])
+    return said
+
+
+def test_a_battery_says_its_voltage_and_that_it_knows_no_more() -> None:
+    said = published(["left.angle", SUPPLY_SIGNAL]).said["battery_state"]
+    assert (said.header.frame_id, said.header.stamp.sec, said.header.stamp.nanosec) == (
+        "base_link",
+        1_700_000_000,
+        123_456_789,
+    )
+    assert (said.voltage, said.present) == (2.0, True)
+    unknown = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
+    assert all(math.isnan(getattr(said, name)) for name in unknown)
+    assert said.power_supply_status == said.power_supply_health == said.power_supply_technology == 0
+
+
+def test_a_battery_is_told_twice_a_second_and_never_when_it_is_not_measured() -> None:
+    at = [(10 * index * 1_000_000, 24.0 + index) for index in range(150)]
+    assert battery(at) == [
+        ("BatteryState", "battery_state", stamp % 10**9, volts) for stamp, volts in (at[0], at[50], at[100])
+    ]
+    assert battery([(0, math.nan), (10, 24.0), (20, 25.0)]) == [("BatteryState", "battery_state", 10, 24.0)]
+    # A clock that was set back is followed.
+    assert [volts for *_, volts in battery([(5 * 10**9, 1.0), (10**9, 2.0)])] == [1.0, 2.0]

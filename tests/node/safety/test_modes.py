@@ -1,7 +1,4 @@
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition
 
@@ -21,7 +18,12 @@ def reach(mode: Mode) -> Modes:
 
 
 def test_it_starts_disarmed() -> None:
-    assert (Modes().mode, Modes().reason) == (Mode.DISARMED, "just started")
+    assert (Modes().mode, Modes().reason, Modes().cycle) == (Mode.DISARMED, "just started", 0)
+
+
+def test_the_words_of_an_operator_are_those_of_the_interface() -> None:
+    assert [*Action] == ["arm", "disarm", "stop", "clear_fault"]
+    assert [*Mode] == ["DISARMED", "ARMED", "HOLD", "FAULT"]
 
 
 def test_torque_is_allowed_in_two_modes_only() -> None:
@@ -141,60 +143,3 @@ def test_the_history_is_bounded_and_keeps_the_newest() -> None:
     for modes.cycle in range(1000):
         modes.ask(Action.DISARM if modes.cycle % 2 else Action.ARM)
     assert [transition.cycle for transition in modes.history] == list(range(936, 1000))
-
-
-class Operation(RuleBasedStateMachine):
-    """Whatever happens in whatever order."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.modes = Modes()
-        self.faulty = False  # since a fault, until it was cleared
-        self.armed = False  # since it was asked to arm, until something took that back
-
-    @rule(hindered=st.booleans())
-    def arm(self, *, hindered: bool) -> None:
-        answer = self.modes.ask(Action.ARM, OBSTACLES if hindered else ())
-        assert answer.accepted == (self.armed or not (self.faulty or hindered))
-        self.armed |= answer.accepted
-
-    @rule()
-    def disarm(self) -> None:
-        assert self.modes.ask(Action.DISARM).accepted
-        self.armed = False
-
-    @rule()
-    def stop(self) -> None:
-        assert self.modes.ask(Action.STOP).accepted
-        self.faulty, self.armed = True, False
-
-    @rule()
-    def fail(self) -> None:
-        self.modes.fail("smoke")
-        self.faulty, self.armed = True, False
-
-    @rule(silent=st.booleans())
-    def observe(self, *, silent: bool) -> None:
-        self.modes.observe([], setpoints_silent=silent)
-        assert (self.modes.mode is Mode.HOLD) == (self.armed and silent)
-
-    @rule(silent=st.booleans())
-    def observe_fault(self, *, silent: bool) -> None:
-        self.modes.observe(["smoke"], setpoints_silent=silent)
-        self.faulty |= self.armed
-        self.armed = False
-
-    @precondition(lambda self: self.faulty)
-    @rule()
-    def clear_fault(self) -> None:
-        assert self.modes.ask(Action.CLEAR_FAULT).accepted
-        self.faulty = False
-
-    @invariant()
-    def active_only_while_armed_and_fault_until_cleared(self) -> None:
-        assert (self.modes.mode in ACTIVE) == self.armed
-        assert (self.modes.mode is Mode.FAULT) == self.faulty
-
-
-Operation.TestCase.settings = settings(derandomize=True, deadline=None, max_examples=60)
-TestOperation = Operation.TestCase

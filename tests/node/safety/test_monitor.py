@@ -11,6 +11,7 @@ from node.safety.monitor import SafetyMonitor
 from node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
+    FollowingErrorSettings,
     LateCyclesLimit,
     SafetySettings,
     SupplyWindow,
@@ -26,12 +27,14 @@ GYRO = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
 ACCELERATION = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
 SIGNALS = (*WHEELS, *GYRO, *ACCELERATION, "supply.voltage")
 YAW = YawConsistency(track=0.5, wheel_radius=0.1, tolerance_rad_s=0.5, for_s=0.05)
+FOLLOWING = FollowingErrorSettings(track=0.5, wheel_radius=0.1, linear_window=0.2, settle_s=0.1, for_s=0.05)
 ALL = SafetySettings(
     tilt_limit_rad=0.6,
     tilt_rate_limit=6.0,
     wheel_velocity_limit=40.0,
     yaw_consistency=YAW,
     velocity_consistency=VelocityConsistency(tolerance_rad_s=0.5),
+    following_error=FOLLOWING,
     supply=SupplyWindow(min_v=22.0, max_v=29.0),
     late_cycles_limit=LateCyclesLimit(in_a_row=3),
     checklist=ChecklistSettings(),
@@ -50,6 +53,8 @@ class Rig:
     stale: set[str] = field(default_factory=set)
     cycle: int = 0
     freeze_imu: bool = False
+    slips: str = ""
+    asked: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         self.monitor = SafetyMonitor(self.settings, self.signals, self.used, self.period_ns)
@@ -67,8 +72,10 @@ class Rig:
         self.deadline_ns += (1 + skip) * self.period_ns
         if not self.freeze_imu:
             self.values["imu.angular_velocity_x"] = 1e-4 * (self.cycle % 7)
+        if self.slips:
+            self.values[self.slips] = 2.0 + 1e-6 * (self.cycle % 7)
         values, _, valid = self.snapshot
-        return list(self.monitor.look(values, valid, self.deadline_ns + late_ns, late_ns))
+        return list(self.monitor.look(values, valid, self.deadline_ns + late_ns, late_ns, self.asked))
 
     def first(self, text: str, at_most: int = 60) -> int:
         """The first cycle from now, counted from 1, in which this is told."""
@@ -96,6 +103,15 @@ def freeze(rig: Rig) -> None:
     rig.freeze_imu = True
 
 
+def slip(name: str) -> Callable[[Rig], None]:
+    """A velocity that is measured anew in each cycle, while the angle stays."""
+    return lambda rig: setattr(rig, "slips", name)
+
+
+def ask(linear: float, angular: float) -> Callable[[Rig], None]:
+    return lambda rig: setattr(rig, "asked", (linear, angular))
+
+
 TRIPS: dict[str, tuple[Callable[[Rig], None], str, int]] = {
     "tilt rate": (set_values(imu__angular_velocity_y=6.1), "the body tilts at 6.10 rad/s", 1),
     "left too fast": (set_values(left__velocity=-40.1), "left.velocity is -40.10 rad/s, allowed is -40 to 40 rad/s", 1),
@@ -107,8 +123,9 @@ TRIPS: dict[str, tuple[Callable[[Rig], None], str, int]] = {
     "IMU": (freeze, "the IMU is frozen", 20),
     "yaw": (set_values(imu__angular_velocity_z=0.6), "the wheels turn the robot at 0.00 rad/s, the gyro says 0.60", 10),
     "wheels": (set_values(right__velocity=-3.0), "the wheels turn the robot at -0.60 rad/s, the gyro says 0.00", 10),
-    "left slip": (set_values(left__velocity=2.0), "left.velocity is off by", 8),
-    "right slip": (set_values(right__velocity=2.0), "right.velocity is off by", 8),
+    "does not go": (ask(0.3, 0.0), "the robot goes 0.00 m/s ahead, asked is 0.30 to 0.30 m/s", 21 + 10),
+    "left slip": (slip("left.velocity"), "left.velocity is off by", 8),
+    "right slip": (slip("right.velocity"), "right.velocity is off by", 8),
 }
 
 
@@ -170,6 +187,34 @@ def test_two_looks_at_one_deadline_are_a_period_apart() -> None:
     assert rig.run(skip=-1) != []
 
 
+def test_skipped_deadlines_count_for_what_repeats() -> None:
+    rig = Rig(SafetySettings(frozen_after_s=0.1), freeze_imu=True)
+    assert [rig.run() for _ in range(10)] == [[]] * 10
+    assert rig.run(skip=9) == []
+    assert rig.run() == ["the IMU is frozen: 20 periods without a change"]
+
+
+def test_a_robot_that_turns_as_its_left_and_right_wheels_say_follows() -> None:
+    turning = FollowingErrorSettings(track=0.5, wheel_radius=0.1, angular_window=0.2, settle_s=0.1, for_s=0.05)
+    rig = Rig(SafetySettings(frozen_after_s=None, following_error=turning), asked=(0.0, 2.0))
+    rig.values |= {"left.velocity": -5.0, "right.velocity": 5.0}
+    assert [rig.run() for _ in range(100)] == [[]] * 100
+    rig.asked = (0.0, -2.0)
+    assert rig.first("the robot goes 2.00 rad/s turning, asked is -2.00 to -2.00 rad/s") == 30
+
+
+@pytest.mark.parametrize("late_ns", [0, 200 * MS])
+def test_wheels_that_turned_on_through_a_stall_are_not_against_their_angles(late_ns: int) -> None:
+    rig = Rig(SafetySettings(velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0)))
+    rig.freeze_imu, rig.values["left.velocity"], start_ns = False, 20.0, rig.deadline_ns
+    for cycle in range(200):
+        late = late_ns if cycle == 100 else 0
+        skip = late_ns // PERIOD - 1 if cycle == 101 and late_ns else 0
+        now_ns = rig.deadline_ns + (1 + skip) * PERIOD + late
+        rig.values["left.angle"] = 20.0 * (now_ns - start_ns) * 1e-9
+        assert rig.run(late, skip) == []
+
+
 def test_what_a_robot_does_not_watch_is_not_told() -> None:
     rig = Rig(NOTHING_WATCHED, used=(1,), freeze_imu=True)
     rig.values |= {"left.velocity": 1e9, "imu.angular_velocity_y": 99.0, "supply.voltage": 0.0}
@@ -184,6 +229,7 @@ NEEDS: list[tuple[SafetySettings, set[str]]] = [
     (SafetySettings(frozen_after_s=None, wheel_velocity_limit=5.0), {"left.velocity", "right.velocity"}),
     (SafetySettings(frozen_after_s=None, yaw_consistency=YAW), {"left.velocity", "right.velocity", GYRO[2]}),
     (SafetySettings(frozen_after_s=None, velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0)), {*WHEELS}),
+    (SafetySettings(frozen_after_s=None, following_error=FOLLOWING), {"left.velocity", "right.velocity"}),
     (SafetySettings(frozen_after_s=None, supply=SupplyWindow(min_v=1.0, max_v=2.0)), {"supply.voltage"}),
     (SafetySettings(), {*WHEELS, *GYRO, *ACCELERATION}),
     (SafetySettings(frozen_after_s=None, checklist=ChecklistSettings()), {*GYRO, *ACCELERATION}),
@@ -207,6 +253,7 @@ MISSING: list[tuple[SafetySettings, str, str]] = [
     (SafetySettings(tilt_rate_limit=0.5), "tilt_rate_limit", GYRO[0]),
     (SafetySettings(wheel_velocity_limit=0.5), "wheel_velocity_limit", "left.velocity"),
     (SafetySettings(yaw_consistency=YAW), "yaw_consistency", "left.velocity"),
+    (SafetySettings(following_error=FOLLOWING), "following_error", "left.velocity"),
     (
         SafetySettings(velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0)),
         "velocity_consistency",

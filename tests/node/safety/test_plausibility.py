@@ -191,6 +191,35 @@ def test_a_velocity_that_freezes_at_speed_is_told_within_two_windows() -> None:
     assert 50 <= trip <= 50 + 2 * 20
 
 
+def test_values_that_stand_still_while_the_lines_change_are_no_sample() -> None:
+    """At 30 rad/s 60 ms are 1.8 rad, which would be 18 rad/s of the window."""
+    check = velocity()
+    kept = (0.0, 30.0)
+    for n in range(200):
+        if not 100 <= n < 112:
+            kept = (30.0 * n * STEP, 30.0)
+        assert check.look(see(*kept)) is None
+    assert [check.look(see(30.0 * 200 * STEP + n, 30.0 + 1e-6 * n)) for n in range(3)][2] is not None
+
+
+def test_a_wheel_that_was_at_rest_for_long_and_sets_off_agrees() -> None:
+    check, angle = velocity(), 0.0
+    for n in range(2100):
+        speed = max(20.0 * (n - 2000) * STEP, 0.0)
+        angle += speed * STEP
+        assert check.look(see(angle, speed)) is None
+
+
+def test_a_cycle_that_starts_late_has_gone_as_far_as_the_time_says() -> None:
+    check, angle = velocity(), 0.0
+    for n in range(100):
+        elapsed_s = 0.018 if n == 50 else STEP
+        angle += 30.0 * elapsed_s
+        view = see(angle, 30.0)._replace(elapsed_s=elapsed_s)
+        assert check.look(view) is None
+    assert check.look(see(angle + 5.0, 30.0)) is not None
+
+
 def test_a_window_that_has_passed_is_forgotten() -> None:
     check = velocity()
     angle = 0.0

@@ -7,6 +7,7 @@ from node.errors import ConfigurationError
 from node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
+    FollowingErrorSettings,
     LateCyclesLimit,
     SafetySettings,
     SupplyWindow,
@@ -24,6 +25,8 @@ safety:
   imu_is_noisy: false
   yaw_consistency: {track: 0.5, wheel_radius: 0.1, tolerance_rad_s: 0.5, for_s: 0.3}
   velocity_consistency: {tolerance_rad_s: 1.0, for_s: 0.2}
+  following_error:
+    {track: 0.4, wheel_radius: 0.2, linear_window: 0.6, angular_window: 0.7, settle_s: 2.0, for_s: 0.4, may_rest: true}
   supply: {min_v: 22.0, max_v: 29.4}
   late_cycles_limit: {in_a_row: 4, in_window: 20, window_s: 2.0}
   max_command: 3.0
@@ -51,6 +54,15 @@ def test_every_key_is_taken() -> None:
         imu_is_noisy=False,
         yaw_consistency=YawConsistency(track=0.5, wheel_radius=0.1, tolerance_rad_s=0.5, for_s=0.3),
         velocity_consistency=VelocityConsistency(tolerance_rad_s=1.0, for_s=0.2),
+        following_error=FollowingErrorSettings(
+            track=0.4,
+            wheel_radius=0.2,
+            linear_window=0.6,
+            angular_window=0.7,
+            settle_s=2.0,
+            for_s=0.4,
+            may_rest=True,
+        ),
         supply=SupplyWindow(min_v=22.0, max_v=29.4),
         late_cycles_limit=LateCyclesLimit(in_a_row=4, in_window=20, window_s=2.0),
         max_command=3.0,
@@ -71,6 +83,9 @@ def test_of_an_empty_section_only_the_watch_for_frozen_sensors_is_on() -> None:
 def test_what_the_parts_leave_out_has_its_default() -> None:
     assert YawConsistency(track=1.0, wheel_radius=1.0, tolerance_rad_s=1.0).for_s == 0.2
     assert VelocityConsistency(tolerance_rad_s=1.0).for_s == 0.1
+    assert FollowingErrorSettings(track=1.0, wheel_radius=1.0, linear_window=1.0) == FollowingErrorSettings(
+        track=1.0, wheel_radius=1.0, linear_window=1.0, angular_window=None, settle_s=1.0, for_s=0.1, may_rest=False
+    )
     assert LateCyclesLimit() == LateCyclesLimit(in_a_row=5, in_window=None, window_s=1.0)
     assert ChecklistSettings() == ChecklistSettings(
         rate_tolerance=0.05, still_rate=0.1, still_acceleration=0.5, still_s=0.5, tilt_rad=0.2, wheel_velocity=0.5
@@ -94,6 +109,10 @@ REFUSED = {
     "checklist: {rate_tolerance: 0.0}": "safety.checklist.rate_tolerance",
     "yaw_consistency: {track: 1.0}": "wheel_radius",
     "velocity_consistency: {}": "tolerance_rad_s",
+    "following_error: {track: 0.3, wheel_radius: 0.05}": "give linear_window",
+    "following_error: {track: 0.3, linear_window: 0.1}": "wheel_radius",
+    "following_error: {track: 0.3, wheel_radius: 0.05, linear_window: 0.0}": "following_error.linear_window",
+    "following_error: {track: 0.3, wheel_radius: 0.05, linear_window: 0.1, settle_s: 0.009}": "settle_s",
     "tilt_limit: 0.5": "unknown field `tilt_limit`",
 }
 
@@ -113,6 +132,8 @@ TAKEN = [
     "late_cycles_limit: {in_a_row: 1, in_window: 10000, window_s: 0.01}",
     "late_cycles_limit: {in_a_row: 10000, window_s: 60.0}",
     "checklist: {rate_tolerance: 0.5}",
+    "following_error: {track: 0.3, wheel_radius: 0.05, linear_window: 0.1}",
+    "following_error: {track: 0.3, wheel_radius: 0.05, angular_window: 0.1, settle_s: 10.0, for_s: 0.01}",
 ]
 
 

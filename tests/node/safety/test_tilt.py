@@ -120,6 +120,8 @@ def test_free_fall_shows_no_direction_and_is_taken_for_upright() -> None:
     estimate = TiltEstimate(STEP)
     estimate.update(STILL, (0.0, 0.0, 0.0), 1)
     assert estimate.tilt == 0.0
+    estimate.update(STILL, leaning(0.5), 100)  # half a second: a quarter of the way, as vectors
+    assert tilt_of(estimate) == pytest.approx(math.atan2(0.25 * math.sin(0.5), 0.75 + 0.25 * math.cos(0.5)))
 
 
 @given(st.floats(-0.4, 0.4), st.floats(0.5, 3.0), st.floats(-0.02, 0.02))

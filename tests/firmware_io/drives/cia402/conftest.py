@@ -31,6 +31,7 @@ OBJECTS: Final[Mapping[int, tuple[int, str, int]]] = {
     0x6071: (I16, "rww", 0),
     0x6076: (U32, "rw", 1_250),
     0x6077: (I16, "ro", 0),
+    0x6079: (U32, "ro", 24_000),
 }
 """Type, access and default, as a manufacturer's EDS gives them."""
 

@@ -16,6 +16,7 @@ from firmware_io.drives.cia402.frames import (
     pack_heartbeat,
     pack_nmt,
     unpack_heartbeat,
+    unpack_supply,
     unpack_velocity,
 )
 from firmware_io.integrity import FrameRefusedError, Refusal
@@ -24,6 +25,7 @@ many = settings(max_examples=10_000)
 DECODERS = {
     "status": (Status.unpack, 8),
     "velocity": (unpack_velocity, 4),
+    "supply": (unpack_supply, 4),
     "emergency": (Emergency.unpack, 8),
     "heartbeat": (unpack_heartbeat, 1),
     "sdo": (Sdo.unpack, 8),
@@ -84,6 +86,7 @@ def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
     assert (status.statusword, status.position_counts) == (number(0, 2), number(2, 6, signed=True))
     assert status.torque_share == pytest.approx(number(6, 8, signed=True) / 1000)
     assert unpack_velocity(data[:4]) == number(0, 4, signed=True)
+    assert unpack_supply(data[:4]) == pytest.approx(number(0, 4) / 1000)
     assert tuple(Emergency.unpack(data)) == canopen.emcy.EMCY_STRUCT.unpack(data)
     assert Emergency.unpack(data).pack() == data
     sdo = Sdo.unpack(data)

@@ -1,11 +1,14 @@
 """Our set-up against a node of the canopen library."""
 
+import dataclasses
 import itertools
 import logging
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import pytest
+from canopen import SdoAbortedError
 
 from firmware_io.drives.cia402.network import LinkNetwork
 from firmware_io.drives.cia402.plan import Plan
@@ -48,8 +51,49 @@ def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNet
     assert mapped(node.rpdo[1]) == (0x205, 255, True, [(0x6040, 16), (0x6071, 16)])
     assert mapped(node.tpdo[1]) == (0x185, 1, True, [(0x6041, 16), (0x6064, 32), (0x6077, 16)])
     assert mapped(node.tpdo[2]) == (0x285, 1, True, [(0x606C, 32)])
-    assert not node.tpdo[3].enabled
+    assert mapped(node.tpdo[3]) == (0x385, 50, True, [(0x6079, 32)])
     assert not node.tpdo[4].enabled
+
+
+@pytest.mark.parametrize(
+    ("cycle_us", "syncs"), [(10_000, 10), (2_000, 50), (1_000, 100), (100, 240), (100_000, 1), (1_000_000, 1)]
+)
+def test_the_supply_is_told_about_ten_times_a_second(
+    memory: Any, network: LinkNetwork, cycle_us: int, syncs: int
+) -> None:
+    node = memory.add(5)
+    set_up(network, dataclasses.replace(PLAN, cycle_us=cycle_us))
+    assert node.sdo[0x1802][2].raw == syncs
+
+
+def test_a_drive_without_a_voltage_of_the_supply_has_its_pdo_switched_off(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5, without=frozenset({0x6079}))
+    node.add_write_callback(refuse_mapping_of(0x1A02, 0x6079))
+    node.sdo[0x1802][1].raw = 0x385
+    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert node.sdo[0x1802][1].raw == 0x80000385
+    assert node.sdo[0x1801][1].raw == 0x40000285
+
+
+def test_a_drive_that_does_not_count_syncs_has_the_pdo_of_the_supply_switched_off(
+    memory: Any, network: LinkNetwork
+) -> None:
+    node = memory.add(5)
+    node.add_read_callback(lambda index, subindex, **_: 1 if (index, subindex) == (0x1802, 2) else None)
+    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert node.sdo[0x1802][1].raw == 0x80000385
+
+
+def test_a_drive_that_falls_silent_at_the_supply_is_told(memory: Any, network: LinkNetwork) -> None:
+    node = memory.add(5)
+
+    def fall_silent(index: int, **_: Any) -> None:
+        if index == 0x1802:
+            memory.peer.unsubscribe(0x605)
+
+    node.add_read_callback(fall_silent)
+    with pytest.raises(SetUpError, match="TPDO3 cannot be mapped"):
+        set_up(network, PLAN)
 
 
 def test_a_drive_that_refuses_remote_requests_keeps_doing_so(memory: Any, network: LinkNetwork) -> None:
@@ -89,16 +133,19 @@ def test_a_drive_that_lacks_what_it_needs_is_told(
 ) -> None:
     memory.add(5, without=frozenset({missing}))
     if missing == 0x6071:
-        memory.nodes[5].add_write_callback(refuse_mapping_of_6071)
+        memory.nodes[5].add_write_callback(refuse_mapping_of(0x1600, 0x6071))
     with pytest.raises(SetUpError, match=message):
         set_up(network, PLAN)
 
 
-def refuse_mapping_of_6071(index: int, data: bytes, **_: Any) -> None:
-    from canopen import SdoAbortedError  # noqa: PLC0415 - only here
+def refuse_mapping_of(mapping: int, mapped: int) -> Callable[..., None]:
+    """What has a node refuse to map an object."""
 
-    if index == 0x1600 and struct.unpack("<L", data.ljust(4, b"\0"))[0] >> 16 == 0x6071:
-        raise SdoAbortedError(0x06040041)
+    def refuse(index: int, data: bytes, **_: Any) -> None:
+        if index == mapping and struct.unpack("<L", data.ljust(4, b"\0"))[0] >> 16 == mapped:
+            raise SdoAbortedError(0x06040041)
+
+    return refuse
 
 
 def answer(memory: Any, wanted: int, value: int) -> None:

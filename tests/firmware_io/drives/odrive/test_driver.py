@@ -415,21 +415,32 @@ def test_errors_and_a_state_left_by_itself_are_faults_with_names(bench: Bench) -
     assert bench.drive.faults() == ("the left ODrive axis switched its motor off: state 77, errors: none",)
 
 
-def test_silence_is_a_fault_three_periods_after_the_last_heartbeat_or_cycle(bench: Bench) -> None:
+def test_silence_is_a_fault_three_periods_after_the_last_word(bench: Bench) -> None:
+    bench.arm()
+    bench.beat(CLOSED)
+    bench.estimate()
+    bench.now_ns += 30 * MS
+    assert bench.drive.faults() == ()
+    bench.now_ns += 1
+    assert bench.drive.faults() == ("the left ODrive axis's estimates too old: 30 ms",)
+
+
+def test_one_message_that_is_missing_is_a_fault_after_five_periods(bench: Bench) -> None:
     bench.arm()
     start_ns = bench.now_ns
     bench.beat(CLOSED)
     bench.estimate()
-    bench.now_ns = start_ns + 30 * MS
+    bench.now_ns = start_ns + 50 * MS
+    bench.beat(CLOSED)
     assert bench.drive.faults() == ()
     bench.now_ns += 1
-    assert bench.drive.faults() == ("the left ODrive axis's estimates too old: 30 ms",)
-    bench.estimate()
-    bench.now_ns = start_ns + 60 * MS
-    bench.estimate()
+    assert bench.drive.faults() == ("the left ODrive axis's estimates too old: 50 ms",)
+    for moment in (60, 90, 120, 150):
+        bench.now_ns = start_ns + moment * MS
+        bench.estimate()
     assert bench.drive.faults() == ()
     bench.now_ns += 1
-    assert bench.drive.faults() == ("the left ODrive axis's heartbeat too old: 60 ms",)
+    assert bench.drive.faults() == ("the left ODrive axis's heartbeat too old: 100 ms",)
 
 
 def test_an_axis_that_does_not_enable_is_a_fault_after_half_a_second(bench: Bench) -> None:
@@ -438,7 +449,11 @@ def test_an_axis_that_does_not_enable_is_a_fault_after_half_a_second(bench: Benc
     bench.run(50, error=0x40)
     assert bench.drive.faults() == ()
     bench.now_ns += 1
-    assert bench.drive.faults() == ("the left ODrive axis does not go to closed loop: IDLE, errors: MOTOR_FAILED",)
+    (fault,) = bench.drive.faults()
+    assert fault == (
+        "the left ODrive axis does not go to closed loop: IDLE, errors: MOTOR_FAILED; see dump_errors in odrivetool, "
+        "and calibrate it where it is not: stop the node, wheels in the air, FULL_CALIBRATION_SEQUENCE, save"
+    )
     bench.drive.disable()
     assert bench.drive.faults() == ()
 
@@ -457,6 +472,44 @@ def test_values_are_the_wheels_in_si(configure: Configure) -> None:
     assert readings.valid == (True,) * 3
     bench.now_ns += 21 * MS
     assert bench.drive.read().valid == (False,) * 3
+
+
+@pytest.mark.parametrize("firmware", ["0.5", "0.6"])
+def test_the_left_axis_tells_the_supply_which_is_valid_for_a_second(configure: Configure, firmware: str) -> None:
+    bench = Bench(configure(firmware=firmware))
+    assert list(bench.drive.signals.items())[3:] == [("supply.voltage", "V")]
+    assert (bench.drive.read().ages[3], bench.drive.read().valid[3]) == (math.inf, False)
+    assert bench.hear(0x17, struct.pack("<ff", 24.5, 1.0))
+    bench.now_ns += 1_000 * MS
+    readings = bench.drive.read()
+    assert (readings.values[3], readings.ages[3]) == pytest.approx((24.5, 1.0))
+    assert readings.valid == (False, False, False, True)
+    bench.now_ns += 1
+    assert bench.drive.read().valid[3] is False
+
+
+def test_a_supply_that_is_not_told_is_no_fault_and_no_obstacle(bench: Bench) -> None:
+    bench.arm()
+    bench.run(20, CLOSED)
+    assert bench.drive.read().valid[3] is False
+    assert bench.drive.faults() == ()
+    assert bench.drive.obstacles() == []
+
+
+@pytest.mark.parametrize(("result", "stands"), [(14, True), (13, False), (0, False)])
+def test_an_axis_of_0_6_that_says_it_is_not_calibrated_refuses_arming(
+    configure: Configure, result: int, *, stands: bool
+) -> None:
+    bench = Bench(configure(firmware="0.6"))
+    bench.prove("0.6")
+    bench.hear(0x01, struct.pack("<IBBxx", 0, IDLE, result))
+    expected = (
+        "left ODrive axis (node 0) is not calibrated; calibrate it where it is not: stop the node, wheels in the air, "
+        "FULL_CALIBRATION_SEQUENCE, save"
+    )
+    assert bench.drive.obstacles() == [expected] * stands
+    bench.hear(0x01, struct.pack("<IBBxx", 0, IDLE, 0))
+    assert bench.drive.obstacles() == []
 
 
 def test_torque_is_told_by_0_6_itself_and_not_at_all_without_a_constant(configure: Configure) -> None:

@@ -118,7 +118,8 @@ def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: Odr
 
     texts = [[words.rpartition("*")[0] for words in poll] for poll in polls]
     asked = ["f 0", "f 1", *(f"r axis{axis}.{name}" for axis in (0, 1) for name in ("current_state", "error"))]
-    assert all(poll[:-1] == asked for poll in texts)
+    supply = ["r vbus_voltage", "r ibus"]
+    assert [poll[:-1] for poll in texts] == [[*asked, *supply * (index % 10 == 9)] for index in range(91)]
     assert [poll[-1] for poll in texts] == [f"f {10 + index % 90}" for index in range(91)]
     assert all(words == reply(words.rpartition("*")[0]).decode().strip() for poll in polls for words in poll)
 
@@ -152,8 +153,45 @@ def test_a_lost_count_costs_two_polls(started: OdriveLine) -> None:
 def test_counts_go_round(line: OdriveLine) -> None:
     for poll in range(200):
         line.request()
-        assert len(line.decode(b"".join(replies(poll)), NOW)) == (4 if poll else 0)
+        asks = poll % 10 == 9
+        texts = [*REPLIES, *STATES, *(["24.500000", "-1.250000"] * asks)]
+        assert len(line.decode(b"".join(replies(poll, texts)), NOW)) == (4 + 2 * asks if poll else 0)
     assert not line.refused
+
+
+def at_the_tenth_poll(line: OdriveLine) -> OdriveLine:
+    for poll in range(1, 9):
+        assert line.decode(b"".join(replies(poll)), NOW)
+        line.request()
+    return line
+
+
+def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveLine) -> None:
+    line = at_the_tenth_poll(started)
+    frames = line.decode(b"".join(replies(9, [*REPLIES, *STATES, "24.500000", "-1.250000"])), NOW)
+    assert frames[:4] == [LEFT, RIGHT, *BEATS]
+    data = bytes.fromhex("0000c4410000a0bf")  # 24.5 and -1.25 as 32-bit floats
+    assert frames[4:] == [Frame(0x017, data, NOW), Frame(0x037, data, NOW)]
+    assert not line.refused
+
+
+@pytest.mark.parametrize("told", [("invalid property", "0.500000"), ("24.500000", "invalid property"), ("nan", "inf")])
+def test_a_board_that_does_not_know_its_supply_tells_the_rest(started: OdriveLine, told: tuple[str, str]) -> None:
+    line = at_the_tenth_poll(started)
+    assert line.decode(b"".join(replies(9, [*REPLIES, *STATES, *told])), NOW) == [LEFT, RIGHT, *BEATS]
+    assert not line.refused
+
+
+@pytest.mark.parametrize("told", [(), ("24.500000",), ("24.500000", "1.000000", "1.000000")])
+def test_a_poll_for_the_supply_with_replies_too_few_or_many_is_lost(started: OdriveLine, told: Sequence[str]) -> None:
+    line = at_the_tenth_poll(started)
+    assert line.decode(b"".join(replies(9, [*REPLIES, *STATES, *told])), NOW) == []
+    assert line.refused == {"lost": 1}
+
+
+def test_a_poll_that_did_not_ask_for_the_supply_and_is_told_it_is_lost(started: OdriveLine) -> None:
+    assert started.decode(b"".join(replies(1, [*REPLIES, *STATES, "24.500000", "1.000000"])), NOW) == []
+    assert started.refused == {"lost": 1}
 
 
 @pytest.mark.parametrize(("behind", "taken"), [(2, True), (3, False)])

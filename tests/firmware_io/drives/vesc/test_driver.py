@@ -130,15 +130,30 @@ def test_the_angle_goes_on_where_the_tachometer_wraps(bench: Bench) -> None:
     assert bench.vesc.read().values[0] - before == pytest.approx(-math.tau / 2, abs=1e-6)
 
 
+def test_the_left_controller_tells_the_supply_which_is_valid_for_a_second(link: Link) -> None:
+    now_ns = 0
+    left = Vesc(link, "left", SETTINGS, 0.01, lambda: now_ns)
+    assert list(left.signals.items())[3:] == [("supply.voltage", "V")]
+    assert (left.read().values[3], left.read().ages[3], left.read().valid[3]) == (0.0, math.inf, False)
+    assert left.take(frame_of(Command.STATUS_5, 8, Status5(42, 36.5)))
+    now_ns = 1_000 * MS
+    readings = left.read()
+    assert (readings.values[3], readings.ages[3]) == pytest.approx((36.5, 1.0))
+    assert readings.valid == (False, False, False, True)
+    now_ns += 1
+    assert left.read().valid == (False,) * 4
+    assert left.faults() == ()
+
+
 def test_each_kind_of_status_has_an_age_of_its_own(bench: Bench) -> None:
     bench.tell(Command.STATUS_5, Status5(0, 36.0))
-    bench.now_ns += 30 * MS
+    bench.now_ns += 50 * MS
     bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
     assert bench.vesc.read().valid == (True, True, True)
     bench.now_ns += 1
     readings = bench.vesc.read()
-    assert readings.valid == (False, True, True), "three periods of the loop"
-    assert readings.ages == pytest.approx((0.03, 0.0, 0.0), abs=1e-6)
+    assert readings.valid == (False, True, True), "five periods of the loop"
+    assert readings.ages == pytest.approx((0.05, 0.0, 0.0), abs=1e-6)
 
 
 def test_a_damaged_frame_changes_nothing_and_is_counted(bench: Bench) -> None:
@@ -334,11 +349,11 @@ def test_one_that_is_not_commanded_in_time_is_a_fault_too(bench: Bench) -> None:
 
 def test_one_that_falls_silent_while_enabled_is_a_fault_until_disabled(bench: Bench) -> None:
     bench.enable()
-    bench.now_ns += 30 * MS
-    assert bench.vesc.faults() == ()
+    bench.now_ns += 50 * MS
     bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    assert bench.vesc.faults() == ()
     bench.now_ns += 1 * MS
-    assert bench.vesc.faults() == ("STATUS of the right VESC (id 9) is too old: 31 ms",)
+    assert bench.vesc.faults() == ("STATUS of the right VESC (id 9) is too old: 51 ms",)
     bench.vesc.disable()
     assert bench.vesc.faults() == ()
 

@@ -26,6 +26,7 @@ SETUP = (0x111, BoardSetup(0.05))
 READY = BoardStatus(BoardState.DISABLED, 36.0, 0.05, 0)
 MS = 1_000_000
 OFF_BY_ITSELF = [BoardState.WATCHDOG, BoardState.FAULT]
+SUPPLY = {"supply.voltage": "V"}
 WHEELS = {"left.angle": "rad", "left.velocity": "rad/s", "right.angle": "rad", "right.velocity": "rad/s"}
 IMU = {
     "imu.angular_velocity_x": "rad/s",
@@ -99,14 +100,14 @@ def moving(link: Link, sent: list[Frame]) -> Bench:
 def test_is_a_drive_with_named_and_limited_ports(bench: Bench) -> None:
     drive: Drive = bench.driver
     assert drive.name == "board"
-    assert list(drive.signals.items()) == list(WHEELS.items())
+    assert list(drive.signals.items()) == list({**WHEELS, **SUPPLY}.items())
     assert list(drive.commands.items()) == [("left.voltage", "V"), ("right.voltage", "V")]
     assert drive.limits == (30.0, 30.0)
     assert set(drive.listens_to) == {(0x120, False), (0x121, False), (0x130, False)}
 
 
-def test_with_an_imu_its_axes_come_after_the_wheels(moving: Bench) -> None:
-    assert list(moving.driver.signals.items()) == list({**WHEELS, **IMU}.items())
+def test_with_an_imu_its_axes_come_after_the_wheels_and_the_supply_last(moving: Bench) -> None:
+    assert list(moving.driver.signals.items()) == list({**WHEELS, **IMU, **SUPPLY}.items())
     expected = {(frame_id, False) for frame_id in (0x120, 0x121, 0x122, 0x123, 0x130)}
     assert set(moving.driver.listens_to) == expected
 
@@ -118,37 +119,37 @@ def test_starting_sends_zero_disabled_and_then_the_watchdog(bench: Bench) -> Non
 
 def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(moving: Bench) -> None:
     readings = moving.driver.read()
-    assert readings.values == (0.0,) * 10
-    assert readings.ages == (math.inf,) * 10
-    assert readings.valid == (False,) * 10
+    assert readings.values == (0.0,) * 11
+    assert readings.ages == (math.inf,) * 11
+    assert readings.valid == (False,) * 11
     assert moving.driver.faults() == ()
 
 
 def test_each_wheel_has_its_own_values_ages_and_validity(bench: Bench) -> None:
     bench.tell(FrameId.LEFT_WHEEL, Wheel(9.0, 9.0))
     bench.tell(FrameId.LEFT_WHEEL, Wheel(1.5, -2.25))
-    bench.now_ns += 31 * MS
+    bench.now_ns += 51 * MS
     bench.tell(FrameId.RIGHT_WHEEL, Wheel(-3.5, 4.75))
     bench.now_ns += 2 * MS
 
     readings = bench.driver.read()
 
-    assert readings.values == pytest.approx((1.5, -2.25, -3.5, 4.75))
-    assert readings.ages == pytest.approx((0.033, 0.033, 0.002, 0.002))
-    assert readings.valid == (False, False, True, True)
+    assert readings.values[:4] == pytest.approx((1.5, -2.25, -3.5, 4.75))
+    assert readings.ages[:4] == pytest.approx((0.053, 0.053, 0.002, 0.002))
+    assert readings.valid == (False, False, True, True, False)
 
 
 def test_gyro_and_acceleration_have_their_own_values_ages_and_validity(moving: Bench) -> None:
     moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.125, -0.25, 0.5))
-    moving.now_ns += 31 * MS
+    moving.now_ns += 51 * MS
     moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(-1.5, 2.5, 9.805))
     moving.now_ns += 1 * MS
 
     readings = moving.driver.read()
 
-    assert readings.values[4:] == pytest.approx((0.125, -0.25, 0.5, -1.5, 2.5, 9.805))
-    assert readings.ages[4:] == pytest.approx((0.032,) * 3 + (0.001,) * 3)
-    assert readings.valid == (False,) * 7 + (True,) * 3
+    assert readings.values[4:10] == pytest.approx((0.125, -0.25, 0.5, -1.5, 2.5, 9.805))
+    assert readings.ages[4:10] == pytest.approx((0.052,) * 3 + (0.001,) * 3)
+    assert readings.valid == (False,) * 7 + (True,) * 3 + (False,)
 
 
 def test_what_is_measured_is_stale_after_three_periods_of_the_loop(moving: Bench) -> None:
@@ -157,9 +158,9 @@ def test_what_is_measured_is_stale_after_three_periods_of_the_loop(moving: Bench
     moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0))
     moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 0.0))
     moving.now_ns += 30 * MS
-    assert moving.driver.read().valid == (True,) * 10
+    assert moving.driver.read().valid[:10] == (True,) * 10
     moving.now_ns += 1
-    assert moving.driver.read().valid == (False,) * 10
+    assert moving.driver.read().valid[:10] == (False,) * 10
 
 
 def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_frame(link: Link) -> None:
@@ -173,9 +174,25 @@ def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_fra
     ):
         driver.take(Frame(frame_id, encode(frame_id, payload, 0), 0))
     now_ns = 15 * MS
-    assert driver.read().valid == (True,) * 10
+    assert driver.read().valid[:10] == (True,) * 10
     now_ns += 1
-    assert driver.read().valid == (False,) * 10
+    assert driver.read().valid[:10] == (False,) * 10
+
+
+def test_the_supply_is_the_statuss_and_valid_for_a_second(bench: Bench) -> None:
+    assert bench.tell(FrameId.BOARD_STATUS, READY._replace(bus_voltage=24.5))
+    bench.now_ns += 1_000 * MS
+    readings = bench.driver.read()
+    assert (readings.values[-1], readings.ages[-1], readings.valid[-1]) == pytest.approx((24.5, 1.0, True))
+    assert bench.driver.obstacles(), "the state that came with it is too old for more than that"
+    bench.now_ns += 1
+    assert bench.driver.read().valid[-1] is False
+
+
+def test_a_supply_that_is_not_told_any_more_is_no_fault_of_its_own(bench: Bench) -> None:
+    bench.enable()
+    bench.now_ns += 2_000 * MS
+    assert bench.driver.faults() == ("the wheel board's status is too old: 2000 ms",)
 
 
 def test_a_value_is_as_old_as_its_frame_and_not_as_its_reading(bench: Bench) -> None:
@@ -244,7 +261,7 @@ def test_no_identifier_and_length_that_is_not_listened_to_changes_anything(
 
 def test_without_an_imu_its_frames_are_somebody_elses(bench: Bench) -> None:
     assert not bench.tell(FrameId.IMU_GYRO, AngularVelocity(1.0, 1.0, 1.0))
-    assert len(bench.driver.read().values) == 4
+    assert len(bench.driver.read().values) == 5
     assert not [name for name in bench.driver.health if name.startswith("refused.")]
 
 

@@ -1,0 +1,38 @@
+"""A report as a web page of its own, which loads nothing from elsewhere."""
+
+import importlib.resources
+from collections.abc import Iterable, Mapping
+from html import escape
+
+
+def page(title: str, introduction: str, sections: Iterable[str]) -> str:
+    """A complete HTML page, with its style sheet in it.
+
+    Args:
+        title: What it is called.
+        introduction: What the reader is to know first.
+        sections: Its sections, as HTML; see `section`.
+    """
+    css = importlib.resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n<main>\n"
+        f"<h1>{escape(title)}</h1>\n<p>{escape(introduction)}</p>\n{''.join(sections)}</main>\n</body>\n</html>\n"
+    )
+
+
+def section(title: str, content: str) -> str:
+    """A section of a page; its content is HTML."""
+    return f"<section>\n<h2>{escape(title)}</h2>\n{content}</section>\n"
+
+
+def wide(label: str, content: str) -> str:
+    """Content, as HTML, that scrolls by itself where the screen is narrow; screen readers say its label."""
+    return f'<div class="wide" role="region" aria-label="{escape(label)}" tabindex="0">\n{content}</div>\n'
+
+
+def pairs(texts: Mapping[str, str]) -> str:
+    """Names and texts as an HTML list, one pair a line."""
+    items = "".join(f"<dt>{escape(name)}</dt>\n<dd>{escape(text)}</dd>\n" for name, text in texts.items())
+    return f"<dl>\n{items}</dl>\n"

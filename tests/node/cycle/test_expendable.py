@@ -1,0 +1,92 @@
+"""A recorder that fails, in whatever it is called for, neither ends nor stops the robot."""
+
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from node.cycle.expendable import ExpendableRecorder
+from node.cycle.loop import Loop
+from node.cycle.seams import CycleRecord
+from node.cycle.status import Status
+from node.errors import RecordingError
+from node.safety.modes import Mode
+from node.testing import Bench
+
+
+class Disk:
+    """A recorder that raises in some of its methods, and counts the calls."""
+
+    def __init__(self, fails: Sequence[str], error: Exception) -> None:
+        self.fails = fails
+        self.error = error
+        self.calls: list[str] = []
+
+    def write(self, record: CycleRecord) -> None:
+        del record
+        self.call("write")
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        del stamp_ns, statuses
+        self.call("write_diagnostics")
+
+    def close(self) -> None:
+        self.call("close")
+
+    def call(self, method: str) -> None:
+        self.calls.append(method)
+        if method in self.fails:
+            raise self.error
+
+
+def loop_with(bench: Bench, disk: Disk) -> Loop:
+    return Loop(
+        cycle=bench.cycle,
+        clock=bench.clock,
+        stage=bench.stage,
+        recorder=disk,
+        period_ns=bench.period_ns,
+        robot_name="bench",
+    )
+
+
+ERRORS = [RecordingError("the disk is full"), OSError("the disk is full"), ValueError("the disk is full")]
+
+
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize(
+    "fails", [["write"], ["write_diagnostics"], ["close"], ["write", "write_diagnostics", "close"]]
+)
+def test_the_robot_drives_on_and_says_it_once(
+    make_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture, error: Exception, fails: list[str]
+) -> None:
+    bench, disk = make_bench(), Disk(fails, error)
+    with caplog.at_level(logging.WARNING):
+        loop_with(bench, disk).run(cycles=350)
+    assert bench.loop.modes.mode is Mode.ARMED
+    assert len(bench.hardware.sent) == 351
+    assert bench.journal[-4:] == ["disarm", "final", "close", "stage closed"]
+    said = [record.getMessage() for record in caplog.records if "recording" in record.getMessage()]
+    assert said == [f"recording has ended: {type(error).__name__}: the disk is full"]
+
+
+def test_nothing_more_is_given_to_one_that_failed_but_it_is_closed(make_bench: Callable[..., Bench]) -> None:
+    bench, disk = make_bench(), Disk(["write_diagnostics"], OSError("gone"))
+    loop_with(bench, disk).run(cycles=250)
+    writes = disk.calls.count("write")
+    assert disk.calls == ["write"] * writes + ["write_diagnostics", "close"]
+    assert 100 <= writes < 120, "the first diagnostics come after a second"
+
+
+def test_one_that_does_not_fail_is_given_everything(make_bench: Callable[..., Bench]) -> None:
+    bench, disk = make_bench(), Disk([], OSError("gone"))
+    loop_with(bench, disk).run(cycles=250)
+    assert (disk.calls.count("write"), disk.calls.count("write_diagnostics"), disk.calls[-1]) == (250, 2, "close")
+
+
+def test_what_ends_the_process_is_not_held_up() -> None:
+    disk = Disk(["close"], RuntimeError("never mind"))
+    disk.error = KeyboardInterrupt()  # type: ignore[assignment] # not an Exception, which is the point
+    with pytest.raises(KeyboardInterrupt):
+        ExpendableRecorder(disk, deque()).close()
