@@ -31,7 +31,7 @@ def test_the_packaged_robot_is_on_two_controllers() -> None:
     hardware = load_robot("cart-vesc").hardware
     assert isinstance(hardware, VescSettings)
     assert (hardware.left.controller_id, hardware.right.controller_id) == (1, 2)
-    assert (hardware.timeout_set_s, hardware.status_rate_hz, hardware.serial) == (0.05, 200.0, None)
+    assert (hardware.timeout_set_s, hardware.status_rate_hz, hardware.serial) == (0.03, 200.0, None)
     assert hardware.right.direction == -1
 
 
