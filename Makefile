@@ -7,7 +7,8 @@
 VENV := .venv
 # Tests that no load can disturb, which run side by side.
 TIMELESS := tests/firmware_io tests/kernel tests/hil/devices tests/hil/plants tests/hil/faults tests/node/native \
-	tests/node/model tests/node/models tests/node/control tests/node/cycle tests/node/safety tests/node/campaign
+	tests/node/model tests/node/models tests/node/control tests/node/cycle tests/node/safety tests/node/campaign \
+	tests/node/recording tests/node/replay tests/node/support tests/node/supervisor/page tests/node/supervisor/web
 READY := $(VENV)/.ready
 
 .PHONY: run test lint prove coverage bench clean

@@ -171,6 +171,7 @@ class Assembly:
             tuple(fault for drive in self._drives for fault in drive.faults()),
             all(drive.is_enabled for drive in self._drives),
             events,
+            not self._armed and all(drive.is_off for drive in self._drives),
         )
 
     def _is_patient_with(self, device: Sensor) -> bool:

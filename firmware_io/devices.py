@@ -75,6 +75,13 @@ class Drive(Sensor, Protocol):
     def is_enabled(self) -> bool:
         """Whether the drive has confirmed that its motors follow commands."""
 
+    @property
+    def is_off(self) -> bool:
+        """Whether the drive itself says that its motors are off.
+
+        By its newest word, fresh, and heard after it was last told to switch off; False where it says nothing.
+        """
+
     def enable(self) -> None:
         """Begin to switch the motors on, through the drive's own states; zero is sent until it confirms."""
 

@@ -18,6 +18,8 @@ class Sensors:
         faults: What the drives report against themselves; empty while all is well.
         ready: Whether every motor follows commands; False while the drives are off or pass through their states.
         events: What happened to the links since the last snapshot, for people.
+        off: Whether every drive itself says that its motors are off; False where one says otherwise or nothing, and
+            while they are asked to be on.
     """
 
     values: tuple[float, ...] = ()
@@ -26,6 +28,7 @@ class Sensors:
     faults: tuple[str, ...] = ()
     ready: bool = True
     events: tuple[str, ...] = ()
+    off: bool = True
 
 
 class Hardware(Protocol):

@@ -10,7 +10,7 @@ from firmware_io.build import HardwareSettings
 from firmware_io.section import Section
 from node.documents import decode_yaml
 from node.errors import ConfigurationError
-from node.safety.settings import SafetySettings
+from node.safety.settings import SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
@@ -99,6 +99,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
         actuate: When commands leave: in the next cycle's exchange, without jitter, or as soon as they are limited.
         setpoint: How set-points are taken.
         safety: What is watched, beyond what always is; nothing where it is left out.
+        station: What the robot does when the base station falls silent; nothing where it is left out.
         ros: Names in ROS.
         simulation: The simulated plant, where there is one.
     """
@@ -111,6 +112,7 @@ class RobotFile(Section, frozen=True, kw_only=True):
     actuate: Literal["next_cycle", "immediately"] = "next_cycle"
     setpoint: SetpointSection = SetpointSection()
     safety: SafetySettings | None = None
+    station: StationSettings | None = None
     ros: RosSection = RosSection()
     simulation: SimulationSection | None = None
 

@@ -17,6 +17,7 @@ from node.cycle.wiring import Wiring, wire
 from node.errors import ConfigurationError
 from node.model.load import load_model
 from node.model.model import Model
+from node.safety.station import sit_down_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +35,9 @@ class Robot:
         """The period of the loop: one step of the model."""
         return round(self.model.step_size * NS_PER_S)
 
-    def loop(self, stage: Stage, recorder: Recorder) -> Loop:
-        """The loop of this robot in the world of `stage`, kept by `recorder`."""
-        cycle = Cycle(
+    def cycle(self, stage: Stage, recorder: Recorder) -> Cycle:
+        """The cycle of this robot in the world of `stage`, kept by `recorder`."""
+        return Cycle(
             model=self.model,
             hardware=self.hardware,
             wiring=self.wiring,
@@ -48,9 +49,13 @@ class Robot:
             arm_at_start=self.file.arming == "at_start",
             actuate_immediately=self.file.actuate == "immediately",
             safety=self.file.safety,
+            station=self.file.station,
         )
+
+    def loop(self, stage: Stage, recorder: Recorder) -> Loop:
+        """The loop of this robot in the world of `stage`, kept by `recorder`."""
         return Loop(
-            cycle=cycle,
+            cycle=self.cycle(stage, recorder),
             clock=self.clock,
             stage=stage,
             recorder=recorder,
@@ -79,11 +84,14 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
     Raises:
         ModelError: The model cannot be loaded.
         ConfigurationError: The wiring does not fit.
+        UnknownNameError: The wiring, or sitting down, names what is not there.
     """
     section = file.model
     model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
     hardware = _hardware(file, model.step_size, clock, link)
-    return Robot(file, model, hardware, wire(model, hardware, file.wiring), clock)
+    wiring = wire(model, hardware, file.wiring)
+    sit_down_values(file.station, wiring.set_names)  # so that a wrong name is told before anything is opened
+    return Robot(file, model, hardware, wiring, clock)
 
 
 def clocks_of(clock: Clock) -> Clocks:

@@ -17,14 +17,14 @@ from firmware_io.hardware import Sensors
 from node.cycle.clock import NS_PER_S
 from node.cycle.cycle import Cycle
 from node.cycle.loop import Loop
-from node.cycle.seams import CycleRecord, Inbox, Report, Request, StampedSetpoint
+from node.cycle.seams import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from node.cycle.setpoints import Setpoint, SetpointSchedule
 from node.cycle.status import Status
 from node.cycle.time_base import TimeBase
 from node.cycle.wiring import wire
 from node.model.model import Model
 from node.safety.modes import Action, Answer
-from node.safety.settings import SafetySettings
+from node.safety.settings import SafetySettings, StationSettings
 
 START_NS: Final = 1_000_000_000
 """What a scripted clock reads at first, monotonic."""
@@ -187,6 +187,14 @@ class ScriptedStage:
         """Let a request arrive in a cycle."""
         self._inboxes[cycle].requests.append(Request(action, self.answers.append))
 
+    def beat(self, cycle: int, station: str = "base", stamp_ns: int = 0) -> None:
+        """Let a base station's heartbeat arrive in a cycle."""
+        self._inboxes[cycle].stations.append(Heartbeat(station, stamp_ns))
+
+    def set_value(self, cycle: int, place: int, value: float) -> None:
+        """Let a value be set in a cycle: its place in the wiring's `set_names`, and what it is to be."""
+        self._inboxes[cycle].values.append(SetValue(place, value))
+
     def take(self) -> Inbox:
         """What the script holds for this cycle."""
         self.journal.append("take")
@@ -271,6 +279,7 @@ class Bench:
         actuate_immediately: bool = False,
         setpoints: SetpointLimits | None = None,
         safety: SafetySettings | None = None,
+        station: StationSettings | None = None,
     ) -> None:
         """Join a model to hardware; the hardware's journal becomes that of the bench."""
         self.journal = hardware.journal
@@ -291,6 +300,7 @@ class Bench:
             arm_at_start=arm_at_start,
             actuate_immediately=actuate_immediately,
             safety=safety,
+            station=station,
         )
         self.loop = Loop(
             cycle=self.cycle,

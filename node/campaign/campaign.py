@@ -4,17 +4,23 @@ import contextlib
 import logging
 import multiprocessing
 import signal
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from node.campaign.result import Result
 from node.campaign.run import run_scenario
 from node.campaign.scenario import Scenario, Trial
+from node.replay.replay import replay
 
 OnProgress = Callable[[int, int], None]
 """Called with how many runs are done, and of how many."""
 
+REPLAY: Final = "replay: "
+"""How it begins when a result says that a replay was not identical."""
 _CHUNK: Final = 4
 
 
@@ -34,20 +40,23 @@ def trials_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = Non
     ]
 
 
-def run_campaign(trials: Sequence[Trial], jobs: int, on_progress: OnProgress) -> list[Result]:
+def run_campaign(
+    trials: Sequence[Trial], jobs: int, on_progress: OnProgress, *, replayed: bool = False
+) -> list[Result]:
     """Run trials; the results are in their order, and the same bits whatever `jobs` is.
 
     Args:
         trials: What to run.
         jobs: How many processes run at a time; 1 for this one alone.
         on_progress: Called after each run.
+        replayed: Whether each run is also recorded and replayed, and has to be identical.
 
     Raises:
         ConfigurationError: A robot or a parameter does not fit.
         ModelError: A parameter is unknown.
     """
     results = []
-    with _runs(trials, jobs) as runs:
+    with _runs(run_and_replay if replayed else run_trial, trials, jobs) as runs:
         for result in runs:
             results.append(result)
             on_progress(len(results), len(trials))
@@ -55,13 +64,13 @@ def run_campaign(trials: Sequence[Trial], jobs: int, on_progress: OnProgress) ->
 
 
 @contextlib.contextmanager
-def _runs(trials: Sequence[Trial], jobs: int) -> Iterator[Iterator[Result]]:
+def _runs(run: Callable[[Trial], Result], trials: Sequence[Trial], jobs: int) -> Iterator[Iterator[Result]]:
     if jobs == 1:
-        yield map(run_trial, trials)
+        yield map(run, trials)
         return
     # Processes of their own from the beginning: what this one has open or locked is not theirs.
     with multiprocessing.get_context("spawn").Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
-        yield pool.imap(run_trial, trials, _CHUNK)
+        yield pool.imap(run, trials, _CHUNK)
 
 
 def _leave_ctrl_c_to_the_parent() -> None:
@@ -77,3 +86,15 @@ def run_trial(trial: Trial, log: Path | None = None) -> Result:
         return run_scenario(trial, log)
     finally:
         logger.setLevel(level)
+
+
+def run_and_replay(trial: Trial) -> Result:
+    """Run one trial, record it, and replay the log; a replay that is not identical is not as declared."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.mcap"
+        result = run_trial(trial, log)
+        outcome = replay(log)
+    if outcome.is_identical and outcome.gap is None:
+        return result
+    why = f"{REPLAY}{outcome.difference or outcome.gap or 'the log holds no cycle'}"
+    return msgspec.structs.replace(result, why_not=(*result.why_not, why))

@@ -31,6 +31,7 @@ from node.config import NoHardwareSection, RobotFile, load_robot
 from node.cycle.seams import NoRecorder, Recorder
 from node.errors import ConfigurationError, NodeError
 from node.recording.cycle_log import CycleLog, layout_of
+from node.recording.provenance import provenance_of
 from node.robot import Robot, build_robot, clocks_of
 from node.safety.modes import Mode
 from node.sequence.manoeuvre import Manoeuvre
@@ -203,7 +204,11 @@ class _Bench:
         self._rig.attach(self._simulated, observe)
 
     def _recorder(self) -> Recorder:
-        return NoRecorder() if self._job.log is None else CycleLog(self._job.log, layout_of(self._robot))
+        return (
+            NoRecorder()
+            if self._job.log is None
+            else CycleLog(self._job.log, layout_of(self._robot), provenance_of(self._file))
+        )
 
 
 def _robot_file(job: _Job) -> RobotFile:

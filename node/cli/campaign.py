@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from node.campaign.campaign import run_campaign, trials_of
+from node.campaign.campaign import REPLAY, run_campaign, trials_of
 from node.campaign.progress import show_progress
 from node.campaign.report import render
 from node.campaign.result import Result
@@ -27,6 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=int, default=_cores(), metavar="N", help="processes at a time (default: cores)")
     parser.add_argument("--seeds", type=int, metavar="N", help="run seeds 0 to N-1 of each instead of its own")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="write campaign.html and campaign.json there")
+    parser.add_argument(
+        "--replay", action="store_true", help="record each run too, replay its log, and ask that it be identical"
+    )
     add_json(parser)
 
 
@@ -39,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     trials = trials_of(list(load_all(options.files)), options.seeds)
     begun_s = time.monotonic()
     with show_progress(len(trials)) as on_progress:
-        results = run_campaign(trials, min(options.jobs, len(trials)), on_progress)
+        results = run_campaign(trials, min(options.jobs, len(trials)), on_progress, replayed=options.replay)
     took_s = time.monotonic() - begun_s
     document = {"as_declared": all(r.is_as_declared for r in results), "runs": [_row(result) for result in results]}
     if options.out is not None:
@@ -48,8 +51,14 @@ def run(options: argparse.Namespace) -> int:
         print_json(document)
     else:
         sys.stdout.write(table(results))
+    if options.replay:
+        sys.stderr.write(f"segway-ecc: {_identical(results)} of {len(results)} replays are identical to the last bit\n")
     sys.stderr.write(f"segway-ecc: {len(results)} runs in {took_s:.1f} s\n")
     return 0 if document["as_declared"] else _NOT_AS_DECLARED
+
+
+def _identical(results: Sequence[Result]) -> int:
+    return sum(not any(why.startswith(REPLAY) for why in result.why_not) for result in results)
 
 
 def _row(result: Result) -> dict[str, object]:

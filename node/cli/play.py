@@ -115,7 +115,7 @@ def _stage(
     if options.ros is not False and not missing_packages():
         ros = robot.file.ros
         node = stack.enter_context(ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True))
-        behind, rig.has_ros = RosStage(node, ros, robot.wiring, robot.model), True
+        behind, rig.has_ros = RosStage(node, ros, robot.wiring, robot.model, robot.file.name), True
     return PlayStage(behind, terminal, rig, robot)
 
 

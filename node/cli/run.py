@@ -25,7 +25,9 @@ from node.cycle.loop import Loop
 from node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
 from node.errors import ConfigurationError, RobotLostError
 from node.logs import messages
-from node.recording.cycle_log import layout_of
+from node.recording.bounds import MB, Bounds
+from node.recording.layout import layout_of
+from node.recording.provenance import provenance_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot, build_robot
 from node.ros.runtime import missing_packages, require_ros, ros_node
@@ -35,6 +37,9 @@ from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
 
 _LONGEST_S: Final = 1e9
+_SMALLEST_LOG_MB: Final = 1.0
+_LARGEST_LOG_MB: Final = 1e7
+_FILES_AT_LEAST: Final = 4
 _logger = logging.getLogger(__name__)
 
 
@@ -49,6 +54,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     log = parser.add_mutually_exclusive_group()
     log.add_argument("--log", type=Path, metavar="FILE", help="where the MCAP log goes")
     log.add_argument("--no-log", action="store_true", help="keep no log")
+    parser.add_argument(
+        "--log-limit",
+        type=float,
+        default=Bounds().total_bytes / MB,
+        metavar="MB",
+        help="room for logs; the oldest is removed first (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--log-file-size",
+        type=float,
+        metavar="MB",
+        help=f"size at which the next file of a log begins (default: {Bounds().file_bytes / MB:g}; a quarter at most)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -81,7 +99,7 @@ def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
     elif _with_ros(wanted=options.ros):
         ros = robot.file.ros
         with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
-            yield RosStage(node, ros, robot.wiring, robot.model)
+            yield RosStage(node, ros, robot.wiring, robot.model, robot.file.name)
     else:
         yield NoStage()
 
@@ -99,8 +117,22 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     if options.no_log:
         return NoRecorder()
     path = options.log or default_log(robot.file.name)
+    bounds = _bounds(options)
     _logger.info("log: %s", path)
-    return ProcessRecorder(path, layout_of(robot), {"robot.yaml": read_text(options.robot)})
+    return ProcessRecorder(path, layout_of(robot), provenance_of(robot.file, read_text(options.robot)), bounds)
+
+
+def _bounds(options: argparse.Namespace) -> Bounds:
+    total, one = options.log_limit, options.log_file_size
+    if one is None:  # so that removing the oldest file never takes nearly all there is
+        one = max(min(Bounds().file_bytes / MB, total / _FILES_AT_LEAST), _SMALLEST_LOG_MB)
+    if not _SMALLEST_LOG_MB <= one <= total <= _LARGEST_LOG_MB:
+        raise ConfigurationError(
+            f"--log-file-size must be {_SMALLEST_LOG_MB:g} MB at least and --log-limit no less, "
+            f"not {one:g} MB and {total:g} MB"
+        )
+    # Every log in the folder that is ours may go; beside a file that the user named, only parts of this run may.
+    return Bounds(round(total * MB), round(one * MB), is_own_folder=options.log is None)
 
 
 def _played(stage: Stage) -> dict[str, int | None] | None:

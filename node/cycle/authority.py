@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from firmware_io.errors import ArmingRefusedError
 from firmware_io.hardware import Hardware
+from node.cycle.seams import HardwareAnswer
 from node.cycle.setpoints import SetpointSchedule
 from node.safety.checklist import Evaluate, no_checklist, obstacles
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
@@ -20,6 +21,7 @@ class Authority:
         modes: What the robot is allowed to do, and why.
         arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
         checklist: Goes through what must hold before the drives are asked to arm.
+        answers: What the hardware answered in the present cycle, where that decides; whoever runs the cycles clears it.
     """
 
     def __init__(
@@ -34,6 +36,7 @@ class Authority:
         self.modes = Modes()
         self.arming_obstacle: str | None = None
         self.checklist = checklist
+        self.answers: list[HardwareAnswer] = []
         self._hardware = hardware
         self._schedule = schedule
         self._arm_pending = arm_at_start
@@ -44,6 +47,11 @@ class Authority:
     def is_active(self) -> bool:
         """Whether commands may reach the motors."""
         return self.modes.mode in ACTIVE
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the drives were asked to arm and have not been disarmed since."""
+        return self._live
 
     def act(self, action: Action, reply: Reply) -> None:
         """Carry out what an operator asks, or refuse it.
@@ -66,15 +74,25 @@ class Authority:
         if self._arm_pending and self._waiting is None:
             self.act(Action.ARM, self._note)
 
-    def observe(self, faults: Sequence[str], *, ready: bool, setpoints_silent: bool) -> None:
-        """Look at this cycle's faults, whether the drives follow commands, and the set-points."""
+    def observe(
+        self, faults: Sequence[str], *, ready: bool, setpoints_silent: bool, station_lost: bool = False
+    ) -> None:
+        """Look at this cycle's faults, whether the drives follow commands, the set-points and the base station."""
         if self._waiting is not None:
             if faults:
                 self._give_up("; ".join(faults))
             elif ready:
                 self._answer(self.modes.ask(Action.ARM))
-        self.modes.observe(faults, setpoints_silent=setpoints_silent)
+        self.modes.observe(faults, setpoints_silent=setpoints_silent, station_lost=station_lost)
         self._settle()
+
+    def disarm(self, reason: str) -> None:
+        """Switch the motors off, or break the arming off, by the robot's own decision; a fault stays one."""
+        if self._live:
+            self._give_up(reason)
+            self._arm_pending = False
+            self.modes.disarm(reason)
+            self._settle()
 
     def fail(self, reason: str) -> None:
         """Enter FAULT at once, from any mode."""
@@ -96,6 +114,7 @@ class Authority:
         try:
             self._hardware.arm()
         except ArmingRefusedError as error:
+            self.answers.append(HardwareAnswer("arm", error.reasons))
             reply(self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and does not say why",)))
             return
         self._live = True

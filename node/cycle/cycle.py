@@ -11,8 +11,9 @@ from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.clock import Clock
-from node.cycle.seams import CycleRecord, Recorder, Report, Request, Stage, StampedSetpoint
+from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
+from node.cycle.supervision import Supervision
 from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram
 from node.cycle.wiring import Wiring
@@ -22,7 +23,7 @@ from node.safety.checklist import Item, drives_item
 from node.safety.limits import not_finite
 from node.safety.modes import Mode
 from node.safety.monitor import SafetyMonitor
-from node.safety.settings import NOTHING_WATCHED, SafetySettings
+from node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
 from node.safety.slew import Restraint
 
 PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
@@ -58,11 +59,13 @@ class Cycle:
         arm_at_start: bool,
         actuate_immediately: bool,
         safety: SafetySettings | None = None,
+        station: StationSettings | None = None,
     ) -> None:
         """Join the parts; nothing is opened yet.
 
         Raises:
             ConfigurationError: `safety` asks for a check of a signal that the hardware does not measure.
+            UnknownNameError: `station` sets a value that is not wired.
         """
         self.authority = Authority(hardware, schedule, arm_at_start=arm_at_start, checklist=self._checklist)
         self.schedule = schedule
@@ -88,11 +91,14 @@ class Cycle:
         self._set_values = list(wiring.set_values)
         self._applied: StampedSetpoint | None = None
         self._told: Setpoint | None = None
+        self._initial: Sensors | None = None
+        self._supervision = Supervision(station, wiring.set_names, self.authority, period_ns)
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations."""
         self.hardware.open()
-        self._initialize(self.hardware.exchange(self._zero))
+        self._initial = self.hardware.exchange(self._zero)
+        self._initialize(self._initial)
 
     def run(self, cycle: int, lateness_ns: int) -> None:
         """Run cycle number `cycle`, which started `lateness_ns` after its deadline.
@@ -103,6 +109,7 @@ class Cycle:
         now_ns = self._clock.now_ns
         start_ns = now_ns()
         self.authority.modes.cycle = cycle
+        self.authority.answers = []
         sensors = self._exchange(None if self._immediately else self._commands)
         exchanged_ns = now_ns()
         self.sensors = sensors
@@ -110,15 +117,15 @@ class Cycle:
         inbox = self._stage.take()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
-        topics = [self._model.read(variable) for variable in self._wiring.topics.values()]
-        self._stage.publish(Report(stamp_ns, self.authority.modes.mode, published, self._applied, topics))
+        self._supervision.hear(inbox.stations, exchanged_ns)
+        self._stage.publish(self._report(cycle, stamp_ns, published, exchanged_ns))
         published_ns = now_ns()
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
         for setpoint, for_ns in inbox.setpoints:
             self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
         for place, value in inbox.values:
             self._receive_value(place, value)
-        setpoint = self._decide(cycle, inbox.requests, sensors)
+        setpoint = self._decide(cycle, inbox, sensors)
         self._told = setpoint if self.authority.is_active else None
         self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
         decided_ns = now_ns()
@@ -146,8 +153,13 @@ class Cycle:
                 self._commands,
                 published,
                 durations_ns,
+                start_ns,
+                inbox,
+                self.authority.answers,
+                self._initial,
             )
         )
+        self._initial = None
         end_ns = now_ns()
         whole_ns = (*durations_ns, end_ns - limited_ns, end_ns - start_ns)
         for histogram, duration_ns in zip(self._timed, whole_ns, strict=True):
@@ -174,13 +186,14 @@ class Cycle:
         except Exception as error:  # the model is the user's and may raise anything
             raise _model_failed(error, "in its final equations") from error
 
-    def _exchange(self, commands: Sequence[float] | None) -> Sensors:
+    def _exchange(self, commands: Sequence[float] | None, *, is_first: bool = True) -> Sensors:
         try:
             return self.hardware.exchange(commands)
         except LinkLostError as error:
+            self.authority.answers.append(HardwareAnswer("exchange" if is_first else "send", (str(error),)))
             self.authority.fail(str(error))
             count = len(self._signal_names)
-            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False)
+            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
 
     def _receive(self, setpoint: Setpoint, for_cycle: int, cycle: int) -> None:
         if self.authority.is_active:
@@ -194,8 +207,24 @@ class Cycle:
         else:
             self.schedule.refuse(SetpointRefusal.NOT_FINITE)
 
-    def _decide(self, cycle: int, requests: Sequence[Request], sensors: Sensors) -> Setpoint:
-        for request in requests:
+    def _report(self, cycle: int, stamp_ns: int, published: Sequence[float], now_ns: int) -> Report:
+        modes, supervision = self.authority.modes, self._supervision
+        return Report(
+            stamp_ns=stamp_ns,
+            mode=modes.mode,
+            values=published,
+            applied=self._applied,
+            topics=[self._model.read(variable) for variable in self._wiring.topics.values()],
+            reason=modes.reason,
+            cycle=cycle,
+            drives="none" if not self._zero else _drives(self.sensors),
+            is_zero=not any(self._commands),
+            heartbeat=supervision.heartbeat,
+            heartbeat_age_ns=now_ns - supervision.heard_ns,
+        )
+
+    def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:
+        for request in inbox.requests:
             self.authority.act(request.action, request.answer)
         if not_finite(self._y) is not None and self.authority.modes.mode is Mode.DISARMED:
             # The fault was cleared; what is not finite stays so until the model starts anew.
@@ -203,7 +232,8 @@ class Cycle:
         self.authority.arm_itself()
         setpoint = self.schedule.due(cycle)
         silent = self.schedule.is_silent(cycle) and setpoint != REST
-        self.authority.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent)
+        lost = self._supervision.look(cycle, self._set_values, self.events, is_heard=bool(inbox.stations))
+        self.authority.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
         return setpoint if self.authority.modes.mode is Mode.ARMED else REST
 
     def _faults(self, sensors: Sensors) -> list[str]:
@@ -218,7 +248,11 @@ class Cycle:
         """Go through the checklist with the newest snapshot."""
         sensors = self.sensors
         items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=_has_real_time())
-        return [drives_item(self.hardware.obstacles()), *items]
+        if not self.hardware.commands:  # a robot that is all model has no drives to ask
+            return items
+        reasons = self.hardware.obstacles()
+        self.authority.answers.append(HardwareAnswer("obstacles", tuple(reasons)))
+        return [drives_item(reasons), *items]
 
     def _initialize(self, sensors: Sensors) -> None:
         try:
@@ -245,7 +279,12 @@ class Cycle:
         else:
             self._commands = self._zero
         if self._immediately:
-            self._exchange(self._commands)
+            self._exchange(self._commands, is_first=False)
+
+
+def _drives(sensors: Sensors) -> str:
+    """What the drives do, as the topic `mode` tells it; off is only what each of them says itself."""
+    return "on" if sensors.ready else "off" if sensors.off else "unconfirmed"
 
 
 def _has_real_time() -> bool:

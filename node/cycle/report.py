@@ -12,6 +12,9 @@ from node.cycle.time_base import TimeBase
 from node.cycle.timing import Histogram, Summary
 from node.safety.modes import Mode
 
+MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
+"""How bad a mode is; any other is fine."""
+
 MODE_SUFFIX: Final = ": mode"
 """How the name of the status ends that tells the robot's mode; its values: `mode`, `reason`, each `check.<name>`."""
 
@@ -86,7 +89,7 @@ class DiagnosticReport:
 
     def _mode(self) -> Status:
         modes = self._cycle.authority.modes
-        level = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}.get(modes.mode, Level.OK)
+        level = MODE_LEVELS.get(modes.mode, Level.OK)
         checks = {f"check.{item.name}": str(item) for item in self._cycle.authority.checklist()}
         values = {"mode": str(modes.mode), "reason": modes.reason, **checks}
         return Status(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)

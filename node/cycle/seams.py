@@ -24,11 +24,32 @@ class SetValue(NamedTuple):
     value: float
 
 
+class Heartbeat(NamedTuple):
+    """A base station's sign of life: its name, and its own clock, ns, which means nothing here and is only echoed."""
+
+    station: str
+    stamp_ns: int
+
+
 class Request(NamedTuple):
     """Something an operator asks, and where the answer goes."""
 
     action: Action
     answer: Callable[[Answer], None]
+
+
+class Written(NamedTuple):
+    """A parameter or state of the model that somebody has written, between the cycle before and this one."""
+
+    name: str
+    value: float
+
+
+class HardwareAnswer(NamedTuple):
+    """What the hardware answered where that decides: which call it was, and what it had against it."""
+
+    call: str
+    reasons: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -38,6 +59,9 @@ class Inbox:
     setpoints: list[StampedSetpoint] = field(default_factory=list)
     values: list[SetValue] = field(default_factory=list)
     requests: list[Request] = field(default_factory=list)
+    written: list[Written] = field(default_factory=list)
+    stations: list[Heartbeat] = field(default_factory=list)
+    """The newest is the last."""
 
 
 class Report(NamedTuple):
@@ -49,6 +73,13 @@ class Report(NamedTuple):
         values: The published signals, in the order of the wiring.
         applied: The set-point that came into force in the cycle before, with that cycle's stamp; None if none did.
         topics: Values of the variables that are published one by one, in the order of the wiring.
+        reason: Why the robot is in that mode.
+        cycle: The number of the cycle.
+        drives: `on` where every motor follows commands, `off` where every drive itself says that its motors are off,
+            else `unconfirmed`; `none` where there are none.
+        is_zero: Whether the commands that left last were all zero.
+        heartbeat: The newest of a base station; None where none was ever heard.
+        heartbeat_age_ns: How long ago it was heard, ns.
     """
 
     stamp_ns: int
@@ -56,6 +87,12 @@ class Report(NamedTuple):
     values: Sequence[float]
     applied: StampedSetpoint | None
     topics: Sequence[float] = ()
+    reason: str = ""
+    cycle: int = 0
+    drives: str = "none"
+    is_zero: bool = True
+    heartbeat: Heartbeat | None = None
+    heartbeat_age_ns: int = 0
 
 
 class Stage(Protocol):
@@ -86,6 +123,12 @@ class CycleRecord(NamedTuple):
 
     Durations are in ns and in the order of `node.cycle.cycle.PHASES`; the other sequences are in the order of the
     hardware's signals, the model's ports and the hardware's commands.
+
+    Attributes:
+        start_ns: When the cycle started, ns, monotonic.
+        inbox: What arrived in it; None for nothing.
+        answers: What the hardware answered, in order.
+        initial: The snapshot that the model started from, in the first cycle only.
     """
 
     cycle: int
@@ -99,6 +142,10 @@ class CycleRecord(NamedTuple):
     commands: Sequence[float]
     published: Sequence[float]
     durations_ns: Sequence[int]
+    start_ns: int = 0
+    inbox: Inbox | None = None
+    answers: Sequence[HardwareAnswer] = ()
+    initial: Sensors | None = None
 
 
 class Recorder(Protocol):

@@ -1,6 +1,5 @@
 """What can be done to a robot that drives, and what is to come of it."""
 
-import contextlib
 import enum
 import errno
 import os
@@ -19,7 +18,8 @@ from node.drill.parts import Parts, stopped
 from node.drill.stepped_clock import AHEAD, BACK
 
 _ANSWERS_WITHIN_S: Final = 5.0
-_RECORDER_ENDS_WITHIN_S: Final = 30.0
+_RECORDER_NOTICES_WITHIN_S: Final = 30.0
+_RECORDER_SAYS: Final = "recorder: Writing the log "
 LIMIT_S: Final = 0.05
 """Torque must end within this time of a part that died or was cut off."""
 _FROZEN_LIMIT_S: Final = 0.5
@@ -142,8 +142,8 @@ def _fill_disk(parts: Parts, _undo: ExitStack) -> int:
         # What it says goes to a file as well, which must find room.
         size = max(_ROOM_BYTES, *(path.stat().st_size for path in folder.iterdir()))
         resource.prlimit(recorder, resource.RLIMIT_FSIZE, (size, size))
-    deadline = time.monotonic() + _RECORDER_ENDS_WITHIN_S
-    while _lives(recorder):
+    deadline = time.monotonic() + _RECORDER_NOTICES_WITHIN_S
+    while not any(line.startswith(_RECORDER_SAYS) for line in parts.said()):
         if time.monotonic() > deadline:
             raise ProcessFailedError("the recorder did not notice that the disk is full")
         time.sleep(0.02)
@@ -158,13 +158,6 @@ def _fill(path: Path) -> None:
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
-
-
-def _lives(pid: int) -> bool:
-    """Whether a process runs; one that has ended and waits for its parent to notice does not."""
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    return False
 
 
 FAULTS: Final = {

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _ENCAPSULATION: Final = b"\x00\x01\x00\x00"
 _COUNT: Final = struct.Struct("<I")
 _STAMP: Final = struct.Struct("<iI")
+_CYCLE: Final = struct.Struct("<Q")
+_EVENTS_HEAD: Final = struct.Struct("<16xQI")
 _FLOAT64: Final = struct.Struct("<4sd")
 _POINT: Final = struct.Struct("<4s3d")
 
@@ -206,6 +208,40 @@ def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFiel
             _put_text(body, key)
             _put_text(body, value)
     return _ENCAPSULATION + body
+
+
+def cycle_events(stamp_ns: int, cycle: int, texts: Iterable[str]) -> bytes:
+    """Returns a segway_ecc/CycleEvents: time in ns, the number of the cycle, and what happened in it."""
+    listed = tuple(texts)
+    body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
+    _put_text(body, "")
+    _align(body, 8)
+    body += _CYCLE.pack(cycle)
+    _put_count(body, len(listed))
+    for text in listed:
+        _put_text(body, text)
+    return _ENCAPSULATION + body
+
+
+def read_cycle_events(data: bytes) -> tuple[int, list[str]]:
+    """The number of the cycle, and what happened in it, from the bytes that `cycle_events` returned.
+
+    Raises:
+        RecordingError: They are not such bytes.
+    """
+    offset = len(_ENCAPSULATION)
+    try:
+        cycle, count = _EVENTS_HEAD.unpack_from(data, offset)
+        position, texts = _EVENTS_HEAD.size, []
+        for _ in range(count):
+            position += -position % 4
+            (length,) = _COUNT.unpack_from(data, offset + position)
+            position += _COUNT.size
+            texts.append(data[offset + position : offset + position + length - 1].decode())
+            position += length
+    except (struct.error, UnicodeDecodeError) as error:
+        raise RecordingError(f"a message on /cycle_events is damaged: {error}") from error
+    return cycle, texts
 
 
 @lru_cache(maxsize=_LAYOUTS_KEPT)

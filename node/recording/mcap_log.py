@@ -6,7 +6,9 @@ message encoding `cdr`. Units and axes follow REP-103: metres, radians, seconds,
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 from contextlib import suppress
 from io import BufferedIOBase
 from pathlib import Path
@@ -17,6 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from node.errors import RecordingError
 from node.recording import cdr
+from node.recording.bounds import claim
 from node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
@@ -55,6 +58,9 @@ class McapLog:
         joint_names: One name per joint, in the order of `joint_state`'s values.
         chunk_bytes: How many bytes of messages may wait in memory.
 
+    Attributes:
+        size: Of the file when it was flushed last, bytes.
+
     Raises:
         RecordingError: If the file cannot be written.
     """
@@ -74,6 +80,7 @@ class McapLog:
         self._channels: dict[str, tuple[str, int]] = {}
         self._schema_ids: dict[str, int] = {}
         self._last_stamp_ns = 0
+        self.size = 0
         self._stream, self._where, self._owns_stream = _open_stream(target)
         self._open = True
         # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is held up less.
@@ -146,6 +153,23 @@ class McapLog:
         """Logs a diagnostic_msgs/DiagnosticArray of (level, name, message, hardware_id, pairs), as `cdr.Status`."""
         self._write(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
 
+    def add(self, topic: str, type_name: str, definition: str, stamp_ns: int, data: bytes) -> None:
+        """Logs a message that is encoded already, of a type with this `ros2msg` definition."""
+        self._write(topic, type_name, stamp_ns, data, definition)
+
+    def flush(self) -> None:
+        """Finishes the chunk and puts all that was logged onto the disk: no power cut takes it away any more."""
+        self._require_open()
+        try:
+            # The library finishes a chunk by itself only when it is large; a test sees that this goes on working.
+            self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]  # noqa: SLF001 - as said
+            self._stream.flush()
+            if self._owns_stream:
+                self.size = self._stream.tell()
+                _sync(self._stream.fileno())
+        except OSError as error:
+            raise self._failed(error) from error
+
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Puts a file such as the configuration into the log, at the time of the latest message."""
         self._require_open()
@@ -185,11 +209,11 @@ class McapLog:
     ) -> None:
         self.close()
 
-    def _write(self, topic: str, type_name: str, stamp_ns: int, data: bytes) -> None:
+    def _write(self, topic: str, type_name: str, stamp_ns: int, data: bytes, definition: str | None = None) -> None:
         # A bad stamp has to be refused here: the writer would stop halfway through a record and spoil the file.
         cdr.split_stamp(stamp_ns)
         self._require_open()
-        known, channel_id = self._channels.get(topic) or self._register(topic, type_name)
+        known, channel_id = self._channels.get(topic) or self._register(topic, type_name, definition)
         if known != type_name:
             raise RecordingError(
                 f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
@@ -200,10 +224,10 @@ class McapLog:
             raise self._failed(error) from error
         self._last_stamp_ns = stamp_ns
 
-    def _register(self, topic: str, type_name: str) -> tuple[str, int]:
+    def _register(self, topic: str, type_name: str, definition: str | None) -> tuple[str, int]:
         try:
             if type_name not in self._schema_ids:
-                text = SCHEMAS[type_name].encode()
+                text = (definition or SCHEMAS[type_name]).encode()
                 self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
             channel_id = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
         except OSError as error:
@@ -235,11 +259,22 @@ def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes
     path = Path(target)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("wb", buffering=_BUFFER_BYTES), str(path), True
+        stream = path.open("wb", buffering=_BUFFER_BYTES)
     except OSError as error:
         raise RecordingError(
             f"The log {path} cannot be written ({error}): name a file in a directory that this user can write."
         ) from error
+    claim(stream.fileno())
+    return stream, str(path), True
+
+
+def _sync(descriptor: int) -> None:
+    """Puts a file onto the disk, where it is on one."""
+    try:
+        os.fdatasync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a pipe or a device
+            raise
 
 
 def _plain(text: str) -> str:

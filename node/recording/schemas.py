@@ -6,6 +6,8 @@ on, after a line of 80 equal signs and a line `MSG: package/Type`. The fields ar
 Jazzy; lengths are in metres, angles in radians, as REP-103 asks.
 """
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 FLOAT64: Final = "std_msgs/msg/Float64"
@@ -15,6 +17,7 @@ ODOMETRY: Final = "nav_msgs/msg/Odometry"
 IMU: Final = "sensor_msgs/msg/Imu"
 JOINT_STATE: Final = "sensor_msgs/msg/JointState"
 DIAGNOSTIC_ARRAY: Final = "diagnostic_msgs/msg/DiagnosticArray"
+CYCLE_EVENTS: Final = "segway_ecc/msg/CycleEvents"
 
 _SEPARATOR: Final = "=" * 80
 
@@ -69,26 +72,35 @@ _FIELDS: Final[dict[str, tuple[str, ...]]] = {
 }
 
 
-def _dependencies(name: str) -> list[str]:
-    """Returns the types that `name` is built from, each once, in order of first use."""
-    found: dict[str, None] = {}
-    for line in _FIELDS[name]:
-        part = line.split()[0].partition("[")[0]
-        if part in _FIELDS:
-            found.update(dict.fromkeys([part, *_dependencies(part)]))
-    return list(found)
+def definition(lines: Sequence[str], parts: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
+    """The text of a message.
 
-
-def _concatenated(type_name: str) -> str:
-    """Returns the definition of `type_name` and of all it depends on as one text."""
-    name = type_name.replace("/msg/", "/")
-    text = "\n".join(_FIELDS[name]) + "\n"
-    for part in _dependencies(name):
-        text += "\n".join((_SEPARATOR, f"MSG: {part}", *_FIELDS[part])) + "\n"
+    Args:
+        lines: Its fields and constants.
+        parts: Types that it is built from and that ROS 2 does not know, by name, each with its own lines.
+    """
+    known = {**_FIELDS, **parts}
+    text = "\n".join(lines) + "\n"
+    for part in _dependencies(lines, known):
+        text += "\n".join((_SEPARATOR, f"MSG: {part}", *known[part])) + "\n"
     return text
 
 
+def _dependencies(lines: Sequence[str], known: Mapping[str, Sequence[str]]) -> list[str]:
+    """The types that `lines` are built from, each once, in order of first use."""
+    found: dict[str, None] = {}
+    for line in lines:
+        part = line.split()[0].partition("[")[0]
+        if part in known:
+            found.update(dict.fromkeys([part, *_dependencies(known[part], known)]))
+    return list(found)
+
+
 SCHEMAS: Final[dict[str, str]] = {
-    name: _concatenated(name) for name in (FLOAT64, POINT, TWIST_STAMPED, ODOMETRY, IMU, JOINT_STATE, DIAGNOSTIC_ARRAY)
+    name: definition(_FIELDS[name.replace("/msg/", "/")])
+    for name in (FLOAT64, POINT, TWIST_STAMPED, ODOMETRY, IMU, JOINT_STATE, DIAGNOSTIC_ARRAY)
 }
 """The `ros2msg` text of each message that a log can hold, by its full name, as `std_msgs/msg/Float64`."""
+
+CYCLE_EVENTS_SCHEMA: Final = definition(["std_msgs/Header header", "uint64 cycle", "string[] events"])
+"""The `ros2msg` text of the message on `/cycle_events`, which is of our own making."""

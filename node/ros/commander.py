@@ -11,7 +11,7 @@ from node.cycle.report import MODE_SUFFIX
 from node.cycle.setpoints import REST
 from node.errors import AbandonedError, NobodyListensError, RobotLostError
 from node.ros.graph import Connection, connections
-from node.ros.messages import message_type, set_stamp, stamp_ns
+from node.ros.messages import duration, message_type, set_stamp, stamp_ns
 from node.ros.runtime import discovery_text
 from node.ros.untyped import RosObject
 from node.safety.modes import ACTIVE, Action, Mode
@@ -152,7 +152,7 @@ class Commander:
 
     def _abandon(self, player: Player) -> None:
         self._send(player.start_ns, player.abandon())
-        self._publisher.wait_for_all_acked(_duration(_ANSWER_S))
+        self._publisher.wait_for_all_acked(duration(_ANSWER_S))
         raise AbandonedError(f"abandoned by {self._stopped()}; the robot was told to rest")
 
     def _check_robot(self, silent_s: float) -> None:
@@ -210,7 +210,3 @@ class Commander:
             f"nobody listens: no model node took {topic} and published odom and diagnostics within {wait_s:g} s in "
             f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with --namespace"
         )
-
-
-def _duration(seconds: float) -> RosObject:
-    return importlib.import_module("rclpy.duration").Duration(seconds=seconds)

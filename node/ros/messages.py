@@ -17,6 +17,12 @@ def message_type(name: str) -> RosObject:
     return getattr(importlib.import_module(f"{package}.{kind}"), type_name)
 
 
+def newest_only() -> RosObject:
+    """Quality of service for what only the newest of matters: a lost message is not sent again."""
+    qos = importlib.import_module("rclpy.qos")
+    return qos.QoSProfile(depth=1, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+
+
 def set_stamp(header: RosObject, stamp_ns: int) -> None:
     """Write a stamp, ns since the Unix epoch, into a std_msgs/Header."""
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, _NS_PER_S)
@@ -48,3 +54,8 @@ def _diagnostic_status(status: Status) -> RosObject:
     message.name, message.message = status.name, status.message
     message.values = [key_value(key=key, value=value) for key, value in status.values.items()]
     return message
+
+
+def duration(seconds: float) -> RosObject:
+    """An rclpy Duration."""
+    return importlib.import_module("rclpy.duration").Duration(seconds=seconds)

@@ -4,6 +4,7 @@ import importlib
 import re
 from collections.abc import Sequence
 
+from node.cycle.seams import Written
 from node.errors import ModelError
 from node.model.model import Model
 from node.model.variables import Variable, Write
@@ -19,7 +20,11 @@ _EFFECT = {
 
 
 class ModelParameters:
-    """Declares a model's parameters on a node and serves the node's parameter services without an executor."""
+    """Declares a model's parameters on a node and serves the node's parameter services without an executor.
+
+    Attributes:
+        written: What was written to the model; whoever keeps account of it clears it.
+    """
 
     def __init__(self, node: RosObject, model: Model, own_services: Sequence[RosObject]) -> None:
         """Declare them; `own_services` are served by somebody else."""
@@ -31,6 +36,7 @@ class ModelParameters:
         node.add_on_set_parameters_callback(self._set)
         self._services = [service for service in node.services if service not in own_services]
         self._turn = 0
+        self.written: list[Written] = []
 
     def serve_one(self) -> None:
         """Answer one request of one service, if there is one; another service each time."""
@@ -63,6 +69,7 @@ class ModelParameters:
         try:
             for variable, parameter in ours:
                 self._model.write(variable.name, parameter.value)
+                self.written.append(Written(variable.name, parameter.value))
         except ModelError as error:
             return self._result_type(successful=False, reason=str(error))
         return self._result_type(successful=True)

@@ -1,17 +1,19 @@
 """The ROS stage of the model node: takes from its own handles and publishes; no executor runs in the loop."""
 
+import itertools
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from node.config import RosSection
-from node.cycle.seams import Inbox, Report, Request, SetValue, StampedSetpoint
+from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
 from node.cycle.wiring import Wiring
 from node.model.model import Model
 from node.ros.graph import mismatch
-from node.ros.messages import diagnostic_array, message_type, set_stamp, stamp_ns
+from node.ros.messages import diagnostic_array, message_type, newest_only, set_stamp, stamp_ns
+from node.ros.mode import make_mode_publisher
 from node.ros.parameters import ModelParameters
 from node.ros.publishers import make_publishers, make_scalar_publishers
 from node.ros.untyped import RosObject
@@ -22,6 +24,10 @@ _TAKEN_PER_CYCLE: Final = 100
 _COMMAND_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
+_LONGEST_NAME: Final = 80
+"""Of a base station, in characters: it is echoed ten times a second."""
+_STAND: Final = "stand"
+"""The value that makes a robot stand up, or sit down."""
 _LOOK_EVERY: Final = 25
 _TOLD_AT_MOST: Final = 100
 _logger = logging.getLogger(__name__)
@@ -30,9 +36,10 @@ _logger = logging.getLogger(__name__)
 class RosStage:
     """See `node.cycle.seams.Stage`."""
 
-    def __init__(self, node: RosObject, ros: RosSection, wiring: Wiring, model: Model) -> None:
-        """Offer the robot's topics, services and parameters on `node`."""
+    def __init__(self, node: RosObject, ros: RosSection, wiring: Wiring, model: Model, robot_name: str) -> None:
+        """Offer the robot's topics, services and parameters on `node`; `robot_name` is what its file calls it."""
         self._node = node
+        self._publish_mode = make_mode_publisher(node, robot_name, can_stand=_STAND in wiring.set_names)
         self._publishers = make_publishers(node, ros, list(wiring.published))
         self._topics = make_scalar_publishers(node, list(wiring.topics))
         self._subscriptions = [
@@ -46,6 +53,9 @@ class RosStage:
             node.create_subscription(message_type("std_msgs/msg/Float64"), f"set/{name}", _never_called, _COMMAND_DEPTH)
             for name in wiring.set_names
         ]
+        self._station = node.create_subscription(
+            message_type("std_msgs/msg/Header"), "station", _never_called, newest_only()
+        )
         self._parameters = ModelParameters(node, model, [service for _, service in self._services])
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
@@ -66,7 +76,8 @@ class RosStage:
         return inbox
 
     def publish(self, report: Report) -> None:
-        """Publish every topic of the cycle."""
+        """Publish every topic of the cycle, the mode first: a stop is confirmed by it."""
+        self._guarded(self._publish_mode, report)
         for publish in self._publishers:
             self._guarded(publish, report.stamp_ns, report.values)
         for tell, value in zip(self._topics, report.topics, strict=True):
@@ -90,10 +101,13 @@ class RosStage:
         """Nothing to do: who made the node destroys it."""
 
     def _take(self, inbox: Inbox) -> None:
+        inbox.written, self._parameters.written = self._parameters.written, []
         for subscription, convert in self._subscriptions:
             inbox.setpoints += [convert(message) for message in _taken(subscription)]
         for index, subscription in enumerate(self._values):
             inbox.values += [SetValue(index, message.data) for message in _taken(subscription)]
+        # Of heartbeats only the newest is kept, and one is taken a cycle: whoever floods them holds nothing up.
+        inbox.stations += [_heartbeat(message) for message in itertools.islice(_taken(self._station), 1)]
         for action, service in self._services:
             request, header = service.handle.service_take_request(self._request_type)
             if request is not None:
@@ -164,3 +178,7 @@ def _from_twist(message: RosObject) -> StampedSetpoint:
 def _from_twist_stamped(message: RosObject) -> StampedSetpoint:
     setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
     return StampedSetpoint(setpoint, stamp_ns(message.header))
+
+
+def _heartbeat(message: RosObject) -> Heartbeat:
+    return Heartbeat(message.frame_id[:_LONGEST_NAME], stamp_ns(message))

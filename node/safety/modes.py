@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+STATION_LOST: Final = "the base station is lost"
+"""Why the robot holds, and in the end disarms, when nobody watches over it any more."""
 _TRANSITIONS_KEPT: Final = 64
 
 
@@ -18,7 +20,7 @@ class Mode(enum.StrEnum):
     ARMED = "ARMED"
     """Set-points are followed."""
     HOLD = "HOLD"
-    """Set-points fell silent: the robot holds its place under control."""
+    """Set-points or the base station fell silent: the robot holds its place under control."""
     FAULT = "FAULT"
     """Zero is sent, until the fault is cleared."""
 
@@ -99,16 +101,24 @@ class Modes:
                     return Answer(accepted=False, message=f"there is no fault to clear: the robot is {self.mode}")
                 return self._enter(Mode.DISARMED, "fault cleared")
 
-    def observe(self, faults: Sequence[str], *, setpoints_silent: bool) -> None:
-        """Look at this cycle's faults and set-points; the most severe wins."""
+    def observe(self, faults: Sequence[str], *, setpoints_silent: bool, station_lost: bool = False) -> None:
+        """Look at this cycle's faults, base station and set-points; the most severe wins."""
         if self.mode not in ACTIVE:
             return
         if faults:
             self._enter(Mode.FAULT, "; ".join(faults))
-        elif setpoints_silent and self.mode is Mode.ARMED:
+        elif station_lost:
+            self._enter(Mode.HOLD, STATION_LOST)
+        elif setpoints_silent and (self.mode is Mode.ARMED or self.reason == STATION_LOST):
             self._enter(Mode.HOLD, "no set-point arrives any more")
         elif not setpoints_silent and self.mode is Mode.HOLD:
-            self._enter(Mode.ARMED, "set-points arrive again")
+            is_back = self.reason == STATION_LOST
+            self._enter(Mode.ARMED, "the base station is heard again" if is_back else "set-points arrive again")
+
+    def disarm(self, reason: str) -> None:
+        """Leave an active mode by the robot's own decision."""
+        if self.mode in ACTIVE:
+            self._enter(Mode.DISARMED, reason)
 
     def fail(self, reason: str) -> None:
         """Enter FAULT at once, from any mode."""

@@ -1,5 +1,6 @@
 """What a robot file says of the robot's safety."""
 
+import math
 from typing import Annotated, Final
 
 import msgspec
@@ -156,3 +157,29 @@ class SafetySettings(_Part, frozen=True, kw_only=True):
 
 NOTHING_WATCHED: Final = SafetySettings(frozen_after_s=None)
 """Of a robot whose file has no such section."""
+
+
+class StationSettings(_Part, frozen=True, kw_only=True):
+    """What the robot does by itself when the base station that watches over it falls silent.
+
+    Attributes:
+        timeout_s: Silence after which the robot holds its place, s; a station is heard ten times a second.
+        sit_down_after_s: Silence after which it sits down, s; None where it stands by itself.
+        sit_down: What sits it down: the value of each `set.<name>`, by name.
+        disarm_after_s: Silence after which the motors go off, s; None where they never do for it.
+    """
+
+    timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=3600.0)] = 1.0
+    sit_down_after_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] | None = None
+    sit_down: dict[str, float] = msgspec.field(default_factory=dict)
+    disarm_after_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse steps out of their order, and to sit down without saying how."""
+        if (self.sit_down_after_s is None) != (not self.sit_down):
+            raise ValueError("sit_down_after_s and sit_down belong together: give both or neither")
+        if not all(map(math.isfinite, self.sit_down.values())):
+            raise ValueError("sit_down: a value is not finite")
+        times = [s for s in (self.timeout_s, self.sit_down_after_s, self.disarm_after_s) if s is not None]
+        if times != sorted(set(times)):
+            raise ValueError("timeout_s, sit_down_after_s and disarm_after_s must increase in this order")

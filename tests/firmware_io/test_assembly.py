@@ -53,6 +53,7 @@ class Wheel:
         self.limits: Sequence[float] = (2.0,)
         self.listens_to: Collection[FrameKey] = (FrameKey(identifier),)
         self.is_enabled = False
+        self.is_off = True
         self.reasons: list[str] = []
         self.told: list[str] = []
         self.taken: list[Frame] = []
@@ -167,6 +168,18 @@ def test_ready_once_every_drive_follows(bench: Bench) -> None:
     assert bench.assembly.exchange(None).ready is False
     bench.right.is_enabled = True
     assert bench.assembly.exchange(None).ready is True
+
+
+def test_off_where_every_drive_says_so_and_none_is_asked_to_be_on(bench: Bench) -> None:
+    assert bench.assembly.exchange(None).off is True
+    for silent in (bench.left, bench.right):
+        silent.is_off = False
+        assert bench.assembly.exchange(None).off is False
+        silent.is_off = True
+    bench.assembly.arm()
+    assert bench.assembly.exchange(None).off is False
+    bench.assembly.disarm()
+    assert bench.assembly.exchange(None).off is True
 
 
 def test_arming_asks_every_device_first_and_enables_none_where_one_objects(bench: Bench) -> None:

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
@@ -13,8 +14,9 @@ from node.config import (
     read_text,
 )
 from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from node.errors import ConfigurationError, UnknownNameError
 from node.robot import build_robot
+from node.safety.settings import StationSettings
 from node.testing import ScriptedClock
 
 PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc, segway, segway-odrive"
@@ -42,6 +44,20 @@ def test_every_packaged_robot_loads_under_its_name_and_can_be_built(name: str) -
     robot = build_robot(file, ScriptedClock())
     assert robot.period_ns == (5_000_000 if name.startswith("segway") else 10_000_000)
     assert robot.model.name.startswith(("cart", "segway"))
+
+
+@pytest.mark.parametrize("name", ["segway", "segway-odrive"])
+def test_the_packaged_segways_sit_down_without_their_base_station_and_no_cart_does(name: str) -> None:
+    sits = StationSettings(timeout_s=1.0, sit_down_after_s=10.0, sit_down={"stand": 0.0}, disarm_after_s=16.0)
+    assert load_robot(name).station == sits
+    assert {load_robot(cart).station for cart in packaged_robots() if cart.startswith("cart")} == {None}
+
+
+def test_a_robot_that_would_sit_down_by_what_it_does_not_have_is_not_built() -> None:
+    station = StationSettings(sit_down_after_s=2.0, sit_down={"kneel": 0.0})
+    file = msgspec.structs.replace(load_robot("segway"), station=station)
+    with pytest.raises(UnknownNameError, match=r"station\.sit_down .* called 'kneel'; there is stand$"):
+        build_robot(file, ScriptedClock())
 
 
 def test_what_a_file_leaves_out_has_its_default() -> None:
@@ -73,7 +89,7 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         pytest.param(
             BASE + "arm: true",
             "Object contains unknown field `arm`; the keys there are actuate, arming, hardware, model, name, ros, "
-            "safety, setpoint, simulation, wiring",
+            "safety, setpoint, simulation, station, wiring",
             id="unknown key at the top",
         ),
         pytest.param(

@@ -101,6 +101,11 @@ class Cia402Pair:
         """Whether both drives have confirmed that their motors follow commands."""
         return self._enabling.phase is Phase.ENABLED
 
+    @property
+    def is_off(self) -> bool:
+        """Whether both drives tell states in which their motors have no torque; see `Cia402Wheel.is_off`."""
+        return all(wheel.is_off for wheel in self._wheels)
+
     def enable(self) -> None:
         """Take both drives through their states from the next cycle on, one step a cycle."""
         for wheel in self._wheels:
@@ -120,8 +125,11 @@ class Cia402Pair:
 
     def disable(self) -> None:
         """Send zero and take the voltage from both motors."""
+        was_on = self._enabling.phase is not Phase.OFF
         self._enabling.end()
         for wheel in self._wheels:
+            if was_on:
+                wheel.end(self._now_ns())
             self._link.send(wheel.pack(Controlword.DISABLE_VOLTAGE))
 
     def faults(self) -> tuple[str, ...]:

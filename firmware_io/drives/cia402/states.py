@@ -48,6 +48,17 @@ def state_of(statusword: int) -> DriveState | None:
     return _BY_SIX_BITS.get(statusword & 0x6F) or _BY_FIVE_BITS.get(statusword & 0x4F)
 
 
+WITHOUT_TORQUE: Final = frozenset(
+    {
+        DriveState.NOT_READY,
+        DriveState.SWITCH_ON_DISABLED,
+        DriveState.READY,
+        DriveState.SWITCHED_ON,
+        DriveState.FAULT,
+    }
+)
+"""The states in which the profile has the drive function disabled; a quick stop and a fault's reaction brake."""
+
 _TOWARDS_OPERATION: Final = {
     DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
     DriveState.READY: Controlword.SWITCH_ON,

@@ -20,7 +20,8 @@ from firmware_io.drives.cia402.frames import (
 from firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
 from firmware_io.drives.cia402.restoring import Restoring
 from firmware_io.drives.cia402.settings import Cia402WheelSettings
-from firmware_io.drives.cia402.states import Controlword, DriveState, state_of, step_towards_operation
+from firmware_io.drives.cia402.states import WITHOUT_TORQUE, Controlword, DriveState, state_of, step_towards_operation
+from firmware_io.drives.off_word import OffWord
 from firmware_io.drivetrain import TURN, WrappedCounter
 from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from firmware_io.integrity import FrameRefusedError, Refusal
@@ -70,6 +71,7 @@ class Cia402Wheel:
         self._values = [0.0, 0.0, 0.0]
         self._last_sent = int(Controlword.DISABLE_VOLTAGE)
         self._was_off = False
+        self._word = OffWord()
         self._refused: Counter[str] = Counter()
         stale_ns = dict.fromkeys((Service.TPDO1, Service.TPDO2), stale_after_ns(loop_period_s, loop_period_s))
         stale_ns[Service.HEARTBEAT] = stale_after_ns(HEARTBEAT_PERIOD_MS * 1e-3, loop_period_s)
@@ -90,6 +92,15 @@ class Cia402Wheel:
     def follows(self) -> bool:
         """Whether its motor follows commands, and it was off since `begin`."""
         return self._was_off and self.is_operational and self.state is DriveState.OPERATION_ENABLED
+
+    @property
+    def is_off(self) -> bool:
+        """Whether a statusword, fresh and heard after `end`, tells a state in which the motor has no torque."""
+        return self._word.says_off and self._fresh.age(Service.TPDO1)[1]
+
+    def end(self, now_ns: int) -> None:
+        """It is told to switch off: what it said of its state before does not count."""
+        self._word.told(now_ns)
 
     def take(self, frame: Frame) -> bool:
         """Take one of its frames; False for one that is not intact, which is counted, or that nobody waits for."""
@@ -186,6 +197,7 @@ class Cia402Wheel:
         match service:
             case Service.TPDO1:
                 self._take_status(Status.unpack(frame.data))
+                self._word.hear(frame.received_ns, is_off=self.state in WITHOUT_TORQUE)
             case Service.TPDO2:
                 turns = unpack_velocity(frame.data) * self._settings.velocity_unit_turns
                 self._values[1] = self._drivetrain.wheel(turns * TURN)
@@ -228,5 +240,6 @@ class Cia402Wheel:
     def restart(self) -> None:
         """It has restarted: what it was set up to is gone."""
         self.state = None
+        self._word.says_off = False
         self._counts_anew = True
         self.restoring.begin()

@@ -12,6 +12,7 @@ from firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmw
 from firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
 from firmware_io.drives.odrive.listener import AxisListener
 from firmware_io.drives.odrive.settings import OdriveSettings
+from firmware_io.drives.off_word import OffWord
 from firmware_io.links.link import Frame, Link
 
 _ZERO = c.SetInputTorque(0.0)
@@ -56,6 +57,7 @@ class Odrive:
         self._stepped_ns = _NEVER
         self._first_step_ns: int | None = None
         self._silent_since_ns: int | None = None
+        self._word = OffWord()
 
     def start(self) -> None:
         """Send zero and idle: whatever the axis was doing, it stops."""
@@ -65,6 +67,7 @@ class Odrive:
         """Take one of the axis' frames; see `Sensor.take`."""
         taken = self._axis.take(frame)
         if taken and frame.arbitration_id % COMMANDS == HEARTBEAT:
+            self._word.hear(frame.received_ns, is_off=self._axis.state == AxisState.IDLE)
             self._confirm(frame.received_ns)
         return taken
 
@@ -110,6 +113,14 @@ class Odrive:
         """Whether the axis has confirmed that its motor follows commands."""
         return self._enabling.phase is Phase.ENABLED
 
+    @property
+    def is_off(self) -> bool:
+        """Whether a heartbeat, fresh and heard after it was told to switch off, says that the axis is idle.
+
+        In every other state the motor may have current: closed loop is one, calibration and homing are others.
+        """
+        return self._word.says_off and self._axis.age("heartbeat")[1]
+
     def enable(self) -> None:
         """Send the steps to closed loop from the next cycle, with zero, until a heartbeat confirms it."""
         self._enabling.begin(self._now_ns())
@@ -128,6 +139,8 @@ class Odrive:
 
     def disable(self) -> None:
         """Send zero and idle."""
+        if self._enabling.phase is not Phase.OFF:
+            self._word.told(self._now_ns())
         self._enabling.end()
         self._stop()
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.drives.off_word import OffWord
 from firmware_io.drives.vesc.buffers import decode_short
 from firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
 from firmware_io.drives.vesc.frames import (
@@ -29,6 +30,16 @@ from firmware_io.links.link import Frame, Link
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""
 _STEPS_PER_TURN: Final = 6
+_CURRENT_STEP: Final = 0.1
+"""The step in which STATUS tells the motor current, A."""
+_OFF_CURRENT: Final = 0.5
+"""Up to this measured motor current, A, the motor counts as off.
+
+A VESC has no state to tell. With zero asked for it releases the motor, and what is measured is the offset and noise of
+its current sensors, a few steps of about 0.1 A. A motor that a robot leans on takes several ampere.
+"""
+_OFF_SHARE: Final = 0.1
+"""Of the wheel's largest current, where that is so small that the above would hide a torque that matters."""
 _TOLD: Final = (Command.STATUS, Command.STATUS_5)
 _SETUP: Final = "in VESC Tool, App Settings > General, set Timeout to {ms:.0f} ms and Timeout Brake Current to 0 A"
 
@@ -84,6 +95,8 @@ class Vesc:
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
         self._confirmed: set[Command] = set()
+        self._word = OffWord()
+        self._off_current = min(_OFF_CURRENT, max(_CURRENT_STEP, _OFF_SHARE * wheel.max_current))
 
     def start(self) -> None:
         """Send zero."""
@@ -142,6 +155,11 @@ class Vesc:
         """Whether telemetry of both kinds has arrived since the first zero."""
         return self._enabling.phase is Phase.ENABLED
 
+    @property
+    def is_off(self) -> bool:
+        """Whether STATUS, fresh and heard after it was told zero, measures next to no current in the motor."""
+        return self._word.says_off and self._fresh.age(Command.STATUS)[1]
+
     def enable(self) -> None:
         """Send zero until the controller's telemetry shows that it is there."""
         self._probe.break_off()
@@ -162,6 +180,8 @@ class Vesc:
 
     def disable(self) -> None:
         """Send zero: the motor coasts."""
+        if self._enabling.phase is not Phase.OFF:
+            self._word.told(self._now_ns())
         self._enabling.end()
         self._probe.break_off()
         self._send_torque(0.0)
@@ -215,6 +235,7 @@ class Vesc:
         told = decode(kind, frame.data)
         if kind is Command.STATUS:
             self._status = Status._make(told)
+            self._word.hear(frame.received_ns, is_off=abs(self._status.current) <= self._off_current)
         else:
             tachometer, self._bus_voltage = Status5._make(told)
             self._counter.take(tachometer)

@@ -6,6 +6,7 @@ from typing import Final
 
 from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.enabling import Enabling, Phase
+from firmware_io.drives.off_word import OffWord
 from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
@@ -69,6 +70,7 @@ class WheelBoard:
         self._newest: dict[FrameId, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
         self._enabling = Enabling()
+        self._word = OffWord()
 
     def start(self) -> None:
         """Send zero, and set the watchdog."""
@@ -86,6 +88,7 @@ class WheelBoard:
                 self._newest[received.frame_id] = received.payload
             case BoardStatus():
                 self._hear(received.payload)
+                self._word.hear(received.received_ns, is_off=self._status.state is not BoardState.ENABLED)
         return True
 
     def read(self) -> Readings:
@@ -124,6 +127,11 @@ class WheelBoard:
         """Whether the board has confirmed that its motors follow commands."""
         return self._enabling.phase is Phase.ENABLED
 
+    @property
+    def is_off(self) -> bool:
+        """Whether the board's status, fresh and heard after it was told to switch off, is another than ENABLED."""
+        return self._word.says_off and self._fresh.age(FrameId.BOARD_STATUS)[1]
+
     def enable(self) -> None:
         """Send zero with the motors on from the next cycle, until the board's status confirms it."""
         self._enabling.begin(self._now_ns())
@@ -144,6 +152,8 @@ class WheelBoard:
 
         What is heard from then on may come over another line, where the board counts anew.
         """
+        if self._enabling.phase is not Phase.OFF:
+            self._word.told(self._now_ns())
         self._enabling.end()
         self._endpoint.restart()
         self._send(_ZERO)

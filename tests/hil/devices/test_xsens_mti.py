@@ -204,5 +204,5 @@ def test_a_cart_in_lock_step_logs_what_its_imu_measures(tmp_path: Path, monkeypa
     assert last.linear_acceleration.y == pytest.approx(yaw_rate * speed, abs=0.02)
     assert last.linear_acceleration.z == pytest.approx(9.80665, abs=1 / 512)
     assert (last.angular_velocity.x, last.angular_velocity.y) == (0.0, 0.0)
-    ages = [message.data for message in messages(log, "/sensor_age/imu/angular_velocity_z")]
+    ages = [message.age_s.imu_angular_velocity_z for message in messages(log, "/cycle")]
     assert max(ages[5:]) < 0.012

@@ -121,9 +121,9 @@ def test_a_log_goes_where_it_is_told_and_holds_the_robot_file(segway_ecc: Run, t
     assert outcome.code == 0
     assert outcome.errors[0] == f"segway-ecc: log: {log}"
     with log.open("rb") as stream:
-        (attachment,) = make_reader(stream, validate_crcs=True).iter_attachments()
-    assert attachment.name == "robot.yaml"
-    assert attachment.data == importlib.resources.files("node").joinpath("robots/cart.yaml").read_bytes()
+        found = {one.name: one.data for one in make_reader(stream, validate_crcs=True).iter_attachments()}
+    assert set(found) == {"layout.json", "robot.json", "robot.yaml"}
+    assert found["robot.yaml"] == importlib.resources.files("node").joinpath("robots/cart.yaml").read_bytes()
 
 
 def test_a_log_goes_to_the_state_folder_unless_told_otherwise(
@@ -135,6 +135,42 @@ def test_a_log_goes_to_the_state_folder_unless_told_otherwise(
     (log,) = (tmp_path / "segway-ecc" / "logs").iterdir()
     assert log.name.startswith("cart-")
     assert log.suffix == ".mcap"
+
+
+def test_old_logs_in_the_state_folder_make_room_for_new_ones(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    folder = tmp_path / "segway-ecc" / "logs"
+    folder.mkdir(parents=True)
+    (folder / "old.mcap").write_bytes(bytes(5_000_000))
+
+    assert segway_ecc("run", "cart", "--no-ros", *SHORT, "--log-limit", "4").code == 0
+    (log,) = folder.iterdir()
+    assert log.name.startswith("cart-")
+
+
+def test_logs_beside_a_file_that_was_named_stay(segway_ecc: Run, tmp_path: Path) -> None:
+    (tmp_path / "old.mcap").write_bytes(bytes(5_000_000))
+
+    words = ("--log", str(tmp_path / "run.mcap"), "--log-limit", "4", "--log-file-size", "2")
+    assert segway_ecc("run", "cart", "--no-ros", *SHORT, *words).code == 0
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["old.mcap", "run.mcap"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--log-limit", "0.5"),
+        ("--log-limit", "nan"),
+        ("--log-file-size", "0"),
+        ("--log-limit", "100", "--log-file-size", "200"),
+    ],
+)
+def test_bounds_of_logs_that_make_no_sense_are_refused(segway_ecc: Run, words: tuple[str, ...]) -> None:
+    assert only_line(segway_ecc("run", "cart", "--no-ros", *SHORT, *words), 2).startswith(
+        "segway-ecc: --log-file-size must"
+    )
 
 
 def test_no_log_keeps_none(segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

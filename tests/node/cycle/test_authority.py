@@ -82,6 +82,37 @@ def test_a_failure_while_arming_is_a_fault_and_answers(desk: Desk) -> None:
     assert desk.hardware.armed is False
 
 
+def test_a_robot_that_disarms_itself_breaks_the_arming_off_with_its_reason() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.authority.arm_itself()
+    live = [desk.authority.is_live]
+    desk.authority.disarm("nobody is there")
+    live.append(desk.authority.is_live)
+    desk.authority.arm_itself()
+    assert live == [True, False]
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED, "nor does it begin again"
+    assert desk.authority.arming_obstacle == "nobody is there"
+    assert desk.hardware.journal == ["arm", "disarm"]
+
+
+def test_a_robot_that_disarms_itself_is_off_at_once_and_not_twice(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    live = [desk.authority.is_live]
+    for _ in range(2):
+        desk.authority.disarm("nobody is there")
+        live.append(desk.authority.is_live)
+    assert desk.hardware.journal == ["arm", "disarm"]
+    assert live == [True, False, False]
+    assert (desk.authority.modes.mode, desk.authority.modes.reason) == (Mode.DISARMED, "nobody is there")
+
+
+def test_a_lost_station_holds_a_robot_that_has_just_armed(desk: Desk) -> None:
+    desk.ask(Action.ARM)
+    desk.authority.observe((), ready=True, setpoints_silent=False, station_lost=True)
+    assert (desk.authority.modes.mode, desk.authority.is_active) == (Mode.HOLD, True)
+
+
 def test_a_robot_that_arms_itself_tries_again_until_it_is_armed() -> None:
     desk = Desk(arm_at_start=True)
     desk.authority.arm_itself()

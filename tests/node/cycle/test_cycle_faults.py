@@ -196,7 +196,7 @@ def test_a_lost_link_is_told_with_the_sensors_as_if_nothing_had_ever_arrived(ben
     bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("the bus is gone"))
     bench.loop.run(cycles=5)
     assert bench.recorder.records[3].sensors == Sensors(
-        (0.0,), (math.inf,), (False,), ("the bus is gone",), ready=False
+        (0.0,), (math.inf,), (False,), ("the bus is gone",), ready=False, off=False
     )
 
 

@@ -15,7 +15,7 @@ from node.model.methods import Method
 from node.model.sectioned import SectionedModel
 from node.model.variables import Variable
 from node.safety.modes import ACTIVE, Action, Mode
-from node.safety.settings import LateCyclesLimit, SafetySettings
+from node.safety.settings import LateCyclesLimit, SafetySettings, StationSettings
 from node.testing import Bench, RecordingHardware, ScriptedStage
 
 STEP: Final = 0.01
@@ -30,6 +30,8 @@ SAFETY: Final = SafetySettings(
     max_command=MAX_COMMAND,
     command_slew=SLEW,
 )
+STATION: Final = StationSettings(timeout_s=0.2, disarm_after_s=0.4)
+LOST: Final = "the base station is lost"
 WANTED: Final = st.sampled_from([-1e9, -9.0, -3.0, 0.0, 0.5, 3.0, 9.0, 1e9])
 
 
@@ -63,7 +65,9 @@ class Operation(RuleBasedStateMachine):
         self.script = SimpleNamespace(wanted=(0.0, 0.0))
         self.hardware = RecordingHardware(SIGNALS, {"left.torque": "N.m", "right.torque": "N.m"}, (DRIVE_LIMIT,) * 2)
         wiring = {"Speed": "left.velocity", "Left": "left.torque", "Right": "right.torque"}
-        self.bench = Bench(Robot(self.script), self.hardware, wiring, arm_at_start=False, safety=SAFETY)
+        self.bench = Bench(
+            Robot(self.script), self.hardware, wiring, arm_at_start=False, safety=SAFETY, station=STATION
+        )
         self.stage: ScriptedStage = self.bench.stage
         self.cycle = self.bench.cycle
         self.number = 0
@@ -73,6 +77,7 @@ class Operation(RuleBasedStateMachine):
         self.drive_faults: tuple[str, ...] = ()
         self.before = (0.0, 0.0)
         self.was_fault = self.cleared = self.asked_to_arm = False
+        self.beats = False
         self.cycle.start()
 
     def pass_cycle(self, late: float = 0.0, skip: int = 0) -> None:
@@ -85,6 +90,8 @@ class Operation(RuleBasedStateMachine):
         start_ns = (self.number + skip) * period_ns + round(late * period_ns)
         self.bench.clock.spend(max(start_ns + 2_000_000_000 - self.bench.clock.now_ns(), 0))
         self.before = self.after
+        if self.beats:
+            self.stage.beat(self.stage._cycle + 1)
         self.cycle.run(self.number, round(late * period_ns))
         self.number += 1 + skip
 
@@ -117,6 +124,34 @@ class Operation(RuleBasedStateMachine):
         for _ in range(55):
             self.pass_cycle()
             self.nothing_is_exceeded()
+
+    @rule(cycles=st.integers(1, 30))
+    def be_watched_over(self, cycles: int) -> None:
+        was = self.mode
+        self.beats = True
+        self.asked_to_arm = self.cleared = False
+        for _ in range(cycles):
+            self.pass_cycle()
+            self.nothing_is_exceeded()
+            assert self.cycle.authority.modes.reason != LOST or self.mode is Mode.DISARMED
+        assert (self.mode in ACTIVE) == (was in ACTIVE)
+
+    @rule(cycles=st.integers(1, 60))
+    def lose_the_station(self, cycles: int) -> None:
+        was, was_watched = self.mode, self.beats
+        self.beats = False
+        self.asked_to_arm = self.cleared = False
+        for cycle in range(1, cycles + 1):
+            self.pass_cycle()
+            self.nothing_is_exceeded()
+            if not was_watched or was not in ACTIVE:
+                continue
+            modes = self.cycle.authority.modes
+            if cycle <= 20:
+                assert self.mode in ACTIVE
+                assert modes.reason != LOST
+            else:
+                assert (self.mode, modes.reason) == (Mode.HOLD if cycle <= 40 else Mode.DISARMED, LOST)
 
     @rule(action=st.sampled_from(Action))
     def operate(self, action: Action) -> None:

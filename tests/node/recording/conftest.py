@@ -33,6 +33,7 @@ def layout() -> Layout:
         inputs=("LeftVelocity",),
         outputs=("X", "Motor.Voltage", "Sub\\port 1"),
         commands=("left.voltage", "right.voltage"),
+        limits=(24.0, None),
         odometry_frame="odom_frame",
         base_frame="base_frame",
         imu_frame="imu_link",
@@ -57,6 +58,7 @@ def record() -> Callable[[int], CycleRecord]:
             commands=(7.5, 8.5),
             published=(10.0, 11.0, 0.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0),
             durations_ns=(1_000_000, 2_000_000, 3_000_000, 4_000_000, 5_000_000),
+            start_ns=77,
         )
 
     return of

@@ -3,15 +3,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
+import msgspec
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from hil.lockstep import LockstepRig
 from node.config import load_robot
-from node.cycle.seams import CycleRecord
+from node.cycle.seams import CycleRecord, HardwareAnswer
 from node.cycle.status import Level, Status
 from node.recording.cycle_log import CycleLog, Layout, layout_of
+from node.recording.layout import field_names
+from node.recording.provenance import Provenance
 from node.robot import build_robot
 from node.sequence.manoeuvre import single_segment
 from node.sequence.player import Player
@@ -19,14 +21,11 @@ from node.sequence.stage import ManoeuvreStage
 
 START_NS = 1_700_000_000_000_000_000
 COMMON = {
-    "/position": "geometry_msgs/msg/Point",
-    "/linear_velocity": "std_msgs/msg/Float64",
-    "/angular_velocity": "std_msgs/msg/Float64",
+    "/cycle": "segway_ecc/msg/Cycle",
     "/odom": "nav_msgs/msg/Odometry",
     "/joint_states": "sensor_msgs/msg/JointState",
     "/setpoint": "geometry_msgs/msg/TwistStamped",
 }
-TIMING = ("lateness", "exchange", "ros", "decide", "equations", "limit")
 
 
 def read(path: Path) -> tuple[dict[str, str], dict[str, list[tuple[int, Any]]]]:
@@ -40,39 +39,49 @@ def read(path: Path) -> tuple[dict[str, str], dict[str, list[tuple[int, Any]]]]:
     return types, messages
 
 
-def test_a_cycle_is_on_the_topics_of_its_names(
+def test_a_cycle_is_one_message_with_a_field_for_every_name(
+    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+) -> None:
+    path = tmp_path / "run.mcap"
+    log = CycleLog(path, layout)
+    log.write(record(4))
+    log.close()
+    types, messages = read(path)
+    ((_, cycle),) = messages["/cycle"]
+
+    assert types == COMMON
+    assert (cycle.header.stamp.sec, cycle.header.stamp.nanosec) == (1_700_000_000, 40_000_000)
+    assert (cycle.cycle, cycle.start_ns, cycle.lateness_ns, cycle.mode, cycle.ready) == (4, 77, 1000, 1, True)
+    assert (cycle.setpoint.linear_velocity, cycle.setpoint.angular_velocity) == (4.5, -0.25)
+    assert (cycle.sensor.left_angle, cycle.sensor.left_velocity) == (1.5, 2.5)
+    assert (cycle.age_s.left_angle, cycle.age_s.left_velocity) == (0.001, 0.002)
+    assert (cycle.valid.left_angle, cycle.valid.left_velocity) == (True, True)
+    assert cycle.model_input.left_velocity == 3.5
+    assert (cycle.model_output.x, cycle.model_output.motor_voltage, cycle.model_output.sub_port_1) == (4.5, 5.5, 6.5)
+    assert (cycle.command.left_voltage, cycle.command.right_voltage) == (7.5, 8.5)
+    assert (cycle.published.odometry_x, cycle.published.right_velocity) == (10.0, 17.0)
+    assert (cycle.duration_ns.exchange, cycle.duration_ns.ros, cycle.duration_ns.limit) == (10**6, 2 * 10**6, 5 * 10**6)
+    assert {stamp_ns for found in messages.values() for stamp_ns, _ in found} == {START_NS + 40_000_000}
+
+
+def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
     tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout)
     log.write(record(0))
+    log.write(record(1)._replace(answers=[HardwareAnswer("arm", ("too hot",))]))
     log.close()
-    types, messages = read(path)
-    numbers = {topic: found[0][1].data for topic, found in messages.items() if types[topic] == "std_msgs/msg/Float64"}
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        found = [
+            (channel.topic, message.cycle, message.events)
+            for _, channel, _, message in reader.iter_decoded_messages(
+                ["/cycle", "/cycle_events"], log_time_order=False
+            )
+        ]
 
-    assert {topic: types[topic] for topic in COMMON} == COMMON
-    assert numbers == {
-        "/linear_velocity": 12.0,
-        "/angular_velocity": 13.0,
-        "/model/LeftVelocity": 3.5,
-        "/model/X": 4.5,
-        "/model/Motor/Voltage": 5.5,
-        "/model/Sub/port_1": 6.5,
-        "/command/left/voltage": 7.5,
-        "/command/right/voltage": 8.5,
-        "/sensor/left/angle": 1.5,
-        "/sensor/left/velocity": 2.5,
-        "/sensor_age/left/angle": 0.001,
-        "/sensor_age/left/velocity": 0.002,
-        "/timing/lateness": pytest.approx(1e-6),
-        "/timing/exchange": pytest.approx(0.001),
-        "/timing/ros": pytest.approx(0.002),
-        "/timing/decide": pytest.approx(0.003),
-        "/timing/equations": pytest.approx(0.004),
-        "/timing/limit": pytest.approx(0.005),
-    }
-    assert set(types) == set(COMMON) | set(numbers)
-    assert {stamp_ns for found in messages.values() for stamp_ns, _ in found} == {START_NS}
+    assert found == [("/cycle", 0, 0), ("/cycle_events", 1, ['["answer","arm",["too hot"]]']), ("/cycle", 1, 1)]
 
 
 def test_structured_messages_bear_the_frames_joints_and_stamp(
@@ -84,9 +93,7 @@ def test_structured_messages_bear_the_frames_joints_and_stamp(
     log.close()
     _, messages = read(path)
     odometry, joints, setpoint = (messages[topic][0][1] for topic in ("/odom", "/joint_states", "/setpoint"))
-    point = messages["/position"][0][1]
 
-    assert (point.x, point.y, point.z) == (10.0, 11.0, 0.0)
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom_frame", "base_frame")
     assert (odometry.header.stamp.sec, odometry.header.stamp.nanosec) == (1_700_000_000, 30_000_000)
     assert (odometry.pose.pose.position.x, odometry.pose.pose.position.y) == (10.0, 11.0)
@@ -130,26 +137,27 @@ def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
     log.close()
     types, _ = read(path)
 
-    assert set(COMMON) & set(types) == {"/setpoint"}
+    assert set(types) == {"/cycle", "/setpoint"}
 
 
 def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: Layout) -> None:
     path = tmp_path / "run.mcap"
-    log = CycleLog(path, layout)
+    log = CycleLog(path, layout, Provenance({"robot.yaml": "name: testbot"}, {"model": {"sha256": "12"}}))
     log.write_diagnostics(START_NS, [Status(Level.WARN, "board", "warm", {"temperature": "81"})])
-    log.attach("robot.yaml", "text/plain", b"name: testbot")
     log.close()
     _, messages = read(path)
     (status,) = messages["/diagnostics"][0][1].status
     with path.open("rb") as stream:
         reader = make_reader(stream)
-        (attachment,) = reader.iter_attachments()
-        (metadata,) = reader.iter_metadata()
+        attachments = {found.name: found.data for found in reader.iter_attachments()}
+        metadata = {found.name: found.metadata for found in reader.iter_metadata()}
 
     assert (status.level, status.name, status.message) == (1, "board", "warm")
     assert [(pair.key, pair.value) for pair in status.values] == [("temperature", "81")]
-    assert (attachment.name, attachment.media_type, attachment.data) == ("robot.yaml", "text/plain", b"name: testbot")
-    assert (metadata.name, metadata.metadata) == ("robot", {"name": "testbot"})
+    assert attachments.pop("robot.yaml") == b"name: testbot"
+    assert list(attachments) == ["layout.json"]
+    assert msgspec.json.decode(attachments["layout.json"], type=Layout) == layout
+    assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}}
 
 
 class Keeper:
@@ -177,16 +185,13 @@ def test_the_log_of_a_run_holds_the_numbers_of_the_run(tmp_path: Path) -> None:
     robot.loop(stage, keeper).run(30)
     types, messages = read(path)
 
-    assert {topic: types[topic] for topic in COMMON} == COMMON
-    assert set(types) - set(COMMON) - {"/diagnostics"} == {
-        *(f"/model/{output.name}" for output in robot.model.outputs),
-        *(f"/timing/{phase}" for phase in TIMING),
-    }
+    assert types == {**COMMON, "/cycle_events": "segway_ecc/msg/CycleEvents"}
     assert len(keeper.records) > 20
-    for index, output in enumerate(layout.outputs):
-        logged = [(stamp_ns, message.data) for stamp_ns, message in messages[f"/model/{output}"]]
+    assert len(messages["/cycle"]) == len(keeper.records)
+    for output, field in zip(layout.outputs, field_names(layout.outputs), strict=True):
+        logged = [(stamp_ns, getattr(message.model_output, field)) for stamp_ns, message in messages["/cycle"]]
+        index = layout.outputs.index(output)
         assert logged == [(kept.stamp_ns, kept.y[index]) for kept in keeper.records]
-    assert [message.x for _, message in messages["/position"]] == [kept.published[0] for kept in keeper.records]
     assert [message.twist.linear.x for _, message in messages["/setpoint"]] == [
         kept.setpoint.linear_velocity for kept in keeper.records
     ]

@@ -5,11 +5,14 @@ import logging
 import os
 import resource
 import signal
+import struct
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -18,8 +21,10 @@ from node.cycle.seams import CycleRecord
 from node.cycle.status import Level, Status
 from node.errors import RecordingError
 from node.recording.codec import CycleCodec
-from node.recording.cycle_log import Layout
+from node.recording.layout import Layout
+from node.recording.provenance import Provenance
 from node.recording.recorder import ProcessRecorder
+from node.recording.salvage import Salvage
 
 MORE_THAN_A_PIPE_HOLDS = 10_000
 ENDS_WITHIN_S = 30.0
@@ -32,7 +37,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def recorder(path: Path, layout: Layout) -> Iterator[ProcessRecorder]:
-    made = ProcessRecorder(path, layout, {"robot.yaml": "name: testbot"})
+    made = ProcessRecorder(path, layout, Provenance({"robot.yaml": "name: testbot"}, {}))
     yield made
     if made._process.poll() is None:
         made._process.kill()
@@ -46,6 +51,20 @@ def logged(path: Path) -> list[float]:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return [message.twist.linear.x for *_, message in reader.iter_decoded_messages(["/setpoint"])]
+
+
+def salvaged(path: Path) -> list[int]:
+    """The cycles in a log that is still being written."""
+    messages = [message.data for topic, message in Salvage(path).messages() if topic == "/cycle"]
+    return [struct.unpack_from("<Q", data, 20)[0] for data in messages]
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Other processes take as long as they take."""
+    give_up_s = time.monotonic() + ENDS_WITHIN_S
+    while not condition():
+        assert time.monotonic() < give_up_s
+        time.sleep(0.02)
 
 
 def test_every_cycle_arrives_in_order(
@@ -66,10 +85,10 @@ def test_diagnostics_and_the_robot_file_arrive(recorder: ProcessRecorder, path: 
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         messages = [message for *_, message in reader.iter_decoded_messages(["/diagnostics"])]
-        (attachment,) = reader.iter_attachments()
+        attachments = {found.name: found.data for found in reader.iter_attachments()}
 
     assert [status.name for message in messages for status in message.status] == ["one", "two"]
-    assert (attachment.name, attachment.data) == ("robot.yaml", b"name: testbot")
+    assert attachments["robot.yaml"] == b"name: testbot"
 
 
 def test_closing_a_sound_recorder_warns_of_nothing(
@@ -91,8 +110,10 @@ def test_a_killed_writer_costs_only_its_cycles(
     recorder._process.send_signal(signal.SIGKILL)
     recorder._process.wait(ENDS_WITHIN_S)
     for cycle in range(1, 11):
-        recorder.write(record(cycle))
-    recorder.write_diagnostics(5, [Status(Level.OK, "one", "fine", {})])
+        with pytest.raises(RecordingError, match=f"the process that writes the log {path} is gone"):
+            recorder.write(record(cycle))
+    with pytest.raises(RecordingError, match="is gone"):
+        recorder.write_diagnostics(5, [Status(Level.OK, "one", "fine", {})])
     recorder.close()
 
     assert recorder.dropped == 11
@@ -115,7 +136,7 @@ def test_a_stopped_writer_holds_nothing_up_and_what_does_not_fit_is_counted(
     recorder._process.send_signal(signal.SIGCONT)
     recorder.close()
 
-    assert len(CycleCodec(layout).pack(record(0))) * MORE_THAN_A_PIPE_HOLDS > 2 << 20
+    assert CycleCodec(layout).size * MORE_THAN_A_PIPE_HOLDS > 2 << 20
     assert dropped > MORE_THAN_A_PIPE_HOLDS // 2
     # What was taken was taken whole, and in order.
     assert logged(path) == [0.5 + cycle for cycle in range(MORE_THAN_A_PIPE_HOLDS - dropped)]
@@ -147,36 +168,113 @@ def test_a_path_that_cannot_be_written_is_told_before_anything_starts(tmp_path: 
     (tmp_path / "file").touch()
     for bad in (tmp_path, tmp_path / "file" / "run.mcap"):
         with pytest.raises(RecordingError, match=r"cannot write the log .*; choose another with --log"):
-            ProcessRecorder(bad, layout, {})
+            ProcessRecorder(bad, layout)
 
 
-def test_a_disk_that_is_full_from_the_start_does_not_end_the_loop(
+def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_room(
+    path: Path,
     layout: Layout,
     record: Callable[[int], CycleRecord],
     caplog: pytest.LogCaptureFixture,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    recorder = ProcessRecorder(Path("/dev/full"), layout, {})
-    recorder._process.wait(ENDS_WITHIN_S)
-    recorder.write(record(0))
-    recorder.close()
-
-    assert recorder.dropped == 1
-    assert "the recorder ended with status 9; the log /dev/full may be incomplete" in caplog.text
-    (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith("segway-ecc: recorder: Writing the log /dev/full failed ")
-
-
-def test_a_disk_that_is_full_in_the_middle_does_not_end_the_loop(
-    recorder: ProcessRecorder, record: Callable[[int], CycleRecord], caplog: pytest.LogCaptureFixture
-) -> None:
+    recorder = ProcessRecorder(path, layout)  # here, so that what the writer says is captured
     # The kernel refuses to let the writer's files grow beyond this; it sends SIGXFSZ, which Python ignores.
+    _, hard = resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+    for cycle in range(300):
+        recorder.write(record(cycle))
+    wait_for(lambda: "failed" in capfd.readouterr().err)
+    resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (hard, hard))
+    second = path.with_name("run-0002.mcap")
+    cycle = 300
+    while not (second.exists() and second.stat().st_size > 5000):  # the writer tries again twice a second
+        recorder.write(record(cycle))
+        cycle += 1
+        time.sleep(0.01)
+    recorder.close()
+    found = logged(second)
+
+    assert recorder.dropped == 0
+    assert caplog.records == []
+    assert found == [0.5 + number for number in range(cycle - len(found), cycle)]
+    assert f"recorder: the log goes on in {second}; " in capfd.readouterr().err
+
+
+def test_a_disk_that_stays_full_is_told_once(
+    path: Path,
+    layout: Layout,
+    record: Callable[[int], CycleRecord],
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    recorder = ProcessRecorder(path, layout)
     resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (1000, 1000))
     for cycle in range(300):
         recorder.write(record(cycle))
     recorder.close()
 
-    assert "the recorder ended with status 9" in caplog.text
+    assert f"the recorder ended with status 9; the log {path} may be incomplete" in caplog.text
+    first, last = capfd.readouterr().err.splitlines()
+    assert first.startswith(f"segway-ecc: recorder: Writing the log {path} failed ")
+    assert last == f"segway-ecc: recorder: 300 messages at the end of the log {path} are missing"
+
+
+def test_what_was_handed_over_is_on_the_disk_soon_without_closing(
+    recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
+) -> None:
+    for cycle in range(10):
+        recorder.write(record(cycle))
+    wait_for(lambda: len(salvaged(path)) == 10)
+
+    assert salvaged(path) == list(range(10))
+
+
+def test_a_robot_whose_cycle_no_pipe_takes_whole_is_refused(tmp_path: Path, layout: Layout) -> None:
+    large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(500)))
+    with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 4\d\d\d bytes"):
+        ProcessRecorder(tmp_path / "run.mcap", large)
+
+
+NODE = """
+import os, signal, sys, time
+from pathlib import Path
+import msgspec
+from firmware_io.hardware import Sensors
+from node.cycle.seams import CycleRecord
+from node.cycle.setpoints import Setpoint
+from node.recording.layout import Layout
+from node.recording.recorder import ProcessRecorder
+from node.safety.modes import Mode
+
+layout = msgspec.json.decode(sys.argv[2], type=Layout)
+recorder = ProcessRecorder(Path(sys.argv[1]), layout)
+count = len(layout.sensors)
+sensors = Sensors((1.0,) * count, (1.0,) * count, (True,) * count)
+for cycle in range(50):
+    numbers = [(0.0,) * len(names) for names in (layout.inputs, layout.outputs, layout.commands, layout.published)]
+    recorder.write(CycleRecord(cycle, cycle, Mode.ARMED, 0, sensors, Setpoint(0.5 + cycle, 0.0), *numbers, (0,) * 5))
+while Path(sys.argv[1]).stat().st_size < 500:  # what begins the log is not on the disk yet
+    time.sleep(0.01)
+if sys.argv[3] == "stopped":
+    os.kill(recorder._process.pid, signal.SIGSTOP)
+print(recorder._process.pid, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("state", ["running", "stopped"])
+def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layout: Layout, state: str) -> None:
+    command = [sys.executable, "-c", NODE, str(path), layout.as_json(), state]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
+        assert node.stdout is not None
+        writer = Path(f"/proc/{int(node.stdout.readline())}")
+        if state == "stopped":
+            wait_for(lambda: (writer / "stat").read_text().split()[2] == "T")
+        node.kill()
+        node.wait(ENDS_WITHIN_S)
+        wait_for(lambda: not writer.exists() or (writer / "stat").read_text().split()[2] == "Z")
+
+    assert logged(path) == [0.5 + cycle for cycle in range(50)]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -10,7 +10,7 @@ from collections import defaultdict
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Trigger
 
 OUT = {
@@ -29,6 +29,7 @@ OUT = {
     "joint_states": JointState,
     "data": Imu,
     "diagnostics": DiagnosticArray,
+    "mode": DiagnosticStatus,
     "setpoint": TwistStamped,
 }
 ROS_OWN = (
@@ -41,7 +42,7 @@ ROS_OWN = (
     "/set_parameters",
     "/set_parameters_atomically",
 )
-KINDS = {"Float64": Float64, "Twist": Twist, "TwistStamped": TwistStamped, "String": String}
+KINDS = {"Float64": Float64, "Twist": Twist, "TwistStamped": TwistStamped, "String": String, "Header": Header}
 PATIENCE_S = 15.0
 NS_PER_S = 1_000_000_000
 
@@ -92,6 +93,9 @@ def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
                 "linear": message.twist.linear.x,
                 "angular": message.twist.angular.z,
             }
+        case DiagnosticStatus():
+            head = {"level": ord(message.level), "name": message.name, "hardware_id": message.hardware_id}
+            return {**head, **{pair.key: pair.value for pair in message.values}}
         case DiagnosticArray():
             return {
                 status.name: {"level": ord(status.level), **{pair.key: pair.value for pair in status.values}}
@@ -181,6 +185,16 @@ class ForeignNode:
         if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
             return False
         publisher.publish(Float64(data=value))
+        return True
+
+    def beat(self, topic: str, station: str, stamp_ns: int) -> Any:
+        """Publish one heartbeat of a base station, when whoever takes it is there."""
+        publisher = self._publisher(topic, "Header")
+        if not self._spin_until(lambda: publisher.get_subscription_count() > 0):
+            return False
+        message = Header(frame_id=station)
+        message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+        publisher.publish(message)
         return True
 
     def describe_parameter(self, node: str, name: str) -> Any:

@@ -20,6 +20,7 @@ RELIABLE = ["RELIABLE", "VOLATILE"]
 IN = {
     "cmd_vel": ["geometry_msgs/msg/Twist", *RELIABLE],
     "cmd_vel_stamped": ["geometry_msgs/msg/TwistStamped", *RELIABLE],
+    "station": ["std_msgs/msg/Header", "BEST_EFFORT", "VOLATILE"],
 }
 OUT = {
     "position": ["geometry_msgs/msg/Point", *RELIABLE],
@@ -29,6 +30,7 @@ OUT = {
     "joint_states": ["sensor_msgs/msg/JointState", *RELIABLE],
     "diagnostics": ["diagnostic_msgs/msg/DiagnosticArray", *RELIABLE],
     "setpoint": ["geometry_msgs/msg/TwistStamped", *RELIABLE],
+    "mode": ["diagnostic_msgs/msg/DiagnosticStatus", *RELIABLE],
 }
 SERVICES = {f"model/{name}": ["std_srvs/srv/Trigger"] for name in ("arm", "disarm", "stop", "clear_fault")}
 
@@ -219,7 +221,12 @@ def test_services_answer_with_reasons_and_change_the_mode(foreign: Ask) -> None:
         "there is no fault to clear: the robot is ARMED",
     ]
     assert foreign("call", service="/model/stop") == [True, "FAULT: stop was pressed"]
-    assert mode(foreign, "FAULT") == {"level": 2, "mode": "FAULT", "reason": "stop was pressed"}
+    assert mode(foreign, "FAULT") == {
+        "level": 2,
+        "mode": "FAULT",
+        "reason": "stop was pressed",
+        "check.drives": "ok: nothing speaks against it",
+    }
     assert foreign("call", service="/model/arm") == [False, "clear the fault first: stop was pressed"]
     assert foreign("call", service="/model/clear_fault") == [True, "DISARMED: fault cleared"]
     assert mode(foreign, "DISARMED")["reason"] == "fault cleared"
@@ -282,3 +289,36 @@ def test_a_publisher_that_never_reaches_the_robot_is_told_once_with_the_fix(
         foreign("hear", topic="/robot1/diagnostics")
 
     assert text.read_text().splitlines().count(expected) == 1
+
+
+def test_the_mode_is_told_and_a_heartbeat_is_echoed(foreign: Ask) -> None:
+    foreign("call", service="/robot1/model/clear_fault")
+    foreign("call", service="/robot1/model/disarm")
+    told = hear_until(foreign, "/robot1/mode", lambda mode: mode["reason"] == "asked to disarm")
+    assert told == {
+        "level": 0,
+        "name": "cart: mode",
+        "hardware_id": "cart",
+        "mode": "DISARMED",
+        "reason": "asked to disarm",
+        "cycle": told["cycle"],
+        "drives": "none",
+        "zero": "true",
+        "heartbeat": "",
+        "heartbeat_age_ms": "",
+        "can_stand": "false",
+    }
+    name = "b\u00e4se" + 100 * "!"
+
+    def is_echoed(mode: Any) -> bool:
+        # Sent again until it is: the topic is best effort, and one that is sent early may be lost.
+        foreign("beat", topic="/robot1/station", station=name, stamp_ns=5_000_000_007)
+        return bool(mode["heartbeat"])
+
+    echoed = hear_until(foreign, "/robot1/mode", is_echoed)
+    assert echoed["heartbeat"] == "b\u00e4se" + 76 * "!" + " 5000000007"
+    assert float(echoed["heartbeat_age_ms"]) >= 0.0
+    foreign("call", service="/robot1/model/stop")
+    stopped = hear_until(foreign, "/robot1/mode", lambda mode: mode["mode"] == "FAULT")
+    assert (stopped["level"], stopped["reason"]) == (2, "stop was pressed")
+    foreign("call", service="/robot1/model/clear_fault")

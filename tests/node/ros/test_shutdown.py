@@ -175,7 +175,7 @@ def test_ros_that_shuts_down_ends_the_loop_with_zero(
     robot = build_robot(file, rig, rig.bus.attach("node"))
     witness = rig.bus.attach("witness")
     with ros_node("model", "") as node:
-        loop = robot.loop(RosStage(node, file.ros, robot.wiring, robot.model), ShutsDown(node.context))
+        loop = robot.loop(RosStage(node, file.ros, robot.wiring, robot.model, file.name), ShutsDown(node.context))
         # The limit only keeps a loop that goes on from going on for ever.
         loop.run(1000)
     rig.sleep_until_ns(rig.now_ns() + 10_000_000)

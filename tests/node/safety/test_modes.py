@@ -5,12 +5,12 @@ from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition
 OBSTACLES = ("no supply: switch it on", "no watchdog")
 
 
-def reach(mode: Mode) -> Modes:
+def reach(mode: Mode, *, station_lost: bool = False) -> Modes:
     modes = Modes()
     if mode in ACTIVE:
         modes.ask(Action.ARM)
     if mode is Mode.HOLD:
-        modes.observe([], setpoints_silent=True)
+        modes.observe([], setpoints_silent=not station_lost, station_lost=station_lost)
     if mode is Mode.FAULT:
         modes.fail("smoke")
     assert modes.mode is mode
@@ -113,6 +113,61 @@ def test_what_is_observed_leads_to_the_most_severe_mode(
     before = modes.reason
     modes.observe(["too hot", "too fast"] if fault else [], setpoints_silent=silent)
     assert (modes.mode, modes.reason) == (then, before if reason is None else reason)
+
+
+# Mode, why it holds, a fault is there, set-points are silent -> mode, reason, with and without a lost station.
+LOST, SILENT = "the base station is lost", "no set-point arrives any more"
+AGAIN = "the base station is heard again"
+STATION_OBSERVATIONS = [
+    (Mode.DISARMED, False, False, False, True, Mode.DISARMED, "just started"),
+    (Mode.ARMED, False, False, False, True, Mode.HOLD, LOST),
+    (Mode.ARMED, False, False, True, True, Mode.HOLD, LOST),
+    (Mode.ARMED, False, True, True, True, Mode.FAULT, "too hot; too fast"),
+    (Mode.HOLD, False, False, False, True, Mode.HOLD, LOST),
+    (Mode.HOLD, False, False, True, True, Mode.HOLD, LOST),
+    (Mode.HOLD, False, True, False, True, Mode.FAULT, "too hot; too fast"),
+    (Mode.HOLD, True, False, False, True, Mode.HOLD, LOST),
+    (Mode.HOLD, True, True, False, True, Mode.FAULT, "too hot; too fast"),
+    (Mode.HOLD, True, False, False, False, Mode.ARMED, AGAIN),
+    (Mode.HOLD, True, False, True, False, Mode.HOLD, SILENT),
+    (Mode.HOLD, True, True, False, False, Mode.FAULT, "too hot; too fast"),
+    (Mode.FAULT, False, False, False, True, Mode.FAULT, "smoke"),
+]
+
+
+@pytest.mark.parametrize(("mode", "was_lost", "fault", "silent", "lost", "then", "reason"), STATION_OBSERVATIONS)
+def test_a_lost_station_holds_with_a_reason_of_its_own(  # noqa: PLR0913, PLR0917 - the columns of the table
+    mode: Mode,
+    was_lost: bool,  # noqa: FBT001 - a column of the table
+    fault: bool,  # noqa: FBT001 - a column of the table
+    silent: bool,  # noqa: FBT001 - a column of the table
+    lost: bool,  # noqa: FBT001 - a column of the table
+    then: Mode,
+    reason: str,
+) -> None:
+    modes = reach(mode, station_lost=was_lost)
+    modes.observe(["too hot", "too fast"] if fault else [], setpoints_silent=silent, station_lost=lost)
+    assert (modes.mode, modes.reason) == (then, reason)
+
+
+def test_each_reason_to_hold_is_kept_and_none_twice() -> None:
+    modes = reach(Mode.HOLD)
+    for lost, silent in [(True, True), (True, False), (False, True), (False, True), (False, False)]:
+        modes.observe([], setpoints_silent=silent, station_lost=lost)
+    assert [(transition.mode, transition.reason) for transition in modes.history][1:] == [
+        (Mode.HOLD, SILENT),
+        (Mode.HOLD, LOST),
+        (Mode.HOLD, SILENT),
+        (Mode.ARMED, "set-points arrive again"),
+    ]
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_the_robot_disarms_itself_only_where_it_is_active(mode: Mode) -> None:
+    modes = reach(mode)
+    before = modes.mode, modes.reason
+    modes.disarm(LOST)
+    assert (modes.mode, modes.reason) == ((Mode.DISARMED, LOST) if mode in ACTIVE else before)
 
 
 @pytest.mark.parametrize("mode", Mode)

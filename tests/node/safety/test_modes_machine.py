@@ -14,20 +14,20 @@ OBSTACLES = st.lists(st.sampled_from(["no supply", "no watchdog"]), max_size=2, 
 
 
 class Operation(RuleBasedStateMachine):
-    """The modes, and an account of them from three facts: is there a fault, is it armed, are set-points silent."""
+    """The modes, and an account of them: is there a fault, is it armed, are set-points or the station silent."""
 
     def __init__(self) -> None:
         super().__init__()
         self.modes = Modes()
         self.fault: str | None = None  # the first since the last clear
         self.armed = False
-        self.silent = False
+        self.silent = self.lost = False
         self.mode, self.reason = Mode.DISARMED, "just started"
         self.told: list[Transition] = []
 
     def follow(self, reason: str) -> None:
         """Account for what has happened."""
-        awake = Mode.HOLD if self.silent else Mode.ARMED
+        awake = Mode.HOLD if self.silent or self.lost else Mode.ARMED
         mode = Mode.FAULT if self.fault else awake if self.armed else Mode.DISARMED
         if (mode, reason) != (self.mode, self.reason):
             self.told.append(Transition(self.modes.cycle, mode, reason))
@@ -51,7 +51,7 @@ class Operation(RuleBasedStateMachine):
             assert (self.fault or "; ".join(obstacles)) in answer.message
         else:
             assert answer.accepted
-            self.armed, self.silent = True, False
+            self.armed, self.silent, self.lost = True, False, False
             self.follow("asked to arm")
 
     @rule()
@@ -79,14 +79,27 @@ class Operation(RuleBasedStateMachine):
         if not self.fault:
             self.break_down(reason)
 
-    @rule(faults=FAULTS, silent=st.booleans())
-    def observe(self, faults: Sequence[str], *, silent: bool) -> None:
-        self.modes.observe(faults, setpoints_silent=silent)
+    @rule(reason=st.sampled_from(["the base station is lost", "it is late"]))
+    def disarm_itself(self, reason: str) -> None:
+        self.modes.disarm(reason)
+        if self.armed:
+            self.armed = False
+            self.follow(reason)
+
+    @rule(faults=FAULTS, silent=st.booleans(), lost=st.booleans())
+    def observe(self, faults: Sequence[str], *, silent: bool, lost: bool) -> None:
+        self.modes.observe(faults, setpoints_silent=silent, station_lost=lost)
         if self.armed and faults:
             self.break_down("; ".join(faults))
-        elif self.armed and silent != self.silent:
-            self.silent = silent
-            self.follow("no set-point arrives any more" if silent else "set-points arrive again")
+        elif self.armed:
+            before = (self.silent and not self.lost, self.lost)
+            self.silent, self.lost = silent, lost
+            if lost and not before[1]:
+                self.follow("the base station is lost")
+            elif not lost and silent and not before[0]:
+                self.follow("no set-point arrives any more")
+            elif not (lost or silent) and any(before):
+                self.follow("the base station is heard again" if before[1] else "set-points arrive again")
 
     @invariant()
     def the_mode_and_its_reason_are_as_accounted(self) -> None:

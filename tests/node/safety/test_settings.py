@@ -10,6 +10,7 @@ from node.safety.settings import (
     FollowingErrorSettings,
     LateCyclesLimit,
     SafetySettings,
+    StationSettings,
     SupplyWindow,
     VelocityConsistency,
     YawConsistency,
@@ -140,3 +141,49 @@ TAKEN = [
 @pytest.mark.parametrize("key", TAKEN)
 def test_the_ends_of_what_makes_sense_are_taken(key: str) -> None:
     assert decode(f"safety: {{{key}}}") is not None
+
+
+def decode_station(text: str) -> StationSettings | None:
+    return decode_yaml(f"{BASE}station: {{{text}}}", RobotFile, "robot.yaml").station
+
+
+def test_a_robot_without_the_section_is_not_watched_over() -> None:
+    assert decode_yaml(BASE, RobotFile, "robot.yaml").station is None
+
+
+def test_every_key_of_a_station_is_taken_and_has_its_default() -> None:
+    assert decode_station("") == StationSettings(timeout_s=1.0, sit_down_after_s=None, sit_down={}, disarm_after_s=None)
+    text = "timeout_s: 2.0, sit_down_after_s: 3.0, sit_down: {stand: 0.5, height: -1}, disarm_after_s: 4.0"
+    assert decode_station(text) == StationSettings(
+        timeout_s=2.0, sit_down_after_s=3.0, sit_down={"stand": 0.5, "height": -1.0}, disarm_after_s=4.0
+    )
+
+
+TOGETHER = "sit_down_after_s and sit_down belong together: give both or neither at station"
+ORDER = "timeout_s, sit_down_after_s and disarm_after_s must increase in this order at station"
+SIT_DOWN = "sit_down: {stand: 0.0}"
+STATIONS_REFUSED = {
+    "timeout_s: 0.19": "station.timeout_s",
+    "timeout_s: 3601.0": "station.timeout_s",
+    "timeout_s: .nan": "station",
+    "disarm_after_s: .nan": "station",
+    "disarm_after_s: .inf": "station.disarm_after_s",
+    "sit_down_after_s: 0.0": "station.sit_down_after_s",
+    "sit_down_after_s: 2.0": TOGETHER,
+    SIT_DOWN: TOGETHER,
+    f"sit_down_after_s: 2.0, {SIT_DOWN[:-4]}.nan}}": "sit_down: a value is not finite at station",
+    f"sit_down_after_s: 1.0, {SIT_DOWN}": ORDER,
+    f"sit_down_after_s: 3.0, {SIT_DOWN}, disarm_after_s: 2.0": ORDER,
+    f"sit_down_after_s: 3.0, {SIT_DOWN}, disarm_after_s: 3.0": ORDER,
+    "disarm_after_s: 0.5": ORDER,
+    "timeout_s: 5.0, disarm_after_s: 5.0": ORDER,
+    "timeout: 1.0": "unknown field `timeout`",
+}
+
+
+@pytest.mark.parametrize("key", STATIONS_REFUSED)
+def test_a_station_that_makes_no_sense_is_refused_in_one_line(key: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        decode_station(key)
+    assert STATIONS_REFUSED[key] in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -579,3 +579,53 @@ def test_a_link_that_takes_nothing_does_not_disturb_the_loop(bench: Bench) -> No
     bench.memory.is_full = True
     bench.pair.command((1.0, 1.0))
     bench.pair.disable()
+
+
+@pytest.mark.parametrize(
+    ("statusword", "is_off"),
+    [
+        (0x0200, True),  # not ready to switch on
+        (DISABLED, True),
+        (READY, True),
+        (SWITCHED_ON, True),
+        (FAULT, True),
+        (ENABLED, False),
+        (QUICK_STOP, False),
+        (0x021F, False),  # fault reaction active
+        (0x0001, False),  # none of the profile's
+    ],
+)
+def test_they_are_off_where_both_statuswords_say_so_after_they_were_told_to(
+    bench: Bench, statusword: int, *, is_off: bool
+) -> None:
+    bench.enable()
+    assert not bench.pair.is_off
+    bench.pair.disable()
+    bench.tell_status(DISABLED)
+    assert not bench.pair.is_off, "that had arrived by then"
+    for both in ((DISABLED, statusword), (statusword, DISABLED)):
+        bench.memory.now_ns += MS
+        bench.tell_status(*both)
+        assert bench.pair.is_off is is_off
+
+
+def test_they_are_off_only_while_both_statuswords_are_fresh_whatever_else_they_send(bench: Bench) -> None:
+    bench.start()
+    said = [bench.pair.is_off]
+    bench.tell_status(DISABLED)
+    said.append(bench.pair.is_off)
+    bench.pair.disable()
+    said.append(bench.pair.is_off)  # they were off before they were told so again
+    for _ in range(20):
+        bench.memory.now_ns += 10 * MS
+        bench.tell(0x180 + LEFT, "4002000000000000")
+        bench.tell(0x280 + RIGHT, "00000000")
+    said.append(bench.pair.is_off)
+    assert said == [False, True, True, False]
+
+
+def test_a_drive_that_restarts_has_not_said_that_it_is_off(bench: Bench) -> None:
+    bench.start()
+    bench.tell_status(DISABLED)
+    bench.tell(0x700 + LEFT, "00")
+    assert not bench.pair.is_off

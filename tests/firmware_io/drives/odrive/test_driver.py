@@ -648,3 +648,30 @@ def test_no_other_identifier_or_length_changes_anything(configure: Configure, fi
     for identifier in listed:
         assert bench.drive.take(Frame(identifier, b"\x40" * 8, bench.now_ns))
     assert _state(bench) != before
+
+
+@pytest.mark.parametrize("state", range(14))
+def test_it_is_off_where_a_heartbeat_says_idle_and_in_no_other_state(bench: Bench, state: int) -> None:
+    bench.arm()
+    assert not bench.drive.is_off
+    bench.drive.disable()
+    bench.beat(IDLE)
+    assert not bench.drive.is_off, "that had arrived by then"
+    bench.now_ns += MS
+    bench.estimate()
+    assert not bench.drive.is_off
+    bench.beat(state)
+    assert bench.drive.is_off is (state == IDLE)
+
+
+def test_it_is_off_only_while_heartbeats_are_fresh_whatever_else_it_sends(bench: Bench) -> None:
+    said = [bench.drive.is_off]
+    bench.beat()
+    said.append(bench.drive.is_off)
+    bench.drive.disable()
+    said.append(bench.drive.is_off)  # it was off before it was told so again
+    for _ in range(20):
+        bench.now_ns += 10 * MS
+        bench.estimate()
+    said.append(bench.drive.is_off)
+    assert said == [False, True, True, False]

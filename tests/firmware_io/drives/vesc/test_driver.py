@@ -400,3 +400,50 @@ def test_health_tells_supply_and_current(bench: Bench) -> None:
 def test_refused_frames_are_told_by_cause(bench: Bench) -> None:
     bench.vesc.take(Frame(0x909, b"", is_extended=True))
     assert bench.vesc.health[f"refused.{Refusal.LENGTH}"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("amperes", "is_off"), [(0.0, True), (0.5, True), (-0.5, True), (0.6, False), (-0.6, False), (15.0, False)]
+)
+def test_it_is_off_where_next_to_no_current_is_measured_after_it_was_told_so(
+    bench: Bench, amperes: float, *, is_off: bool
+) -> None:
+    bench.enable()
+    bench.tell(Command.STATUS, Status(0, 9.0, 0.0))
+    assert not bench.vesc.is_off
+    bench.vesc.disable()
+    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    assert not bench.vesc.is_off, "that had arrived by then"
+    bench.now_ns += MS
+    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    assert not bench.vesc.is_off
+    bench.tell(Command.STATUS, Status(0, amperes, 0.0))
+    assert bench.vesc.is_off is is_off
+
+
+@pytest.mark.parametrize(
+    ("max_torque", "off", "on"),  # the largest currents are 20, 3 and 0.5 A
+    [(2.0, 0.5, 0.6), (0.3, 0.3, 0.4), (0.05, 0.1, 0.2)],
+)
+def test_what_is_next_to_no_current_is_less_where_little_can_be_asked_for(
+    link: Link, max_torque: float, off: float, on: float
+) -> None:
+    left = VescWheelSettings(controller_id=8, pole_pairs=7, torque_constant=0.1, max_torque=max_torque)
+    settings = VescSettings(left=left, right=RIGHT, timeout_set_s=0.05)
+    vesc = Vesc(link, "left", settings, 0.01, lambda: 0)
+    for amperes, is_off in ((off, True), (-off, True), (on, False), (-on, False)):
+        assert vesc.take(frame_of(Command.STATUS, 8, Status(0, amperes, 0.0)))
+        assert vesc.is_off is is_off
+
+
+def test_it_is_off_only_while_status_is_fresh_whatever_else_it_sends(bench: Bench) -> None:
+    said = [bench.vesc.is_off]
+    bench.tell_status()
+    said.append(bench.vesc.is_off)
+    bench.vesc.disable()
+    said.append(bench.vesc.is_off)  # it was off before it was told so again
+    for _ in range(20):
+        bench.now_ns += 10 * MS
+        bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    said.append(bench.vesc.is_off)
+    assert said == [False, True, True, False]

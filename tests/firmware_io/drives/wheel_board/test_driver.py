@@ -491,3 +491,30 @@ def test_asking_sends_nothing(bench: Bench, ask: Callable[[WheelBoard], object])
     bench.enable()
     ask(bench.driver)
     assert bench.heard() == []
+
+
+@pytest.mark.parametrize("state", list(BoardState))
+def test_it_is_off_in_every_state_but_enabled_once_that_is_heard_after_it_was_told_so(
+    bench: Bench, state: BoardState
+) -> None:
+    bench.enable()
+    assert not bench.driver.is_off
+    bench.driver.disable()
+    bench.tell_status()
+    assert not bench.driver.is_off, "that had arrived by then"
+    bench.now_ns += MS
+    bench.tell_status(state)
+    assert bench.driver.is_off is (state is not BoardState.ENABLED)
+
+
+def test_it_is_off_only_while_its_status_is_fresh_whatever_else_it_sends(bench: Bench) -> None:
+    said = [bench.driver.is_off]
+    bench.tell_status()
+    said.append(bench.driver.is_off)
+    bench.driver.disable()
+    said.append(bench.driver.is_off)  # it was off before it was told so again
+    for _ in range(20):
+        bench.now_ns += 10 * MS
+        bench.tell(FrameId.LEFT_WHEEL, Wheel(0.0, 0.0))
+    said.append(bench.driver.is_off)
+    assert said == [False, True, True, False]

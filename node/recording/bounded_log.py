@@ -1,0 +1,142 @@
+"""A log that goes on through everything a disk can do: in files of a size, within bounds, and past a full disk."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from node.errors import RecordingError
+from node.recording.bounds import Bounds, make_room, part
+from node.recording.codec import CYCLE, EVENTS, events_message, unpack_diagnostics
+from node.recording.cycle_log import CycleLog
+from node.recording.layout import Layout
+from node.recording.provenance import Provenance
+
+FLUSH_NS: Final = 500_000_000
+"""How often what was logged is put onto the disk: a power cut loses this much, and what one flush takes."""
+_PARTS: Final = 9999
+
+
+class BoundedLog:
+    """Takes the messages of a run as frames bring them.
+
+    While the disk refuses, messages are counted and dropped, and with each flush a new file is tried. What there was no
+    room for is told once, and again once there is room.
+
+    Attributes:
+        dropped: Messages that were not kept since the last file was opened.
+    """
+
+    def __init__(
+        self, path: Path, layout: Layout, provenance: Provenance, bounds: Bounds, tell: Callable[[str], None]
+    ) -> None:
+        """Open the first file; `tell` takes what people should know."""
+        self.dropped = 0
+        self._path = path
+        self._layout = layout
+        self._provenance = provenance
+        self._bounds = bounds
+        self._tell = tell
+        self._number = 0
+        self._unflushed = 0
+        self._log: CycleLog | None = None
+        try:
+            self._next()
+        except RecordingError as error:
+            self._lose(error)
+
+    def write(self, kind: bytes, body: bytes) -> None:
+        """Take one frame."""
+        self._unflushed += 1
+        if self._log is None:
+            return
+        try:
+            _write(self._log, kind, body)
+        except RecordingError as error:
+            self._lose(error)
+
+    def flush(self) -> None:
+        """Put everything onto the disk, begin the next file where it is time, and keep within the bounds."""
+        try:
+            self._flush()
+        except RecordingError as error:
+            self._lose(error)
+
+    def close(self) -> None:
+        """Finish the log.
+
+        Raises:
+            RecordingError: The disk refuses, and the end of the log is missing.
+        """
+        if self._log is None:
+            self.dropped += self._unflushed
+            raise RecordingError(f"{self.dropped} messages at the end of the log {self._path} are missing")
+        self._log.close()
+
+    def _flush(self) -> None:
+        if self._log is None:
+            self._try_again()
+            return
+        self._log.flush()
+        self._unflushed = 0
+        make_room(self._path, self._bounds, self._log.size, self._file)
+        if self._log.size >= self._bounds.file_bytes:
+            self._log.close()
+            self._next()
+
+    @property
+    def _file(self) -> Path:
+        return part(self._path, self._number)
+
+    def _next(self) -> None:
+        """Open the next file; its name and its beginning are on the disk when this returns."""
+        self._number = min(self._number + 1, _PARTS)
+        make_room(self._path, self._bounds, 0, self._file)
+        log = CycleLog(self._file, self._layout, self._provenance)
+        self._log = log
+        log.flush()
+        _sync_folder(self._path.parent)
+
+    def _try_again(self) -> None:
+        """Begin a new file after a disk that refused; leave nothing where it still does."""
+        self.dropped += self._unflushed
+        self._unflushed = 0
+        try:
+            self._next()
+        except RecordingError:
+            self._log = None
+            if self._file.is_file():
+                self._file.unlink()
+            self._number -= 1
+            return
+        self._tell(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
+        self.dropped = 0
+
+    def _lose(self, error: RecordingError) -> None:
+        """Do without the present file."""
+        self._log = None
+        self._tell(str(error))
+
+
+def _write(log: CycleLog, kind: bytes, body: bytes) -> None:
+    if kind == CYCLE:
+        log.write_cycle(body)
+    elif kind == EVENTS:
+        log.write_events(events_message(body))
+    else:
+        diagnostics = unpack_diagnostics(body)
+        log.write_diagnostics(diagnostics.stamp_ns, diagnostics.statuses)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the names in a folder onto the disk."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        return  # some file systems cannot; the name then comes with the file's content
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,165 @@
+"""The message on `/cycle`: everything of one cycle that is a number, in one message of one size.
+
+The definition is made from the robot's layout, in the `ros2msg` form of the MCAP format registry; the bytes are plain
+CDR as in `node.recording.cdr`. What is eight bytes wide comes first, so that nothing but the header needs padding.
+"""
+
+import struct
+from collections.abc import Sequence
+from itertools import islice
+from typing import Final, NamedTuple
+
+from firmware_io.hardware import Sensors
+from node.cycle.cycle import PHASES
+from node.cycle.seams import CycleRecord
+from node.cycle.setpoints import Setpoint
+from node.recording.layout import Layout, field_names
+from node.recording.schemas import definition
+from node.safety.modes import Mode
+
+CYCLE_TOPIC: Final = "/cycle"
+CYCLE_TYPE: Final = "segway_ecc/msg/Cycle"
+
+_MODES: Final = tuple(Mode)
+_HEAD: Final = struct.Struct("<4siI")
+_PREFIX: Final = b"\x00\x01\x00\x00"
+# The empty frame_id of the header: its length with the closing NUL, that, and padding up to 16 bytes.
+_NO_FRAME: Final = b"\x01\x00\x00\x00\x00\x00\x00\x00"
+_NS_PER_S: Final = 1_000_000_000
+# The last phase is the recording itself, which is not over when it is written.
+_PHASES: Final = PHASES[:-1]
+
+
+class LoggedCycle(NamedTuple):
+    """A cycle as it is in the log: what came as text is apart, so many pieces of it."""
+
+    record: CycleRecord
+    events: int
+
+
+class CycleMessage:
+    """The message of one robot.
+
+    Attributes:
+        schema: Its definition.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        """Make the message for a layout."""
+        groups = (
+            layout.sensors,
+            layout.sensors,
+            layout.inputs,
+            layout.outputs,
+            layout.commands,
+            layout.published,
+        )
+        self._counts = (2, *map(len, groups))
+        self._sensors = len(layout.sensors)
+        self._struct = struct.Struct(
+            f"<4siI8sQqq{len(_PHASES)}q{sum(self._counts)}dIB??{self._sensors}?",
+        )
+        self._pack = self._struct.pack
+        self.schema = _schema(layout)
+
+    @property
+    def size(self) -> int:
+        """Of each message, bytes."""
+        return self._struct.size
+
+    def pack(self, record: CycleRecord, events: int) -> bytes:
+        """A cycle as a message; so many pieces of text belong to it."""
+        cycle, stamp_ns, mode, lateness_ns, sensors, setpoint, u, y, commands, published, durations_ns, start_ns, *_ = (
+            record
+        )
+        return self._pack(
+            _PREFIX,
+            stamp_ns // _NS_PER_S,
+            stamp_ns % _NS_PER_S,
+            _NO_FRAME,
+            cycle,
+            start_ns,
+            lateness_ns,
+            *durations_ns,
+            *setpoint,
+            *sensors.values,
+            *sensors.ages,
+            *u,
+            *y,
+            *commands,
+            *published,
+            events,
+            _MODES.index(mode),  # a StrEnum hashes in Python
+            sensors.ready,
+            sensors.off,
+            *sensors.valid,
+        )
+
+    def unpack(self, data: bytes) -> LoggedCycle:
+        """A message as a cycle.
+
+        Raises:
+            struct.error: It is of another robot.
+        """
+        _, seconds, rest_ns, _, cycle, start_ns, lateness_ns, *rest = self._struct.unpack(data)
+        numbers = iter(rest)
+        durations_ns = tuple(islice(numbers, len(_PHASES)))
+        setpoint, values, ages, u, y, commands, published = (tuple(islice(numbers, n)) for n in self._counts)
+        events, mode, ready, off, *valid = numbers
+        record = CycleRecord(
+            cycle,
+            seconds * _NS_PER_S + rest_ns,
+            _MODES[mode],
+            lateness_ns,
+            Sensors(values, ages, tuple(valid), ready=ready, off=off),
+            Setpoint(*setpoint),
+            u,
+            y,
+            commands,
+            published,
+            durations_ns,
+            start_ns,
+        )
+        return LoggedCycle(record, events)
+
+
+def stamp_of(data: bytes) -> int:
+    """The stamp of a message that begins with a header, ns since the Unix epoch."""
+    _, seconds, rest_ns = _HEAD.unpack_from(data)
+    return int(seconds * _NS_PER_S + rest_ns)
+
+
+def _schema(layout: Layout) -> str:
+    """The definition: a field for each group that has members, and a type for each such field."""
+    groups: dict[str, tuple[str, str, Sequence[str]]] = {
+        "duration_ns": ("Durations", "int64", _PHASES),
+        "setpoint": ("Setpoint", "float64", Setpoint._fields),
+        "sensor": ("Sensors", "float64", layout.sensors),
+        "age_s": ("Ages", "float64", layout.sensors),
+        "model_input": ("Inputs", "float64", layout.inputs),
+        "model_output": ("Outputs", "float64", layout.outputs),
+        "command": ("Commands", "float64", layout.commands),
+        "published": ("Published", "float64", layout.published),
+        "valid": ("Valid", "bool", layout.sensors),
+    }
+    there = {field: group for field, group in groups.items() if group[2]}
+    parts = {
+        f"segway_ecc/{kind}": [f"{member} {name}" for name in field_names(names)]
+        for kind, member, names in there.values()
+    }
+    fields = {field: f"segway_ecc/{kind} {field}" for field, (kind, _, _) in there.items()}
+    valid = fields.pop("valid", None)
+    lines = [
+        *(f"uint8 {mode}={index}" for index, mode in enumerate(_MODES)),
+        "std_msgs/Header header",
+        "uint64 cycle",
+        "int64 start_ns",
+        "int64 lateness_ns",
+        *fields.values(),
+        "uint32 events",
+        "uint8 mode",
+        "bool ready",
+        "bool off",
+        *([valid] if valid else []),
+    ]
+    return definition(lines, parts)

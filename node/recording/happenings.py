@@ -1,0 +1,112 @@
+"""What happened in a cycle beyond its numbers: what arrived, what the hardware answered, faults and events.
+
+Each piece is one JSON array whose first word says what it is. Numbers are written as Python does: all digits, and NaN
+and Infinity by name, so that they come back bit for bit.
+
+    ["fault", TEXT]                     a fault that the drives report
+    ["event", TEXT]                     what happened to the links
+    ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send
+    ["initial", {...}]                  the snapshot that the model started from
+    ["setpoints", [[V, W], NS]]         what arrived, by its place in the inbox; one piece for each
+"""
+
+import dataclasses
+import json
+import operator
+import typing
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from firmware_io.hardware import Sensors
+from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Request
+from node.errors import RecordingError
+from node.safety.modes import Action, Answer
+
+_HINTS: Final = typing.get_type_hints(Inbox)
+_FIELDS: Final = tuple(field.name for field in dataclasses.fields(Inbox))
+_arrived_in: Final = operator.attrgetter(*_FIELDS)
+_KINDS: Final = {name: typing.get_args(_HINTS[name])[0] for name in _FIELDS}
+"""What each list of the inbox holds."""
+
+_encode: Final = json.JSONEncoder(separators=(",", ":")).encode
+
+
+Piece = Sequence[object]
+
+
+def happenings(record: CycleRecord) -> Sequence[Piece]:
+    """What happened in a cycle; almost always nothing."""
+    sensors, inbox = record.sensors, record.inbox
+    # No call but of C: in a loop that sleeps between its cycles, a function of Python takes microseconds each time.
+    if (
+        (inbox is None or not any(_arrived_in(inbox)))
+        and not record.answers
+        and not sensors.faults
+        and not sensors.events
+        and record.initial is None
+    ):
+        return ()
+    return list(_pieces(record))
+
+
+def texts(pieces: Iterable[Piece]) -> list[str]:
+    """Pieces as the log holds them."""
+    return [_encode(piece) for piece in pieces]
+
+
+def restored(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
+    """The cycle with what happened in it put back; what was asked in it is answered to nobody.
+
+    Raises:
+        RecordingError: A text is none of those that `texts` returns.
+    """
+    inbox, answers, faults, events, initial = Inbox(), [], [], [], None
+    try:
+        for text in held:
+            match json.loads(text):
+                case ["fault", what]:
+                    faults.append(what)
+                case ["event", what]:
+                    events.append(what)
+                case ["answer", call, reasons]:
+                    answers.append(HardwareAnswer(call, tuple(reasons)))
+                case ["initial", snapshot]:
+                    initial = msgspec.convert(snapshot, Sensors)
+                case [name, value]:
+                    getattr(inbox, name).append(_arrived(_KINDS[name], value))
+                case other:
+                    raise _not_one_of_ours(other)
+    except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
+        raise RecordingError(f"what the log tells of cycle {record.cycle} is not understood: {error}") from error
+    sensors = dataclasses.replace(record.sensors, faults=tuple(faults), events=tuple(events))
+    return record._replace(sensors=sensors, inbox=inbox, answers=answers, initial=initial)
+
+
+def _pieces(record: CycleRecord) -> Iterator[Piece]:
+    if record.initial is not None:
+        yield ["initial", dataclasses.asdict(record.initial)]
+    for name in _FIELDS if record.inbox is not None else ():
+        for arrived in getattr(record.inbox, name):
+            yield [name, arrived.action if isinstance(arrived, Request) else arrived]
+    for answer in record.answers:
+        yield ["answer", answer.call, answer.reasons]
+    for fault in record.sensors.faults:
+        yield ["fault", fault]
+    for event in record.sensors.events:
+        yield ["event", event]
+
+
+def _arrived(kind: Any, value: object) -> object:  # noqa: ANN401 - one of the types that the inbox names
+    if kind is Request:
+        return Request(Action(str(value)), _to_nobody)
+    return msgspec.convert(value, kind)
+
+
+def _not_one_of_ours(value: object) -> ValueError:
+    return ValueError(f"{value!r}")
+
+
+def _to_nobody(_answer: Answer) -> None:
+    """Whoever asked is long gone."""

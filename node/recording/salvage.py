@@ -1,0 +1,71 @@
+"""Reading a log as far as it goes: also one that a power cut or a full disk has cut off anywhere."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader
+
+from node.errors import RecordingError
+
+# What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
+_DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
+
+
+class Salvage:
+    """What one file holds, read from its beginning.
+
+    Attributes:
+        path: The file.
+        is_whole: Whether the file was read to its proper end.
+        attachments: Those met so far, by name.
+        metadata: Those met so far, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read nothing yet."""
+        self.path = path
+        self.is_whole = False
+        self.attachments: dict[str, bytes] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+
+    def messages(self) -> Iterator[tuple[str, Message]]:
+        """The messages, each with its topic, up to where the file is cut off or damaged.
+
+        Raises:
+            RecordingError: The file cannot be opened.
+        """
+        channels: dict[int, str] = {}
+        for record in self._records():
+            match record:
+                case Attachment(name=name, data=data):
+                    self.attachments[name] = data
+                case Metadata(name=name, metadata=values):
+                    self.metadata[name] = values
+                case Channel(id=number, topic=topic):
+                    channels[number] = topic
+                case Message() if record.channel_id in channels:
+                    yield channels[record.channel_id], record
+                case Footer():
+                    self.is_whole = True
+                case _:
+                    pass
+
+    def _records(self) -> Iterator[McapRecord]:
+        try:
+            stream: IO[bytes] = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"cannot read the log {self.path}: {error.strerror}") from error
+        with stream:
+            records = iter(StreamReader(stream, validate_crcs=True).records)
+            while True:
+                try:
+                    record = next(records, None)
+                except _DAMAGE:
+                    return
+                if record is None:
+                    return
+                yield record

@@ -1,0 +1,122 @@
+"""The raw traffic on a bus, as a candump log: what can-utils, SavvyCAN and cantools read."""
+
+import contextlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+import can
+
+from firmware_io.errors import BusNotFoundError
+from firmware_io.links.can_interfaces import check_socketcan, resolve
+from node.errors import RecordingError
+
+_WAIT_S: Final = 0.1
+
+
+class CandumpLog:
+    """Writes frames in the format of `candump -L`, in two files at most that take turns.
+
+    When the file is half as long as all may be, it becomes the older one (`FILE.1`), and the older one before it goes.
+
+    Attributes:
+        frames: How many were written.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        """Begin the file.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
+        self.frames = 0
+        self._path = path
+        self._half = limit_bytes // 2
+        self._writer = self._begin()
+
+    def write(self, message: can.Message) -> None:
+        """Write one frame.
+
+        Raises:
+            RecordingError: The disk refuses.
+        """
+        try:
+            self._writer.on_message_received(message)
+            self.frames += 1
+            if self._writer.file.tell() >= self._half:
+                self._writer.stop()
+                self._path.replace(self._path.with_name(f"{self._path.name}.1"))
+                self._writer = self._begin()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def flush(self) -> None:
+        """Hand what was written to the kernel.
+
+        Raises:
+            RecordingError: The disk refuses.
+        """
+        try:
+            self._writer.file.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def __enter__(self) -> Self:
+        """Write to it."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        with contextlib.suppress(OSError):
+            self._writer.stop()
+
+    def _begin(self) -> can.CanutilsLogWriter:
+        try:
+            return can.CanutilsLogWriter(self._path)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: OSError) -> RecordingError:
+        return RecordingError(f"cannot write {self._path}: {error.strerror}; choose another --out")
+
+
+def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[], bool]) -> None:
+    """Write what passes on a bus, from a socket of our own; nothing is ever sent.
+
+    Args:
+        settings: Interface, channel and bit rate (bit/s) as in a robot file.
+        log: Where it goes.
+        is_over: Asked ten times a second at least.
+
+    Raises:
+        BusNotFoundError: The bus is not there, or belongs to one program alone.
+        RecordingError: The disk refuses.
+    """
+    interface, channel = resolve(*settings[:2])
+    if interface == "socketcan":
+        check_socketcan(channel, settings[2])
+    try:
+        bus = can.Bus(interface=interface, channel=channel, bitrate=settings[2])
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise BusNotFoundError(f"cannot listen on CAN bus {interface} {channel}: {error}") from error
+    with contextlib.closing(_Shut(bus)):
+        flushed_s = time.monotonic()
+        while not is_over():
+            message = bus.recv(_WAIT_S)
+            if message is not None:
+                message.channel = channel
+                log.write(message)
+            if time.monotonic() - flushed_s > _WAIT_S:
+                log.flush()
+                flushed_s = time.monotonic()
+
+
+class _Shut:
+    """A bus that is closed as other things are."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self.close = bus.shutdown

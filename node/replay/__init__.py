@@ -1,0 +1,1 @@
+"""A recorded run, through the same model and safety code again."""

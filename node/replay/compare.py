@@ -1,0 +1,75 @@
+"""Two cycles compared, to the last bit."""
+
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from node.cycle.seams import CycleRecord
+from node.recording.layout import Layout
+
+
+class Difference(NamedTuple):
+    """What differs first in a cycle.
+
+    Attributes:
+        cycle: Its number.
+        time_s: Since the first cycle, s.
+        port: What differs: a command, a model's port, the mode.
+        recorded: What it was.
+        computed: What it is now.
+    """
+
+    cycle: int
+    time_s: float
+    port: str
+    recorded: str
+    computed: str
+
+    def __str__(self) -> str:
+        """In one line."""
+        return (
+            f"cycle {self.cycle} (t = {self.time_s:.3f} s): {self.port} {self.recorded} was recorded, "
+            f"{self.computed} is computed"
+        )
+
+
+class Values(NamedTuple):
+    """Numbers of a cycle under one heading."""
+
+    kind: str
+    names: Sequence[str]
+    recorded: Sequence[float]
+    computed: Sequence[float]
+
+
+def differences(layout: Layout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
+    """What differs between a cycle as recorded and as computed: the port and both values; commands first."""
+    pairs = (
+        Values("command", layout.commands, recorded.commands, computed.commands),
+        Values("model input", layout.inputs, recorded.u, computed.u),
+        Values("model output", layout.outputs, recorded.y, computed.y),
+        Values("set-point", recorded.setpoint._fields, recorded.setpoint, computed.setpoint),
+        Values("published", layout.published, recorded.published, computed.published),
+    )
+    for kind, names, old, new in pairs:
+        if same(old, new):
+            continue
+        for name, a, b in zip(names, old, new, strict=True):
+            if not same((a,), (b,)):
+                yield f"{kind} {name}", repr(float(a)), repr(float(b))
+    if recorded.mode is not computed.mode:
+        yield "mode", str(recorded.mode), str(computed.mode)
+
+
+def same(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Whether numbers are the same bit for bit; what is not a number is the same as what is none."""
+    if len(a) != len(b):
+        return False
+    layout = struct.Struct(f"{len(a)}d")
+    if layout.pack(*a) == layout.pack(*b):
+        return True
+    return all((x != x and y != y) or _bits(x) == _bits(y) for x, y in zip(a, b, strict=True))  # noqa: PLR0124 - NaN
+
+
+def _bits(value: float) -> bytes:
+    return struct.pack("d", value)

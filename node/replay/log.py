@@ -1,0 +1,104 @@
+"""A run as it was recorded: the robot, and its cycles in their order."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from node.config import RobotFile
+from node.cycle.seams import CycleRecord
+from node.errors import RecordingError
+from node.recording import cdr
+from node.recording.bounds import parts
+from node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
+from node.recording.cycle_message import CYCLE_TOPIC, CycleMessage
+from node.recording.happenings import restored
+from node.recording.layout import Layout
+from node.recording.provenance import MODEL, ROBOT_FILE
+from node.recording.salvage import Salvage
+
+
+class RecordedRun:
+    """A log, read from its beginning; a run in several files is read through all of them.
+
+    Attributes:
+        robot: The robot file that was in force.
+        layout: Names of what each cycle holds.
+        model_hash: Of the model that ran; empty where the log does not say.
+        gap: What is missing, and where; None as long as nothing is.
+        is_cut: Whether the last file that was read ends before its time, as after a power cut.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the beginning.
+
+        Raises:
+            RecordingError: It is no log of a run, or one that cannot be replayed.
+        """
+        self._path = path
+        self.gap: str | None = None
+        self.is_cut = False
+        first = Salvage(path)
+        next(first.messages(), None)
+        self.robot = _decoded(first, ROBOT_FILE, RobotFile)
+        self.layout = _decoded(first, LAYOUT_FILE, Layout)
+        self.model_hash = first.metadata.get(MODEL, {}).get("sha256", "")
+        self._message = CycleMessage(self.layout)
+
+    def cycles(self) -> Iterator[CycleRecord]:
+        """The cycles, from the first one on, up to where one is missing; `gap` then tells."""
+        texts: list[str] = []
+        expected = 0
+        for topic, data in self._messages():
+            if topic == EVENTS_TOPIC:
+                texts += cdr.read_cycle_events(data)[1]
+                continue
+            record, events = self._cycle(data)
+            self.gap = _gap(record, expected, events, len(texts))
+            if self.gap is not None:
+                return
+            yield restored(record, texts)
+            texts = []
+            expected += 1
+
+    def _cycle(self, data: bytes) -> tuple[CycleRecord, int]:
+        try:
+            record, events = self._message.unpack(data)
+        except (struct.error, IndexError) as error:
+            raise RecordingError(f"the log {self._path} does not hold what it says a cycle holds: {error}") from error
+        return record, events
+
+    def _messages(self) -> Iterator[tuple[str, bytes]]:
+        for path in parts(self._path):
+            file = Salvage(path)
+            for topic, message in file.messages():
+                if topic in {CYCLE_TOPIC, EVENTS_TOPIC}:
+                    yield topic, message.data
+            self.is_cut = not file.is_whole
+
+
+_T = TypeVar("_T")
+
+
+def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:
+    if name not in file.attachments:
+        raise RecordingError(f"{file.path} cannot be replayed: it is no log of a run (there is no {name} in it)")
+    try:
+        return msgspec.json.decode(file.attachments[name], type=kind)
+    except msgspec.MsgspecError as error:
+        raise RecordingError(
+            f"{file.path} cannot be replayed: its {name} is of another version of segway-ecc: {error}"
+        ) from error
+
+
+def _gap(record: CycleRecord, expected: int, events: int, found: int) -> str | None:
+    """What is missing before or in a cycle."""
+    if record.cycle != expected:
+        if expected == 0:
+            return f"the log begins with cycle {record.cycle}, and a replay needs the run from its beginning"
+        return f"cycles {expected} to {record.cycle - 1} are missing in the log"
+    if expected == 0 and not events:
+        return "the log does not tell from what the model started"
+    return None if events == found else f"of what happened in cycle {expected} only {found} of {events} are in the log"

@@ -1,0 +1,131 @@
+"""The hardware, the world and the clock of a run, which say what they said when it was recorded."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from firmware_io.errors import ArmingRefusedError, LinkLostError
+from firmware_io.hardware import Sensors
+from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, NoStage
+from node.recording.layout import Layout
+
+_NO_LIMIT: Final = float("inf")
+
+
+class Recorded:
+    """The cycle that is being replayed.
+
+    Attributes:
+        record: It.
+    """
+
+    def __init__(self) -> None:
+        """Begin before the first."""
+        self.record: CycleRecord | None = None
+        self._answers: Iterator[HardwareAnswer] = iter(())
+        self._next: HardwareAnswer | None = None
+
+    def pass_to(self, record: CycleRecord) -> None:
+        """Pass to a cycle."""
+        self.record = record
+        self._answers = iter(record.answers)
+        self._next = next(self._answers, None)
+
+    def answer(self, call: str) -> tuple[str, ...]:
+        """What the hardware had against a call; nothing where the next answer is to another one."""
+        if self._next is None or self._next.call != call:
+            return ()
+        reasons, self._next = self._next.reasons, next(self._answers, None)
+        return reasons
+
+    def refused(self, call: str) -> tuple[str, ...] | None:
+        """What the hardware had against a call that it refused; None where it did not."""
+        is_refused = self._next is not None and self._next.call == call
+        return self.answer(call) if is_refused else None
+
+
+class RecordedHardware:
+    """Measures and answers as recorded; see `Hardware`. What it is sent is compared elsewhere."""
+
+    health: Mapping[str, str] = {}
+
+    def __init__(self, layout: Layout, recorded: Recorded) -> None:
+        """Have the signals and commands of a layout; their units do not matter here."""
+        self.signals: Mapping[str, str] = dict.fromkeys(layout.sensors, "")
+        self.commands: Mapping[str, str] = dict.fromkeys(layout.commands, "")
+        self.limits: Sequence[float] = tuple(_NO_LIMIT if limit is None else limit for limit in layout.limits)
+        self._recorded = recorded
+        self._exchanged: int | None = None
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def exchange(self, commands: Sequence[float] | None) -> Sensors:
+        """What was measured.
+
+        Raises:
+            LinkLostError: The link was lost here.
+        """
+        del commands
+        record = self._recorded.record
+        if record is None:
+            return Sensors()
+        if self._exchanged is None:  # before the first cycle
+            self._exchanged = -1
+            return record.initial or record.sensors
+        is_first, self._exchanged = self._exchanged != record.cycle, record.cycle
+        lost = self._recorded.refused("exchange" if is_first else "send")
+        if lost is not None:
+            raise LinkLostError("; ".join(lost))
+        return record.sensors
+
+    def arm(self) -> None:
+        """Arm, unless it was refused.
+
+        Raises:
+            ArmingRefusedError: It was.
+        """
+        reasons = self._recorded.refused("arm")
+        if reasons is not None:
+            raise ArmingRefusedError(reasons)
+
+    def obstacles(self) -> Sequence[str]:
+        """What kept it from arming."""
+        return self._recorded.answer("obstacles")
+
+    def disarm(self) -> None:
+        """Nothing to disarm."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class RecordedStage(NoStage):
+    """Hands over what had arrived; see `Stage`."""
+
+    def __init__(self, recorded: Recorded) -> None:
+        """Hand over what is recorded."""
+        self._recorded = recorded
+
+    def take(self) -> Inbox:
+        """What arrived in this cycle."""
+        record = self._recorded.record
+        return record.inbox or Inbox() if record is not None else Inbox()
+
+
+class RecordedClock:
+    """Stands at the start of each cycle as recorded; see `Clock`. Nothing else that a cycle reads of it decides."""
+
+    def __init__(self, recorded: Recorded) -> None:
+        """Stand where the recorded cycle started."""
+        self._recorded = recorded
+
+    def now_ns(self) -> int:
+        """When the cycle started."""
+        return 0 if self._recorded.record is None else self._recorded.record.start_ns
+
+    def wall_ns(self) -> int:
+        """The stamp of the cycle."""
+        return 0 if self._recorded.record is None else self._recorded.record.stamp_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Time passes with the record."""

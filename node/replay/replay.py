@@ -1,0 +1,151 @@
+"""A log fed to the same model and safety code; every command, port and mode compared."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from node.cycle.cycle import Cycle
+from node.cycle.seams import CycleRecord, NoRecorder
+from node.cycle.wiring import wire
+from node.errors import ModelFailedError
+from node.model.load import load_model
+from node.recording.provenance import model_hash
+from node.replay.compare import Difference, differences
+from node.replay.log import RecordedRun
+from node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage
+from node.robot import Robot
+
+_BEFORE: Final = 5
+_AFTER: Final = 5
+_NS: Final = 1e-9
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What came of a replay.
+
+    Attributes:
+        cycles: How many were compared.
+        duration_s: From the first to the last of them, s.
+        difference: The first; None where all is identical.
+        others: What else differs in that cycle.
+        around: The cycles around the difference: as recorded and as computed.
+        gap: What is missing in the log, where the replay had to stop; None where nothing is.
+        is_cut: Whether the log ends before its time; what came before was compared all the same.
+        is_other_model: Whether the model is not the one that ran.
+    """
+
+    cycles: int = 0
+    duration_s: float = 0.0
+    difference: Difference | None = None
+    others: Sequence[Difference] = ()
+    around: list[tuple[CycleRecord, CycleRecord]] = field(default_factory=list)
+    gap: str | None = None
+    is_cut: bool = False
+    is_other_model: bool = False
+
+    @property
+    def is_identical(self) -> bool:
+        """Whether every cycle came out as recorded, and there was one."""
+        return self.difference is None and self.cycles > 0
+
+
+def replay(
+    path: Path, model: str | None = None, look: Callable[[CycleRecord, CycleRecord], None] | None = None
+) -> Outcome:
+    """Replay a log up to the first difference.
+
+    Args:
+        path: The log; of a run in several files, the first.
+        model: The model's source in place of the one that the log names, where it has moved.
+        look: Called with each cycle, as recorded and as computed.
+
+    Raises:
+        RecordingError: The log cannot be read, or is none of a run.
+        ModelError: The model cannot be loaded.
+    """
+    run = RecordedRun(path)
+    recorded = Recorded()
+    robot = _robot(run, recorded, model)
+    outcome = Outcome(is_other_model=run.model_hash != model_hash(robot.file.model.source))
+    replayed = _Replayed(robot, recorded)
+    last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
+    first_ns, after = 0, 0
+    for record in run.cycles():
+        if outcome.cycles == 0:
+            first_ns = record.start_ns
+        if outcome.difference is not None:
+            after += 1
+            if after > _AFTER:
+                break
+        try:
+            pair = (record, replayed.run(record))
+        except ModelFailedError as error:
+            time_s = (record.start_ns - first_ns) * _NS
+            outcome.difference = outcome.difference or Difference(record.cycle, time_s, "model", "a step", str(error))
+            break
+        if look is not None:
+            look(*pair)
+        if outcome.difference is not None:
+            outcome.around.append(pair)
+            continue
+        time_s = (record.start_ns - first_ns) * _NS
+        found = [Difference(record.cycle, time_s, *what) for what in differences(run.layout, *pair)]
+        last.append(pair)
+        outcome.duration_s = time_s
+        if found:
+            outcome.difference, *outcome.others = found
+            outcome.around = list(last)
+        else:
+            outcome.cycles += 1
+    outcome.gap, outcome.is_cut = run.gap, run.is_cut
+    return outcome
+
+
+class _Replayed:
+    """The robot's cycle, run once for each that was recorded."""
+
+    def __init__(self, robot: Robot, recorded: Recorded) -> None:
+        self._recorded = recorded
+        self._model = robot.model
+        self._keeper = _Keeper()
+        self._cycle: Cycle = robot.cycle(RecordedStage(recorded), self._keeper)
+        self._is_started = False
+
+    def run(self, record: CycleRecord) -> CycleRecord:
+        """Run one cycle; what it computes."""
+        self._recorded.pass_to(record)
+        if not self._is_started:
+            self._cycle.start()
+            self._is_started = True
+        for name, value in record.inbox.written if record.inbox is not None else ():
+            self._model.write(name, value)
+        # The line of stamps is a clock's matter: it lies where it lay.
+        self._cycle.time_base.anchor(record.cycle, record.stamp_ns)
+        self._cycle.run(record.cycle, record.lateness_ns)
+        return self._keeper.record
+
+
+class _Keeper(NoRecorder):
+    """Keeps the newest cycle."""
+
+    record: CycleRecord
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep it, with copies of what may change."""
+        self.record = record._replace(u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))
+
+
+def _robot(run: RecordedRun, recorded: Recorded, source: str | None) -> Robot:
+    """The robot of a run, on hardware that says what it said."""
+    file = run.robot
+    if source is not None:
+        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=source))
+    section = file.model
+    model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
+    hardware = RecordedHardware(run.layout, recorded)
+    return Robot(file, model, hardware, wire(model, hardware, file.wiring), RecordedClock(recorded))

@@ -1,0 +1,81 @@
+"""The base station that watches over the robot: what its silence means, by the robot's own decision."""
+
+import enum
+from collections.abc import Sequence
+
+from node.errors import UnknownNameError
+from node.safety.settings import StationSettings
+
+
+@enum.unique
+class Watch(enum.IntEnum):
+    """How the base station stands to the robot; a greater one holds all that a lesser one does."""
+
+    ALONE = 0
+    """No base station watches over the robot: nothing follows from silence."""
+    PRESENT = 1
+    """One does, and was heard lately."""
+    LOST = 2
+    """It fell silent: the robot holds."""
+    SIT_DOWN = 3
+    """It has been silent for long: the robot sits down."""
+    DISARM = 4
+    """It has been silent for so long that the motors go off."""
+
+
+class StationWatch:
+    """Counts the cycles since a heartbeat.
+
+    Whoever was heard within the time-out before the robot armed, or at any time since, watches over it until it is
+    disarmed. A robot that nobody watches over runs alone.
+    """
+
+    def __init__(self, settings: StationSettings | None, period_ns: int) -> None:
+        """Watch as the robot file says; None watches nothing."""
+        self._steps: tuple[tuple[int, Watch], ...] = ()
+        if settings is not None:
+            steps = (
+                (settings.timeout_s, Watch.LOST),
+                (settings.sit_down_after_s, Watch.SIT_DOWN),
+                (settings.disarm_after_s, Watch.DISARM),
+            )
+            self._steps = tuple((round(after_s * 1e9 / period_ns), what) for after_s, what in steps if after_s)
+        self._heard_at: int | None = None
+
+    def look(self, cycle: int, *, is_heard: bool, is_live: bool) -> Watch:
+        """Take note of a cycle.
+
+        Args:
+            cycle: Its number.
+            is_heard: Whether a heartbeat, of any station, came in it.
+            is_live: Whether the robot is armed, or on the way there.
+        """
+        if not self._steps:
+            return Watch.ALONE
+        if is_heard:
+            self._heard_at = cycle
+        if self._heard_at is None:
+            return Watch.ALONE
+        silent_for, watch = cycle - self._heard_at, Watch.PRESENT
+        for after, what in self._steps:
+            if silent_for <= after:
+                break
+            watch = what
+        if watch is not Watch.PRESENT and not is_live:
+            self._heard_at = None
+            return Watch.ALONE
+        return watch
+
+
+def sit_down_values(settings: StationSettings | None, set_names: Sequence[str]) -> tuple[tuple[int, float], ...]:
+    """What sitting down sets: the place among `set_names`, and the value.
+
+    Raises:
+        UnknownNameError: The robot has no such value.
+    """
+    if settings is None:
+        return ()
+    for name in settings.sit_down:
+        if name not in set_names:
+            raise UnknownNameError("value of station.sit_down that is wired as set.<name>", name, set_names)
+    return tuple((set_names.index(name), value) for name, value in settings.sit_down.items())

@@ -1,0 +1,122 @@
+// Commands: each waits for its reply where it can be seen, and a failure says why.
+
+import { attribute, byId, make, text, visible } from "./dom.js";
+import { whyNoCommand, whyNot } from "./permissions.js";
+import { titleOf } from "./robots.js";
+
+/** The station itself gives up on a robot after 2 s; what takes longer than this was lost on the way, ms. */
+const ANSWER_MS = 5000;
+
+export const LABELS = {
+  arm: "Arm",
+  disarm: "Disarm",
+  clear_fault: "Clear fault",
+  stand: "Stand up",
+  sit: "Sit down",
+  take_control: "Take control",
+  release_control: "Release control",
+  play: "Play",
+  break_off: "Break off",
+  stop: "Stop",
+};
+const BUTTONS = {
+  "command-buttons": ["take_control", "release_control", "arm", "disarm", "clear_fault", "stand", "sit"],
+  "sequence-buttons": ["play", "break_off"],
+};
+const NEEDS_STANDING = ["stand", "sit"];
+
+/** Sends commands and follows them to their replies. */
+export class Commands {
+  /**
+   * @param {object} connection to the station
+   * @param {function} now what is known now
+   * @param {Record<string, function>} fill by act, what else the command carries; it may throw an Error that says why not
+   */
+  constructor(connection, now, fill) {
+    this._connection = connection;
+    this._now = now;
+    this._fill = fill;
+    this._pending = new Map();
+    this._buttons = Object.entries(BUTTONS).flatMap(([place, acts]) => acts.map((act) => this._button(place, act)));
+  }
+
+  /** Ask the robot for something; `answered(isAccepted, text)` is called once. False where it could not be sent. */
+  send(act, robot, fields = {}, answered = null) {
+    const id = this._connection.send("command", { robot: robot.robot, act, ...fields });
+    if (id === null) return false;
+    const label = `${LABELS[act]} ${titleOf(robot)}`;
+    const timer = setTimeout(() => this.reply({ id, is_accepted: false, text: "the base station did not answer" }), ANSWER_MS);
+    this._pending.set(id, { act, robot: robot.robot, label, answered, timer });
+    this._say(`${label}: asked`, "");
+    return true;
+  }
+
+  /** Take a reply; one to nothing that is waited for is passed over. */
+  reply({ id, is_accepted: isAccepted, text: said }) {
+    const asked = this._pending.get(id);
+    if (!asked) return;
+    clearTimeout(asked.timer);
+    this._pending.delete(id);
+    asked.answered?.(isAccepted, said);
+    if (isAccepted) this._say(`${asked.label}: ${said || "done"}`, "");
+    else this._say("", `${asked.label} failed: ${said || "no reason was given"}`);
+  }
+
+  /** The socket closed: what was not answered never will be. */
+  lost() {
+    for (const id of [...this._pending.keys()]) {
+      this.reply({ id, is_accepted: false, text: "the connection broke before an answer came" });
+    }
+  }
+
+  /** Say why something failed that was not even sent. */
+  fail(why) {
+    this._say("", why);
+  }
+
+  draw(now) {
+    const why = whyNoCommand(now);
+    text(byId("commands-reason"), why);
+    visible(byId("commands-reason"), why !== "");
+    for (const { act, button } of this._buttons) {
+      const isWaiting = this._isWaiting(act, now.robot);
+      visible(button, !NEEDS_STANDING.includes(act) || now.robot.can_stand);
+      attribute(button, "aria-disabled", isWaiting || whyNot(act, now) ? "true" : null);
+      attribute(button, "aria-busy", isWaiting ? "true" : null);
+      attribute(button, "title", whyNot(act, now) || null);
+    }
+  }
+
+  _isWaiting(act, robot) {
+    return [...this._pending.values()].some((asked) => asked.act === act && asked.robot === robot.robot);
+  }
+
+  _button(place, act) {
+    const button = make("button", act === "arm" || act === "play" ? "primary" : "", LABELS[act]);
+    button.type = "button";
+    attribute(button, "data-act", act);
+    button.addEventListener("click", () => this._press(act));
+    byId(place).append(button);
+    return { act, button };
+  }
+
+  /** A button that is disabled keeps the focus and says why. */
+  _press(act) {
+    const now = this._now();
+    const why = whyNot(act, now);
+    if (why) return this.fail(`${LABELS[act]}: ${why}`);
+    if (this._isWaiting(act, now.robot)) return undefined;
+    try {
+      const fields = this._fill[act]?.() ?? {};
+      if (!this.send(act, now.robot, fields)) this.fail(`${LABELS[act]}: no connection to the base station`);
+    } catch (error) {
+      this.fail(`${LABELS[act]}: ${error.message}`);
+    }
+    return undefined;
+  }
+
+  _say(state, failure) {
+    text(byId("command-state"), state);
+    text(byId("command-failure"), failure);
+  }
+}

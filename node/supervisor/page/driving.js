@@ -1,0 +1,133 @@
+// Driving by hand is dead-man: whatever ends the operator's hold sends zero at once, and then nothing more.
+
+const LINEAR = { ArrowUp: 1, KeyW: 1, ArrowDown: -1, KeyS: -1 };
+const ANGULAR = { ArrowLeft: 1, KeyA: 1, ArrowRight: -1, KeyD: -1 };
+const MODIFIERS = ["Control", "Alt", "Meta"];
+const NOT_TYPED_IN = ["range", "button", "submit", "reset", "checkbox", "radio", "file", "color"];
+
+/** Whether keys typed there are text. */
+export function isTextField(target) {
+  if (!(target instanceof HTMLElement)) return false;
+  if (target.isContentEditable || target.tagName === "TEXTAREA") return true;
+  return target.tagName === "INPUT" && !NOT_TYPED_IN.includes(target.type);
+}
+
+/** Whether an element has a use of its own for the key: a text field for each, the slider for the arrows. */
+const takes = (target, code) => isTextField(target) || (target.type === "range" && code.startsWith("Arrow"));
+
+/** What is held, as shares of the fastest: -1 to 1. */
+function wishOf(keys, lever) {
+  const sum = (table) => [...keys].reduce((total, code) => total + (table[code] ?? 0), 0);
+  const limit = (value) => Math.max(-1, Math.min(1, value));
+  return { linear: limit(sum(LINEAR) + lever.linear), angular: limit(sum(ANGULAR) + lever.angular) };
+}
+
+const REST = { linear: 0, angular: 0 };
+
+export class Driving {
+  /**
+   * @param {object} connection to the station
+   * @param {{now: function, why: function, speed: function, changed: function}} seat `now()` what is known, `why(now)` why
+   *   not, `speed()` the share of the fastest, `changed()` when there is something to draw
+   */
+  constructor(connection, seat) {
+    this._connection = connection;
+    this._seat = seat;
+    this._keys = new Set();
+    this._lever = REST;
+    this._robot = null;
+    this.ended = () => {};
+    this._listen();
+  }
+
+  get isActive() {
+    return this._robot !== null;
+  }
+
+  /** The speeds that are asked for now: m/s, rad/s. */
+  get speeds() {
+    const { hello } = this._seat.now();
+    const wish = wishOf(this._keys, this._lever);
+    const share = this._seat.speed();
+    return { linear: wish.linear * share * (hello?.max_linear ?? 0), angular: wish.angular * share * (hello?.max_angular ?? 0) };
+  }
+
+  /** Move the joystick: shares of -1 to 1. True where that drives. */
+  lean(linear, angular) {
+    this._lever = { linear, angular };
+    return this._hold();
+  }
+
+  /** Look whether driving must end: when a picture came, and when the connection changed. */
+  look() {
+    if (!this.isActive) return;
+    const now = this._seat.now();
+    if (now.robot?.robot !== this._robot || this._seat.why(now)) this.end();
+  }
+
+  /** Zero, at once, and nothing after it; what is still held counts no more until it is pressed anew. */
+  end() {
+    this._keys.clear();
+    this._lever = REST;
+    if (!this.isActive) return;
+    const robot = this._robot;
+    this._robot = null;
+    clearInterval(this._timer);
+    this._connection.send("drive", { robot, ...REST });
+    this.ended();
+    this._seat.changed();
+  }
+
+  _hold() {
+    if (this.isActive) return true;
+    const now = this._seat.now();
+    if (this._seat.why(now)) {
+      this._keys.clear();
+      this._lever = REST;
+      return false;
+    }
+    this._robot = now.robot.robot;
+    this._timer = setInterval(() => this._renew(), now.hello.drive_period_s * 1e3);
+    this._renew();
+    return true;
+  }
+
+  _renew() {
+    this.look();
+    if (!this.isActive) return;
+    if (!this._connection.isCongested) this._connection.send("drive", { robot: this._robot, ...this.speeds });
+    this._seat.changed();
+  }
+
+  _press(event) {
+    if (MODIFIERS.includes(event.key)) return this.end(); // the release of a key may be lost beside one of these
+    if (!isDriveKey(event) || event.ctrlKey || event.altKey || event.metaKey || takes(event.target, event.code)) return undefined;
+    if (event.repeat) return this.isActive && event.preventDefault();
+    this._keys.add(event.code);
+    const wasActive = this.isActive;
+    if (!this._hold()) return undefined;
+    event.preventDefault(); // the page does not scroll while it drives
+    return wasActive && this._renew();
+  }
+
+  _release(event) {
+    if (!this._keys.delete(event.code)) return;
+    const isLeaning = this._lever.linear !== 0 || this._lever.angular !== 0;
+    if (this._keys.size > 0 || isLeaning) this._renew();
+    else this.end();
+  }
+
+  _listen() {
+    const end = () => this.end();
+    addEventListener("keydown", (event) => this._press(event));
+    addEventListener("keyup", (event) => this._release(event));
+    addEventListener("blur", (event) => event.target === window && end());
+    addEventListener("pagehide", end);
+    addEventListener("contextmenu", end);
+    document.addEventListener("visibilitychange", () => document.hidden && end());
+    document.addEventListener("freeze", end);
+    document.addEventListener("focusin", (event) => isTextField(event.target) && end());
+  }
+}
+
+const isDriveKey = ({ code }) => code in LINEAR || code in ANGULAR;

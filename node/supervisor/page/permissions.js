@@ -1,0 +1,56 @@
+// What may be asked for now, and why not. The robot and the station decide; this says beforehand what they would.
+
+const ACTIVE = ["ARMED", "HOLD"];
+const PLAYING = ["waiting", "running"];
+export const VIEWER = "You are signed in as a viewer: you see everything and command nothing";
+
+/** What stands against any command to the selected robot, or an empty text. */
+export function whyNoCommand({ isFresh, hello, robot }) {
+  if (!robot) return "No robot is selected";
+  if (!isFresh) return "No connection to the base station";
+  if (hello?.role !== "operator") return VIEWER;
+  return "";
+}
+
+const whyNotReached = ({ robot }) => (robot.is_alive ? "" : "The robot is lost");
+
+function whyNotOurs({ hello, robot }) {
+  if (robot.controller && robot.controller !== hello.who) return `${robot.controller} has control; take it first`;
+  return "";
+}
+
+const isPlaying = (robot) => PLAYING.includes(robot?.sequence?.state);
+const isActive = (robot) => ACTIVE.includes(robot.mode);
+const isMine = ({ robot, hello }) => robot.controller === hello.who;
+
+const WHY = {
+  arm: (now) => (now.robot.mode === "DISARMED" ? "" : `The robot is in ${now.robot.mode}`),
+  disarm: (now) => (isActive(now.robot) ? "" : "The robot is not armed"),
+  clear_fault: (now) => (now.robot.mode === "FAULT" ? "" : "There is no fault to clear"),
+  stand: () => "",
+  sit: () => "",
+  take_control: (now) => (isMine(now) ? "You have control" : ""),
+  release_control: (now) => (isMine(now) ? "" : "You do not have control"),
+  play: (now) => whyNotActive(now) || (isPlaying(now.robot) ? "A sequence is being played" : ""),
+  break_off: (now) => (isPlaying(now.robot) ? "" : "No sequence is being played"),
+};
+
+function whyNotActive(now) {
+  if (!isMine(now)) return "Take control first";
+  return isActive(now.robot) ? "" : "Arm the robot first";
+}
+
+/** These are between the operators and the station, whatever has become of the robot. */
+const STATIONS_OWN = ["take_control", "release_control"];
+
+/** Why this cannot be asked for now, or an empty text. */
+export function whyNot(act, now) {
+  const whyNotHere = STATIONS_OWN.includes(act) ? "" : whyNotReached(now) || whyNotOurs(now);
+  return whyNoCommand(now) || whyNotHere || WHY[act](now);
+}
+
+/** Why the robot cannot be driven now, or an empty text; driving breaks off a sequence. */
+export function whyNoDriving(now) {
+  const why = whyNoCommand(now) || whyNotReached(now) || whyNotOurs(now) || whyNotActive(now);
+  return why || (now.robot.stop ? "Clear the stop first" : "");
+}

@@ -1,0 +1,85 @@
+// The list of robots: each with its mode as a colour and a word, or how long it has been lost.
+
+import { attribute, byId, keep, make, text, visible } from "./dom.js";
+import { duration } from "./format.js";
+
+/** What is shown of a robot's mode: a class for the colour, and the word. */
+export function modeOf(robot) {
+  if (!robot.is_alive) return { word: "LOST", kind: "lost" };
+  const word = robot.mode || "UNKNOWN";
+  const kind = { DISARMED: "disarmed", ARMED: "armed", HOLD: "hold", FAULT: "fault" }[word];
+  return { word, kind: kind ?? "unknown" };
+}
+
+/** What the operator calls it. */
+export const titleOf = (robot) => robot.name || robot.robot;
+
+function row(namespace, choose) {
+  const title = make("span", "robot-title");
+  const place = make("span", "robot-namespace", namespace);
+  const mode = make("span", "chip");
+  const age = make("span", "robot-age");
+  const button = make("button", "robot-button", "", title, mode, place, age);
+  button.type = "button";
+  button.addEventListener("click", () => choose(namespace));
+  return { root: make("li", "", "", button), button, title, mode, age };
+}
+
+function note(robot, since) {
+  if (!robot.is_alive) return `for ${duration(robot.age_s + since)}`;
+  return robot.controller ? `with ${robot.controller}` : "";
+}
+
+function summary(robots) {
+  const count = (predicate) => robots.filter(predicate).length;
+  const lost = count((robot) => !robot.is_alive);
+  const faults = count((robot) => robot.is_alive && robot.mode === "FAULT");
+  const parts = [`${robots.length} ${robots.length === 1 ? "robot" : "robots"}`];
+  if (lost) parts.push(`${lost} lost`);
+  if (faults) parts.push(`${faults} in fault`);
+  return parts.join(" \u00b7 ");
+}
+
+/** The list; `choose(namespace)` is called when one is selected. */
+export class RobotList {
+  constructor(choose) {
+    this._rows = new Map();
+    this._choose = choose;
+  }
+
+  draw({ robots, robot: selected, since }, wanted) {
+    const names = robots.map((robot) => robot.robot);
+    const rows = keep(byId("robots"), this._rows, names, (name) => row(name, this._choose));
+    robots.forEach((robot, index) => {
+      const { button, title, mode, age } = rows[index];
+      const { word, kind } = modeOf(robot);
+      text(title, titleOf(robot));
+      text(mode, word);
+      attribute(mode, "data-mode", kind);
+      text(age, note(robot, since));
+      attribute(button, "aria-current", robot === selected ? "true" : null);
+    });
+    visible(byId("no-robots"), !selected);
+    text(byId("no-robots"), robots.length ? `${wanted} was not heard. Choose a robot.` : "None heard yet. They are found by themselves.");
+    text(byId("summary"), summary(robots));
+  }
+}
+
+/** Tells a screen reader when a robot's mode changes, is lost or comes back; numbers that stream are not told. */
+export class Announcer {
+  constructor() {
+    this._told = new Map();
+  }
+
+  look(robots) {
+    for (const robot of robots) {
+      const { word } = modeOf(robot);
+      const before = this._told.get(robot.robot);
+      this._told.set(robot.robot, word);
+      if (before === undefined || before === word) continue;
+      const isAlarm = word === "LOST" || word === "FAULT";
+      const reason = word === "LOST" ? "no word from it" : robot.reason;
+      text(byId(isAlarm ? "alarm" : "announcer"), `${titleOf(robot)}: ${word}, ${reason}`);
+    }
+  }
+}

@@ -1,0 +1,206 @@
+"""What the station knows, as the page and `status` are given it; every struct is JSON as it stands."""
+
+import enum
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+
+@enum.unique
+class Act(enum.StrEnum):
+    """What an operator can ask of a robot."""
+
+    STOP = "stop"
+    """Torque off, latched until cleared."""
+    CLEAR_FAULT = "clear_fault"
+    ARM = "arm"
+    DISARM = "disarm"
+    STAND = "stand"
+    SIT = "sit"
+    TAKE_CONTROL = "take_control"
+    """Become the one who commands; from whoever is."""
+    RELEASE_CONTROL = "release_control"
+    PLAY = "play"
+    """Play a sequence, whose text is the command's `text`."""
+    BREAK_OFF = "break_off"
+    """End the sequence that is being played."""
+
+
+class _View(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind"):
+    """A message to the page."""
+
+
+class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
+    """A sequence that is played, or was last.
+
+    Attributes:
+        name: What the operator calls it.
+        fraction: How much of it has passed, 0 to 1.
+        state: `waiting`, `running`, `done`, `broken off`, `failed`.
+        reason: Why it ended, where it did not end by itself.
+    """
+
+    name: str
+    fraction: float
+    state: str
+    reason: str = ""
+
+
+class RobotView(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known of a robot; None is what it does not tell.
+
+    Attributes:
+        robot: Its namespace, which names it: `/` or `/alice`.
+        name: What its file calls it.
+        is_alive: Whether it was heard within the last second.
+        age_s: Since its last word, s.
+        round_trip_s: From our heartbeat to the robot's echo of it, s.
+        mode: DISARMED, ARMED, HOLD, FAULT.
+        reason: Why.
+        drives: `on`, `off`, `unconfirmed` where not every drive says that it is off, or `none` where it has none.
+        is_zero: Whether the commands of its newest cycle were all zero.
+        stop: Empty, `asked`, or `confirmed`: in FAULT, with drives that say that they are off, or with none and zero.
+        stop_after_s: From our request to that confirmation, s.
+        pitch: Forward lean, rad.
+        linear_velocity: m/s.
+        angular_velocity: rad/s.
+        linear_setpoint: m/s.
+        angular_setpoint: rad/s.
+        x: m.
+        y: m.
+        heading: rad.
+        supply_v: Battery, V.
+        checklist: What blocks arming by the name of the check, or `ok`.
+        links: Health of each link, by name: `state`, frames, errors, load and so on, as in its diagnostics.
+        timing: Rate, deadlines and percentiles of the phases, as in its diagnostics.
+        controller: Who commands it from this station, or empty.
+        sequence: What is played.
+        can_stand: Whether it can be told to stand up and to sit down.
+    """
+
+    robot: str
+    name: str = ""
+    is_alive: bool = False
+    age_s: float = 0.0
+    round_trip_s: float | None = None
+    mode: str = ""
+    reason: str = ""
+    drives: str = ""
+    is_zero: bool | None = None
+    stop: str = ""
+    stop_after_s: float | None = None
+    pitch: float | None = None
+    linear_velocity: float | None = None
+    angular_velocity: float | None = None
+    linear_setpoint: float | None = None
+    angular_setpoint: float | None = None
+    x: float | None = None
+    y: float | None = None
+    heading: float | None = None
+    supply_v: float | None = None
+    checklist: Mapping[str, str] = msgspec.field(default_factory=dict)
+    links: Mapping[str, Mapping[str, str]] = msgspec.field(default_factory=dict)
+    timing: Mapping[str, str] = msgspec.field(default_factory=dict)
+    controller: str = ""
+    sequence: SequenceView | None = None
+    can_stand: bool = False
+
+
+class FleetView(_View, frozen=True, kw_only=True, tag="fleet"):
+    """Every robot that was ever heard since the station began, sorted by namespace.
+
+    Attributes:
+        time_s: The station's monotonic clock, s: a picture whose time does not move is frozen.
+        robots: The robots.
+    """
+
+    time_s: float
+    robots: Sequence[RobotView]
+
+
+class EventView(_View, frozen=True, kw_only=True, tag="event"):
+    """Something that happened.
+
+    Attributes:
+        number: Counts up from 1.
+        wall_ns: When, ns since the Unix epoch, by the station's clock.
+        robot: Which robot; empty for the station itself.
+        text: What.
+        level: `info`, `warning` or `error`.
+        who: Whose command it was, or empty.
+    """
+
+    number: int
+    wall_ns: int
+    robot: str
+    text: str
+    level: str = "info"
+    who: str = ""
+
+
+class ReplyView(_View, frozen=True, kw_only=True, tag="reply"):
+    """What came of a command.
+
+    Attributes:
+        id: The command's.
+        is_accepted: Whether the robot confirmed it.
+        text: What it said, or why it failed.
+    """
+
+    id: int
+    is_accepted: bool
+    text: str
+
+
+class HelloView(_View, frozen=True, kw_only=True, tag="hello"):
+    """The first message of a socket.
+
+    Attributes:
+        who: Whom the station takes this browser for.
+        role: `viewer` or `operator`.
+        version: Of segway-ecc.
+        drive_period_s: How often a driving browser is to send, s.
+        max_linear: The fastest that the page may ask for, m/s.
+        max_angular: The same for turning, rad/s.
+    """
+
+    who: str
+    role: str
+    version: str
+    drive_period_s: float
+    max_linear: float
+    max_angular: float
+
+
+class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):
+    """What the page asks.
+
+    Attributes:
+        id: Counts up within a socket; one that does not is refused, as a replayed one.
+        robot: Which robot.
+        act: What.
+        text: The sequence to play, as YAML, for `play`.
+        name: What the operator calls it.
+    """
+
+    id: int
+    robot: str
+    act: Act
+    text: str = ""
+    name: str = ""
+
+
+class Drive(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="drive", forbid_unknown_fields=True):
+    """What the page sends again and again while somebody drives, and once with zeros as soon as nobody does.
+
+    Attributes:
+        id: Counts up with those of the commands.
+        robot: Which robot.
+        linear: m/s.
+        angular: rad/s.
+    """
+
+    id: int
+    robot: str
+    linear: float
+    angular: float

@@ -1,0 +1,1 @@
+"""The base station's web side: who gets in, what they are shown, and what of theirs reaches the robots."""

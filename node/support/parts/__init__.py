@@ -1,0 +1,1 @@
+"""The parts of a support bundle, each of which may fail on its own."""

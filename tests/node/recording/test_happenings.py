@@ -1,0 +1,109 @@
+"""What happened in a cycle, as text and back."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_io.hardware import Sensors
+from node.cycle.seams import (
+    CycleRecord,
+    HardwareAnswer,
+    Heartbeat,
+    Inbox,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    Written,
+)
+from node.cycle.setpoints import Setpoint
+from node.errors import RecordingError
+from node.recording.happenings import happenings, restored, texts
+from node.safety.modes import Action, Answer, Mode
+
+QUIET = CycleRecord(7, 0, Mode.ARMED, 0, Sensors(), Setpoint(0.0, 0.0), (), (), (), (), ())
+numbers = st.floats(allow_nan=False)
+
+
+def never(_answer: Answer) -> None:
+    raise AssertionError("nobody is answered")
+
+
+INBOX = Inbox(
+    setpoints=[StampedSetpoint(Setpoint(0.1, -math.inf), None), StampedSetpoint(Setpoint(-0.0, 5e-324), 10**18)],
+    values=[SetValue(0, 1.0), SetValue(3, math.inf)],
+    requests=[Request(Action.ARM, never), Request(Action.CLEAR_FAULT, never)],
+    written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0)],
+    stations=[Heartbeat("ann's desk", 2**63 - 1)],
+)
+
+
+def again(record: CycleRecord) -> CycleRecord:
+    blank = dataclasses.replace(record.sensors, faults=(), events=())
+    return restored(record._replace(sensors=blank, inbox=None, answers=(), initial=None), texts(happenings(record)))
+
+
+def test_a_cycle_in_which_nothing_happened_has_no_pieces() -> None:
+    assert happenings(QUIET) == ()
+    assert happenings(QUIET._replace(inbox=Inbox())) == ()
+
+
+def test_everything_that_can_arrive_survives() -> None:
+    found = again(QUIET._replace(inbox=INBOX)).inbox
+
+    assert found is not None
+    # Whatever the inbox learns to hold has to be in INBOX too.
+    assert all(getattr(INBOX, field.name) for field in dataclasses.fields(Inbox))
+    for field in dataclasses.fields(Inbox):
+        if field.name != "requests":
+            assert getattr(found, field.name) == getattr(INBOX, field.name), field.name
+            assert {type(item) for item in getattr(found, field.name)} == {type(getattr(INBOX, field.name)[0])}
+    assert [request.action for request in found.requests] == [Action.ARM, Action.CLEAR_FAULT]
+    assert math.copysign(1.0, found.setpoints[1].setpoint.linear_velocity) == -1.0
+    found.requests[0].answer(Answer(accepted=True, message="to nobody"))
+
+
+def test_faults_events_answers_and_the_first_snapshot_survive() -> None:
+    initial = Sensors((0.5, 0.0), (math.inf, 0.1), (False, True), ("hot",), ready=False, events=("up",))
+    record = QUIET._replace(
+        sensors=Sensors(faults=("left: \u00fcber", "right"), events=("line 2",)),
+        answers=[HardwareAnswer("obstacles", ()), HardwareAnswer("arm", ("a", "b"))],
+        initial=initial,
+    )
+    found = again(record)
+
+    assert (found.sensors.faults, found.sensors.events) == (("left: \u00fcber", "right"), ("line 2",))
+    assert found.answers == record.answers
+    assert found.initial == initial
+
+
+@given(st.lists(st.tuples(numbers, numbers, st.none() | st.integers(0, 2**62)), min_size=1, max_size=5))
+def test_setpoints_survive_bit_for_bit(drawn: list[tuple[float, float, int | None]]) -> None:
+    setpoints = [StampedSetpoint(Setpoint(v, w), stamp) for v, w, stamp in drawn]
+    found = again(QUIET._replace(inbox=Inbox(setpoints=setpoints))).inbox
+
+    assert found is not None
+    assert [repr(setpoint) for setpoint in found.setpoints] == [repr(setpoint) for setpoint in setpoints]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "[1]",
+        '["fault"]',
+        '["nothing", 1]',
+        '["requests", "dance"]',
+        '["values", [1]]',
+        '["initial", 5]',
+        '["answer", 1, 2]',
+        '["__class__", 1]',
+    ],
+)
+def test_what_is_not_understood_is_refused(text: str) -> None:
+    with pytest.raises(RecordingError, match="what the log tells of cycle 7 is not understood"):
+        restored(QUIET, [text])

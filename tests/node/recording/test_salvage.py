@@ -1,0 +1,99 @@
+"""A log that was cut off anywhere is readable up to what was last put onto the disk."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from node.cycle.seams import CycleRecord
+from node.errors import RecordingError
+from node.recording.cycle_log import CycleLog
+from node.recording.layout import Layout
+from node.recording.provenance import Provenance
+from node.recording.salvage import Salvage
+
+FLUSHED_EVERY = 3
+CYCLES = 9
+CHUNK = 0x06
+EVERY = 7
+"""Bytes between the places where the log is cut, beside those around each flush."""
+
+
+@pytest.fixture
+def log(tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]) -> tuple[Path, list[int]]:
+    """A whole log, and how long the file was after each flush."""
+    path, sizes = tmp_path / "run.mcap", []
+    made = CycleLog(path, layout, Provenance({"robot.json": "{}"}, {}))
+    for cycle in range(CYCLES):
+        made.write(record(cycle))
+        if cycle % FLUSHED_EVERY == FLUSHED_EVERY - 1:
+            made.flush()
+            assert path.stat().st_size == made.size
+            sizes.append(made.size)
+    made.close()
+    return path, sizes
+
+
+def cycles(path: Path) -> int:
+    return sum(topic == "/cycle" for topic, _ in Salvage(path).messages())
+
+
+def test_a_whole_log_is_read_to_its_end(log: tuple[Path, list[int]]) -> None:
+    salvage = Salvage(log[0])
+
+    assert sum(topic == "/cycle" for topic, _ in salvage.messages()) == CYCLES
+    assert salvage.is_whole
+    assert salvage.attachments["robot.json"] == b"{}"
+    assert salvage.metadata["robot"] == {"name": "testbot"}
+
+
+def test_cut_anywhere_it_is_read_up_to_the_last_flush(log: tuple[Path, list[int]], tmp_path: Path) -> None:
+    path, sizes = log
+    data, cut = path.read_bytes(), tmp_path / "cut.mcap"
+    for length in sorted({*range(0, len(data), EVERY), *(size + near for size in sizes for near in range(-9, 10))}):
+        cut.write_bytes(data[:length])
+        flushed = sum(size <= length for size in sizes) * FLUSHED_EVERY
+        salvage = Salvage(cut)
+        found = sum(topic == "/cycle" for topic, _ in salvage.messages())
+        # A chunk is whole some bytes before what says where its messages are.
+        assert flushed <= found <= flushed + FLUSHED_EVERY, length
+        assert found % FLUSHED_EVERY == 0
+        assert "robot.json" in salvage.attachments or found == 0
+    assert [cycles(path)] == [CYCLES]
+
+
+def test_what_was_flushed_is_whole_to_the_library_too(log: tuple[Path, list[int]], tmp_path: Path) -> None:
+    path, sizes = log
+    data = path.read_bytes()
+    for place, size in enumerate(sizes):
+        with (tmp_path / "cut.mcap").open("wb+") as stream:
+            # It reads from the front where there is no summary at the end, and then misses the end.
+            stream.write(data[:size])
+            stream.flush()
+        found = list(Salvage(tmp_path / "cut.mcap").messages())
+        assert sum(topic == "/cycle" for topic, _ in found) == (place + 1) * FLUSHED_EVERY
+    with path.open("rb") as whole:
+        assert sum(1 for _ in make_reader(whole, validate_crcs=True).iter_messages(["/cycle"])) == CYCLES
+
+
+def test_a_damaged_chunk_ends_it_and_nothing_false_is_ever_read(log: tuple[Path, list[int]]) -> None:
+    path, sizes = log
+    data = path.read_bytes()
+    true = [(topic, message.data) for topic, message in Salvage(path).messages()]
+    # A record is an opcode, its length and that much; a chunk with LZ4 has 43 bytes before its data (mcap.dev/spec).
+    length = int.from_bytes(data[sizes[0] + 1 : sizes[0] + 9], "little")
+    assert data[sizes[0]] == CHUNK
+    ended = 0
+    for place in range(sizes[0] + 9 + 43, sizes[0] + 9 + length):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :])
+        found = [(topic, message.data) for topic, message in Salvage(path).messages()]
+        assert found == true[: len(found)], place
+        ended += sum(topic == "/cycle" for topic, _ in found) == FLUSHED_EVERY
+    # What flips may mean the same: LZ4 can refer to equal bytes in another place.
+    assert ended > length // 2
+
+
+def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"cannot read the log .*no\.mcap: No such file or directory"):
+        list(Salvage(tmp_path / "no.mcap").messages())

@@ -1,0 +1,35 @@
+"""Runs of all kinds of the campaign, recorded and replayed: identical to the last bit.
+
+All of them at once: `segway-ecc campaign --replay`.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from node.campaign.campaign import run_trial, trials_of
+from node.campaign.scenario import Trial, load_all
+from node.replay.replay import replay
+
+_ALL = trials_of(list(load_all([])), seeds=1)
+SAMPLE = _ALL[:: max(len(_ALL) // 20, 1)]
+
+
+def named(trial: Trial) -> str:
+    return f"{trial.scenario.name}-{trial.robot}"
+
+
+@pytest.mark.parametrize("trial", SAMPLE, ids=named)
+def test_the_replay_of_a_run_is_identical(trial: Trial, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    run_trial(trial, log)
+    outcome = replay(log)
+
+    assert (outcome.difference, outcome.gap, outcome.is_cut, outcome.is_other_model) == (None, None, False, False)
+    assert outcome.cycles > 20
+
+
+def test_the_sample_holds_runs_of_many_kinds() -> None:
+    assert len(SAMPLE) >= 20
+    assert len({trial.robot for trial in SAMPLE}) >= 4
+    assert len({fault.target for trial in SAMPLE for fault in trial.scenario.faults}) >= 6

@@ -1,0 +1,234 @@
+"""A recorded run through the same model and safety code again."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from hil.faults.fault import Fault
+from hil.lockstep import LockstepRig
+from node.config import load_robot
+from node.cycle.seams import CycleRecord, Inbox, NoStage, Request, SetValue, StampedSetpoint, Written
+from node.cycle.setpoints import Setpoint
+from node.errors import RecordingError
+from node.recording import cdr
+from node.recording.cycle_log import CycleLog, layout_of
+from node.recording.layout import Layout
+from node.recording.provenance import Provenance, provenance_of
+from node.recording.recorder import ProcessRecorder
+from node.replay.log import RecordedRun
+from node.replay.replay import replay
+from node.robot import Robot, build_robot
+from node.safety.modes import Action, Mode
+from node.testing import ScriptedClock, ScriptedStage
+
+Run = Callable[..., Path]
+CYCLES = 80
+
+
+def setpoint(linear: float, stamp_ns: int | None = None) -> Inbox:
+    return Inbox(setpoints=[StampedSetpoint(Setpoint(linear, 0.1), stamp_ns)])
+
+
+def asked(*actions: Action) -> Inbox:
+    return Inbox(requests=[Request(action, lambda _answer: None) for action in actions])
+
+
+def test_everything_that_an_operator_does_comes_out_the_same(path: Path, run: Run) -> None:
+    inboxes = {
+        20: asked(Action.STOP),
+        22: asked(Action.ARM, Action.CLEAR_FAULT, Action.ARM),
+        24: Inbox(setpoints=[StampedSetpoint(Setpoint(math.nan, 0.0), None), StampedSetpoint(Setpoint(0.3, 0.0), 1)]),
+        30: Inbox(setpoints=[StampedSetpoint(Setpoint(0.7, 0.0), 1_700_000_000_000_000_000 + 400_000_000)]),
+        50: asked(Action.DISARM),
+        52: asked(Action.ARM),
+        60: setpoint(0.5),
+    }
+    modes: list[Mode] = []
+    run(path, inboxes)
+    outcome = replay(path, look=lambda recorded, _computed: modes.append(recorded.mode))
+
+    assert (outcome.cycles, outcome.difference, outcome.gap) == (CYCLES, None, None)
+    assert {Mode.ARMED, Mode.FAULT, Mode.DISARMED} <= set(modes)
+
+
+def test_a_parameter_that_was_written_while_it_ran_is_written_again(path: Path, run: Run) -> None:
+    written = Inbox(written=[Written("WheelRadius", 0.07)])
+    run(path, {30: written})
+    outcome = replay(path)
+
+    assert (outcome.cycles, outcome.difference) == (CYCLES, None)
+
+    forget = run(
+        path, {30: written}, change=lambda record: record._replace(inbox=None) if record.cycle == 30 else record
+    )
+    difference = replay(forget).difference
+    assert difference is not None
+    assert difference.cycle == 30
+
+
+def test_the_first_cycle_and_port_that_differ_are_told_with_the_cycles_around(path: Path, run: Run) -> None:
+    def disturb(record: CycleRecord) -> CycleRecord:
+        if record.cycle < 40:
+            return record
+        y = (math.nextafter(record.y[0], math.inf), *record.y[1:])
+        return record._replace(y=y)
+
+    outcome = replay(run(path, change=disturb))
+
+    assert outcome.cycles == 40
+    assert outcome.difference is not None
+    assert (outcome.difference.cycle, outcome.difference.port) == (40, "model output X")
+    assert outcome.difference.time_s == pytest.approx(0.4)
+    assert float(outcome.difference.recorded) == math.nextafter(float(outcome.difference.computed), math.inf)
+    assert [recorded.cycle for recorded, _ in outcome.around] == [36, 37, 38, 39, 40, 41, 42, 43, 44, 45]
+
+
+def test_another_mode_is_told(path: Path, run: Run) -> None:
+    def disturb(record: CycleRecord) -> CycleRecord:
+        return record._replace(mode=Mode.HOLD) if record.cycle == 7 else record
+
+    difference = replay(run(path, change=disturb)).difference
+
+    assert difference is not None
+    assert difference._replace(time_s=0.07) == (7, 0.07, "mode", "HOLD", "ARMED")
+
+
+def test_a_cycle_that_is_missing_ends_the_replay_there(path: Path, run: Run) -> None:
+    outcome = replay(run(path, change=lambda record: None if record.cycle in {33, 34} else record))
+
+    assert (outcome.cycles, outcome.difference) == (33, None)
+    assert outcome.gap == "cycles 33 to 34 are missing in the log"
+
+
+def test_a_log_that_begins_in_mid_run_cannot_be_replayed(path: Path, run: Run) -> None:
+    outcome = replay(run(path, change=lambda record: record if record.cycle >= 5 else None))
+
+    assert (outcome.cycles, outcome.is_identical) == (0, False)
+    assert outcome.gap == "the log begins with cycle 5, and a replay needs the run from its beginning"
+
+
+def test_a_log_that_is_cut_off_is_replayed_as_far_as_it_goes(recorded: Callable[..., Path]) -> None:
+    log = recorded()
+    whole = replay(log)
+    data = log.read_bytes()
+    log.write_bytes(data[: len(data) - 100])  # in the summary at the end
+    cut = replay(log)
+
+    assert (whole.is_cut, cut.is_cut) == (False, True)
+    assert (cut.cycles, cut.difference, cut.gap) == (whole.cycles, None, None)
+
+
+def test_another_model_is_told(path: Path, run: Run) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    provenance = provenance_of(robot.file)
+    other = Provenance(provenance.attachments, {"model": {"source": robot.file.model.source, "sha256": "0"}})
+    log = CycleLog(path, layout_of(robot), other)
+    robot.loop(NoStage(), log).run(5)
+
+    assert replay(path).is_other_model
+    assert not replay(run(path)).is_other_model
+
+
+def test_parameters_of_the_robot_file_are_those_of_the_log(path: Path, run: Run) -> None:
+    file = load_robot("cart")
+    model = msgspec.structs.replace(file.model, parameters={**file.model.parameters, "WheelRadius": 0.123})
+    changed = msgspec.structs.replace(file, model=model)
+
+    assert replay(run(path, robot=build_robot(changed, LockstepRig(500_000)))).is_identical
+
+
+class InTwoFiles(CycleLog):
+    """A log whose second half is in another file."""
+
+    def __init__(self, path: Path, robot: Robot) -> None:
+        super().__init__(path, layout_of(robot), provenance_of(robot.file))
+        self._second = CycleLog(path.with_name("run-0002.mcap"), layout_of(robot), provenance_of(robot.file))
+
+    def write(self, record: CycleRecord) -> None:
+        if record.cycle < CYCLES // 2:
+            super().write(record)
+        else:
+            self._second.write(record)
+
+    def close(self) -> None:
+        super().close()
+        self._second.close()
+
+
+def test_a_run_in_several_files_is_replayed_through_all_of_them(path: Path) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    robot.loop(NoStage(), InTwoFiles(path, robot)).run(CYCLES)
+
+    assert (replay(path).cycles, replay(path).gap) == (CYCLES, None)
+    path.with_name("run-0002.mcap").unlink()
+    assert replay(path).cycles == CYCLES // 2
+
+
+def test_a_value_that_somebody_sets_is_set_again(path: Path, run: Run) -> None:
+    file = load_robot("segway")
+    robot = build_robot(file, LockstepRig(500_000))
+    names = robot.wiring.set_names
+    assert names, "the segway has a value that anybody may set"
+    run(path, {20: Inbox(values=[SetValue(0, 0.0), SetValue(0, math.inf)])}, robot=robot)
+
+    assert replay(path).cycles == CYCLES
+
+
+def test_a_log_of_the_writer_is_replayed_too(path: Path) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    recorder = ProcessRecorder(path, layout_of(robot), provenance_of(robot.file))
+    robot.loop(NoStage(), recorder).run(CYCLES)
+
+    assert replay(path).cycles == CYCLES
+
+
+def test_a_declared_fault_of_the_bus_is_replayed(recorded: Callable[..., Path]) -> None:
+    log = recorded(Fault(target="can", type="off", at_s=0.2))
+    modes: list[Mode] = []
+    outcome = replay(log, look=lambda _recorded, computed: modes.append(computed.mode))
+
+    assert outcome.is_identical
+    assert modes[-1] is Mode.FAULT
+
+
+def test_what_is_no_log_of_a_run_is_refused(path: Path, tmp_path: Path) -> None:
+    path.write_bytes(b"not a log")
+    with pytest.raises(RecordingError, match=r"cannot be replayed: it is no log of a run"):
+        RecordedRun(path)
+    with pytest.raises(RecordingError, match="No such file"):
+        RecordedRun(tmp_path / "no.mcap")
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    CycleLog(path, layout_of(robot), Provenance({"robot.json": '{"name": 1}'}, {})).close()
+    with pytest.raises(RecordingError, match=r"its robot\.json is of another version of segway-ecc"):
+        RecordedRun(path)
+
+
+def test_the_layout_of_a_log_is_read_back(path: Path, run: Run) -> None:
+    run(path)
+    layout = RecordedRun(path).layout
+
+    assert isinstance(layout, Layout)
+    assert (layout.robot, layout.period_ns) == ("cart", 10_000_000)
+
+
+class Forgetful(CycleLog):
+    """A log that lacks what happened in its later cycles, though not that something did."""
+
+    def write_events(self, message: bytes) -> None:
+        if cdr.read_cycle_events(message)[0] == 0:
+            super().write_events(message)
+
+
+def test_where_what_happened_is_missing_the_replay_ends(path: Path) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    stage = ScriptedStage(ScriptedClock())
+    stage.say(10, Setpoint(1.0, 0.1))
+    stage.say(10, Setpoint(0.9, 0.1))
+    robot.loop(stage, Forgetful(path, layout_of(robot), provenance_of(robot.file))).run(CYCLES)
+    outcome = replay(path)
+
+    assert (outcome.cycles, outcome.difference) == (10, None)
+    assert outcome.gap == "of what happened in cycle 10 only 0 of 2 are in the log"

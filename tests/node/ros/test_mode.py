@@ -1,0 +1,148 @@
+"""What is told on the topic `mode`: message by message, in a node that only remembers."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from node.cycle.seams import Heartbeat, Report
+from node.ros.mode import make_mode_publisher
+from node.safety.modes import Mode
+from node.supervisor.heard import mode_heard
+
+pytestmark = pytest.mark.ros
+
+STAMP_NS = 1_700_000_000_000_000_000
+MS = 1_000_000
+ARMED = Report(
+    STAMP_NS, Mode.ARMED, (), None, reason="asked to arm", cycle=7, drives="on", is_zero=False, heartbeat_age_ns=10**18
+)
+
+
+class Listener:
+    """Hears what a robot says of its mode, as plain values."""
+
+    def __init__(self, *, can_stand: bool = True) -> None:
+        self.topics: list[tuple[str, str, int]] = []
+        self.heard: list[dict[str, str]] = []
+        self.messages: list[Any] = []
+        self.publish = make_mode_publisher(self, "alice", can_stand=can_stand)
+
+    def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
+        self.topics.append((kind.__name__, topic, depth))
+        return SimpleNamespace(publish=self.hear)
+
+    def hear(self, message: Any) -> None:
+        self.messages.append(message)
+        self.heard.append({pair.key: pair.value for pair in message.values})
+        self.head = (message.level, message.name, message.message, message.hardware_id)
+
+
+@pytest.fixture
+def listener() -> Listener:
+    return Listener()
+
+
+def test_everything_is_told_in_words(listener: Listener) -> None:
+    listener.publish(ARMED)
+    assert listener.topics == [("DiagnosticStatus", "mode", 10)]
+    assert listener.head == (b"\0", "alice: mode", "ARMED: asked to arm", "alice")
+    assert listener.heard == [
+        {
+            "mode": "ARMED",
+            "reason": "asked to arm",
+            "cycle": "7",
+            "drives": "on",
+            "zero": "false",
+            "heartbeat": "",
+            "heartbeat_age_ms": "",
+            "can_stand": "true",
+        }
+    ]
+
+
+def test_a_heartbeat_is_echoed_with_its_age(listener: Listener) -> None:
+    listener.publish(ARMED._replace(heartbeat=Heartbeat("base 1", 123_456_789_012), heartbeat_age_ns=12_345_678))
+    assert listener.heard[0]["heartbeat"] == "base 1 123456789012"
+    assert listener.heard[0]["heartbeat_age_ms"] == "12.346"
+
+
+@pytest.mark.parametrize(
+    ("mode", "level"), [(Mode.DISARMED, b"\0"), (Mode.ARMED, b"\0"), (Mode.HOLD, b"\1"), (Mode.FAULT, b"\2")]
+)
+def test_the_level_is_that_of_the_diagnostics(listener: Listener, mode: Mode, level: bytes) -> None:
+    listener.publish(ARMED._replace(mode=mode))
+    assert listener.head[0] == level
+
+
+def test_a_robot_that_cannot_stand_says_so() -> None:
+    listener = Listener(can_stand=False)
+    listener.publish(ARMED)
+    assert listener.heard[0]["can_stand"] == "false"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"mode": Mode.HOLD},
+        {"reason": "set-points arrive again"},
+        {"drives": "off"},
+        {"drives": "unconfirmed"},
+        {"is_zero": True},
+    ],
+)
+def test_a_change_is_told_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
+    listener.publish(ARMED)
+    for cycle in (1, 2, 3):
+        listener.publish(ARMED._replace(stamp_ns=STAMP_NS + cycle * 5 * MS, **change))
+    assert len(listener.heard) == 2
+    listener.publish(ARMED._replace(stamp_ns=STAMP_NS + 20 * MS))
+    assert len(listener.heard) == 3, "and back"
+
+
+def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: Listener) -> None:
+    for cycle in range(600):
+        listener.publish(
+            ARMED._replace(
+                stamp_ns=STAMP_NS + cycle * 5 * MS,
+                cycle=cycle,
+                values=(float(cycle),),
+                heartbeat=Heartbeat("base", cycle),
+                heartbeat_age_ns=cycle,
+            )
+        )
+    assert [told["cycle"] for told in listener.heard] == [str(cycle) for cycle in range(0, 600, 20)]
+
+
+def test_a_clock_that_was_set_back_keeps_nobody_waiting(listener: Listener) -> None:
+    listener.publish(ARMED)
+    for cycle in range(40):
+        listener.publish(ARMED._replace(stamp_ns=STAMP_NS - 3600 * 10**9 + cycle * 5 * MS))
+    assert len(listener.heard) == 3
+
+
+def test_one_message_is_made(listener: Listener) -> None:
+    for cycle in range(5):
+        listener.publish(ARMED._replace(stamp_ns=STAMP_NS + cycle * 100 * MS, cycle=cycle))
+    assert len(listener.messages) == 5
+    assert len({id(message) for message in listener.messages}) == 1
+
+
+def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
+    fault = ARMED._replace(
+        mode=Mode.FAULT,
+        reason="stop was pressed",
+        drives="off",
+        is_zero=True,
+        heartbeat=Heartbeat("base 1", 42),
+        heartbeat_age_ns=5 * MS,
+    )
+    listener.publish(fault)
+    heard = mode_heard(listener.head[1], listener.heard[0])
+    assert heard is not None
+    assert heard.is_stopped
+    listener.publish(fault._replace(drives="unconfirmed"))
+    unconfirmed = mode_heard(listener.head[1], listener.heard[1])
+    assert unconfirmed == heard._replace(drives="unconfirmed")
+    assert not unconfirmed.is_stopped
+    assert heard == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, True)

@@ -1,0 +1,32 @@
+"""Waiting for what the page shows; nothing here sleeps as a proof."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+
+def shows(page: "Page", selector: str, text: str) -> None:
+    """Wait until an element that can be seen holds a text."""
+    page.wait_for_function(
+        """([selector, text]) => [...document.querySelectorAll(selector)].some(
+            (element) => element.checkVisibility() && element.innerText.includes(text))""",
+        arg=[selector, text],
+    )
+
+
+def tells(page: "Page", selector: str, text: str) -> None:
+    """Wait until an element holds a text, be it only for a screen reader."""
+    page.wait_for_function(
+        "([selector, text]) => document.querySelector(selector).textContent.includes(text)", arg=[selector, text]
+    )
+
+
+def gone(page: "Page", selector: str) -> None:
+    """Wait until an element cannot be seen."""
+    page.locator(selector).wait_for(state="hidden")
+
+
+def press(page: "Page", act: str) -> None:
+    """Click the button of a command, be it disabled: then it is to say why."""
+    page.click(f"[data-act={act}]", force=True)
