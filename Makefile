@@ -1,5 +1,6 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
+# make page    the base station's page in a browser, alone and against the whole robot
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
@@ -11,7 +12,7 @@ TIMELESS := tests/firmware_io tests/kernel tests/hil/devices tests/hil/plants te
 	tests/node/recording tests/node/replay tests/node/support tests/node/supervisor/page tests/node/supervisor/web
 READY := $(VENV)/.ready
 
-.PHONY: run test lint prove coverage bench clean
+.PHONY: run test lint page prove coverage bench clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -24,6 +25,10 @@ lint: $(READY)
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
+
+page: $(READY)
+	$(VENV)/bin/python -m pytest -m browser -n 2 --dist loadfile tests/node/supervisor/page tests/node/supervisor/web
+	$(VENV)/bin/python -m pytest -m browser --ignore tests/node/supervisor/page --ignore tests/node/supervisor/web tests/node/supervisor
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
 

@@ -23,8 +23,9 @@ function row() {
   return { root: make("li", "", "", state, make("div", "", "", name, found, mend)), state, name, found, mend };
 }
 
-function summary(items) {
+function summary(items, mode) {
   if (items.length === 0) return "This robot has no checklist.";
+  if (mode === "ARMED" || mode === "HOLD") return "Armed already: this counts the next time.";
   const blocking = items.filter((item) => item.state === "blocks").length;
   if (blocking === 0) return "Nothing stands against arming.";
   return blocking === 1 ? "One check stands against arming." : `${blocking} checks stand against arming.`;
@@ -38,7 +39,7 @@ export class Checklist {
   draw({ robot }) {
     const items = Object.entries(robot.checklist).map(([name, said]) => read(name, said));
     items.sort((a, b) => ORDER[a.state] - ORDER[b.state]);
-    text(byId("checklist-summary"), summary(items));
+    text(byId("checklist-summary"), summary(items, robot.mode));
     const rows = keep(byId("checklist"), this._rows, items.map((item) => item.name), row);
     items.forEach((item, index) => {
       const { state, name, found, mend } = rows[index];

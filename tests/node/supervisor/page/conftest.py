@@ -1,6 +1,5 @@
 """A browser, a fake station and the page in it; anything the page complains of fails the test."""
 
-import importlib.util
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,17 +17,9 @@ if TYPE_CHECKING:
 CHROMIUM = Path("/usr/bin/chromium")
 
 
-def _missing() -> str | None:
-    if importlib.util.find_spec("playwright") is None:
-        return "no playwright: pip install playwright"
-    return None if CHROMIUM.exists() else f"no {CHROMIUM}: apt-get install chromium"
-
-
-@pytest.fixture(scope="session")
+# Of a module, not of the session: while it lives, nothing else in this process can run an event loop.
+@pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
-    missing = _missing()
-    if missing is not None:
-        pytest.skip(missing)
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it may not be there
 
     with sync_playwright() as playwright:

@@ -110,13 +110,15 @@ def test_plots_follow_the_pictures(page: "Page", station: FakeStation) -> None:
 
 
 def test_what_blocks_arming_comes_first_with_how_to_mend_it(page: "Page", station: FakeStation) -> None:
-    station.robot(checklist=CHECKS)
+    station.robot(checklist=CHECKS, mode="DISARMED")
     shows(page, "#checklist-summary", "2 checks stand against arming")
     rows = page.locator("#checklist li").all_inner_texts()
     assert [row.split("\n")[0] for row in rows] == ["Blocks", "Blocks", "Warning", "OK", "OK", "OK"]
     assert "0.31 rad from upright, allowed is 0.1 rad\nTo do: hold the robot upright" in rows[1]
     station.robot(checklist=dict.fromkeys(CHECKS, "ok"))
     shows(page, "#checklist-summary", "Nothing stands against arming")
+    station.robot(mode="HOLD")
+    shows(page, "#checklist-summary", "Armed already")
 
 
 def test_both_links_and_the_one_in_use(page: "Page") -> None:
