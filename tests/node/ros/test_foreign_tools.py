@@ -225,7 +225,6 @@ def test_services_answer_with_reasons_and_change_the_mode(foreign: Ask) -> None:
         "level": 2,
         "mode": "FAULT",
         "reason": "stop was pressed",
-        "check.drives": "ok: nothing speaks against it",
     }
     assert foreign("call", service="/model/arm") == [False, "clear the fault first: stop was pressed"]
     assert foreign("call", service="/model/clear_fault") == [True, "DISARMED: fault cleared"]
