@@ -121,10 +121,7 @@ class Cycle:
         self._stage.publish(self._report(cycle, stamp_ns, published, exchanged_ns))
         published_ns = now_ns()
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
-        for setpoint, for_ns in inbox.setpoints:
-            self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
-        for place, value in inbox.values:
-            self._receive_value(place, value)
+        self._receive_all(inbox, cycle)
         setpoint = self._decide(cycle, inbox, sensors)
         self._told = setpoint if self.authority.is_active else None
         self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
@@ -161,9 +158,7 @@ class Cycle:
         )
         self._initial = None
         end_ns = now_ns()
-        whole_ns = (*durations_ns, end_ns - limited_ns, end_ns - start_ns)
-        for histogram, duration_ns in zip(self._timed, whole_ns, strict=True):
-            histogram.add(duration_ns)
+        self._count((*durations_ns, end_ns - limited_ns, end_ns - start_ns))
 
     @property
     def model_stopped(self) -> bool:
@@ -194,6 +189,16 @@ class Cycle:
             self.authority.fail(str(error))
             count = len(self._signal_names)
             return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
+
+    def _count(self, durations_ns: Sequence[int]) -> None:
+        for histogram, duration_ns in zip(self._timed, durations_ns, strict=True):
+            histogram.add(duration_ns)
+
+    def _receive_all(self, inbox: Inbox, cycle: int) -> None:
+        for setpoint, for_ns in inbox.setpoints:
+            self._receive(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
+        for place, value in inbox.values:
+            self._receive_value(place, value)
 
     def _receive(self, setpoint: Setpoint, for_cycle: int, cycle: int) -> None:
         if self.authority.is_active:

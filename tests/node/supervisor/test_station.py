@@ -1,65 +1,20 @@
 """The station and robots in a process of their own, over real DDS that never leaves this machine."""
 
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from node.supervisor.station import Station
-from node.supervisor.views import Act, Command, Drive, RobotView
+from node.supervisor.views import Act, Command
+from tests.node.supervisor.operated import PATIENCE_S, Operated
 
 over_ros = pytest.mark.ros
 
-PATIENCE_S = 30.0
 SEQUENCE = "segments: [{linear: 0.5, duration: 1.0}]"
 HEARD = {"get": "heard"}
-
-
-class Operated:
-    """A station with an operator's hands."""
-
-    def __init__(self, station: Station) -> None:
-        self.station = station
-
-    def robot(self, name: str) -> RobotView | None:
-        return next((robot for robot in self.station.fleet().robots if robot.robot == name), None)
-
-    def wait_for(self, name: str, condition: Callable[[RobotView], object]) -> RobotView:
-        deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            robot = self.robot(name)
-            if robot is not None and condition(robot):
-                return robot
-            time.sleep(0.01)
-        pytest.fail(f"{name} does not come to that: {self.robot(name)}; {self.texts()}")
-
-    def submit(self, who: str, act: Act, robot: str = "/a", text: str = "") -> Callable[[], tuple[bool, str]]:
-        """Give a command; call what is returned for the outcome."""
-        outcomes: list[Any] = []
-        came = threading.Event()
-
-        def reply(*outcome: Any) -> None:
-            outcomes.append(outcome)
-            came.set()
-
-        self.station.submit(who, Command(id=1, robot=robot, act=act, text=text, name="one"), reply)
-
-        def outcome() -> tuple[bool, str]:
-            assert came.wait(PATIENCE_S)
-            assert len(outcomes) == 1
-            accepted, text = outcomes[0]
-            return accepted, text
-
-        return outcome
-
-    def drive(self, linear: float) -> None:
-        self.station.drive("ann", Drive(id=1, robot="/a", linear=linear, angular=0.0))
-
-    def texts(self) -> list[str]:
-        return [event.text for event in self.station.events(0)]
 
 
 @pytest.fixture

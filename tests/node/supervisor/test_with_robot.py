@@ -4,11 +4,10 @@ import contextlib
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
@@ -17,11 +16,11 @@ from hil.processes import command
 from node.config import read_text
 from node.drill import trace
 from node.supervisor.station import Station
-from node.supervisor.views import Act, Command, Drive, RobotView
+from node.supervisor.views import Act, Drive, RobotView
+from tests.node.supervisor.operated import PATIENCE_S, Operated
 
 pytestmark = pytest.mark.ros
 
-PATIENCE_S = 40.0
 LOST = "the base station is lost"
 CART = "/alice"
 SEGWAY = "/bob"
@@ -34,37 +33,12 @@ LIMIT_MS = 25.0
 """One period of the loop and 20 ms."""
 
 
-class Operator:
-    """A station with an operator's hands."""
-
-    def __init__(self, station: Station) -> None:
-        self.station = station
-
-    def robot(self, name: str) -> RobotView | None:
-        return next((robot for robot in self.station.fleet().robots if robot.robot == name), None)
-
-    def wait_for(self, name: str, condition: Callable[[RobotView], object]) -> RobotView:
-        deadline = time.monotonic() + PATIENCE_S
-        while time.monotonic() < deadline:
-            robot = self.robot(name)
-            if robot is not None and condition(robot):
-                return robot
-            time.sleep(0.01)
-        pytest.fail(f"{name} does not come to that: {self.robot(name)}; {self.texts(name)}")
+class Operator(Operated):
+    """An operator of robots that are real processes."""
 
     def ask(self, name: str, act: Act) -> tuple[bool, str]:
         """Give a command, and wait for what came of it."""
-        outcomes: list[Any] = []
-        came = threading.Event()
-
-        def reply(*outcome: Any) -> None:
-            outcomes.append(outcome)
-            came.set()
-
-        self.station.submit("ann", Command(id=1, robot=name, act=act), reply)
-        assert came.wait(PATIENCE_S)
-        accepted, text = outcomes[0]
-        return accepted, text
+        return self.submit("ann", act, name)()
 
     def stand_up(self, name: str) -> None:
         """Arm a segway that lies on its stop, and have it stand up; its model may have given up while it was off."""
@@ -90,9 +64,6 @@ class Operator:
         """Whether a robot echoes the heartbeats of a station that need not be ours."""
         robot = self.station._desk.fleet.robots.get(name)
         return robot is not None and robot.mode.station == station
-
-    def texts(self, name: str) -> list[str]:
-        return [event.text for event in self.station.events(0) if event.robot == name]
 
 
 class Robots(NamedTuple):
