@@ -14,6 +14,8 @@ PUSH_S: Final = 0.1
 """How long a shove lasts."""
 LONG_PUSH_S: Final = 1.0
 """How long a push lasts by which balancers of Upkie, the published robot, are compared: its largest sagittal force."""
+LONG_PUSH_N: Final = 10.0
+"""What a published test of an Upkie pushes its torso with for a second (rgambard/Upkie-Robotics-RL, test.py)."""
 PAYLOAD_SHARE: Final = 0.3
 SLOPE_RAD: Final = math.radians(5.0)
 DELAY_S: Final = 0.020
@@ -105,8 +107,8 @@ def disturbances(body: SegwayParameters) -> Sequence[Disturbance]:
     return (
         Disturbance("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
         Disturbance("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
-        Disturbance("push ahead, 1 s", "N", 100.0, 0.25, None, plain, _long_push),
-        Disturbance("push back, 1 s", "N", -100.0, 0.25, None, plain, _long_push),
+        Disturbance("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, _long_push),
+        Disturbance("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, _long_push),
         Disturbance("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
         Disturbance("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
         Disturbance("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),

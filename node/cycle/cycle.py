@@ -213,7 +213,7 @@ class Cycle:
             self.schedule.refuse(SetpointRefusal.NOT_FINITE)
 
     def _report(self, cycle: int, stamp_ns: int, published: Sequence[float], now_ns: int) -> Report:
-        modes, supervision = self.authority.modes, self._supervision
+        modes, echo = self.authority.modes, self._supervision.echo(now_ns)
         return Report(
             stamp_ns=stamp_ns,
             mode=modes.mode,
@@ -224,8 +224,9 @@ class Cycle:
             cycle=cycle,
             drives="none" if not self._zero else _drives(self.sensors),
             is_zero=not any(self._commands),
-            heartbeat=supervision.heartbeat,
-            heartbeat_age_ns=now_ns - supervision.heard_ns,
+            heartbeat=echo.heartbeat if echo else None,
+            heartbeat_age_ns=now_ns - echo.heard_ns if echo else 0,
+            set_values=tuple(self._set_values),
         )
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:

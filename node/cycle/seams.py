@@ -78,8 +78,10 @@ class Report(NamedTuple):
         drives: `on` where every motor follows commands, `off` where every drive itself says that its motors are off,
             else `unconfirmed`; `none` where there are none.
         is_zero: Whether the commands that left last were all zero.
-        heartbeat: The newest of a base station; None where none was ever heard.
+        heartbeat: The newest of a base station, of each in turn where there are several; None where none was ever
+            heard.
         heartbeat_age_ns: How long ago it was heard, ns.
+        set_values: What anybody may set, as it is in force, in the order of the wiring.
     """
 
     stamp_ns: int
@@ -93,6 +95,7 @@ class Report(NamedTuple):
     is_zero: bool = True
     heartbeat: Heartbeat | None = None
     heartbeat_age_ns: int = 0
+    set_values: Sequence[float] = ()
 
 
 class Stage(Protocol):

@@ -1,7 +1,7 @@
 """The base station as the robot sees it: its heartbeats, and what the robot does by itself when they end."""
 
 from collections.abc import MutableSequence, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from node.cycle.authority import Authority
 from node.cycle.seams import Heartbeat
@@ -10,15 +10,22 @@ from node.safety.settings import StationSettings
 from node.safety.station import StationWatch, Watch, sit_down_values
 
 SITS_DOWN: Final = f"{STATION_LOST}: the robot sits down"
+_ECHOED: Final = 4
+"""How many stations are told that they are heard."""
+_ECHOED_FOR_NS: Final = 1_000_000_000
+_TURN_NS: Final = 100_000_000
+"""For how long one of several stations is told before the next."""
+
+
+class Echo(NamedTuple):
+    """A heartbeat as it is echoed, and when it was heard, monotonic, ns."""
+
+    heartbeat: Heartbeat
+    heard_ns: int
 
 
 class Supervision:
-    """Hears heartbeats; sits the robot down and disarms it when they have ended for long.
-
-    Attributes:
-        heartbeat: The newest, of any station; None where none was ever heard.
-        heard_ns: When that came, monotonic.
-    """
+    """Hears heartbeats; sits the robot down and disarms it when they have ended for long."""
 
     def __init__(
         self, settings: StationSettings | None, set_names: Sequence[str], authority: Authority, period_ns: int
@@ -28,8 +35,7 @@ class Supervision:
         Raises:
             UnknownNameError: What is to be set is not among `set_names`.
         """
-        self.heartbeat: Heartbeat | None = None
-        self.heard_ns = 0
+        self._echoes: dict[str, Echo] = {}
         self._authority = authority
         self._sit_down = sit_down_values(settings, set_names)
         self._watch = StationWatch(settings, period_ns)
@@ -37,8 +43,18 @@ class Supervision:
 
     def hear(self, heartbeats: Sequence[Heartbeat], now_ns: int) -> None:
         """Take the heartbeats of a cycle."""
-        if heartbeats:
-            self.heartbeat, self.heard_ns = heartbeats[-1], now_ns
+        for heartbeat in heartbeats:
+            self._echoes.pop(heartbeat.station, None)
+            if len(self._echoes) == _ECHOED:
+                del self._echoes[next(iter(self._echoes))]  # the one that was heard the longest ago
+            self._echoes[heartbeat.station] = Echo(heartbeat, now_ns)
+
+    def echo(self, now_ns: int) -> Echo | None:
+        """The newest heartbeat of a station, of each in turn that was heard lately; None where none was ever heard."""
+        echoes = list(self._echoes.values())
+        lately = [echo for echo in echoes if now_ns - echo.heard_ns <= _ECHOED_FOR_NS] or echoes[-1:]
+        turn = now_ns // _TURN_NS
+        return sorted(lately)[turn % len(lately)] if lately else None
 
     def look(
         self, cycle: int, set_values: MutableSequence[float], events: MutableSequence[str], *, is_heard: bool

@@ -14,23 +14,22 @@ _PERIOD_NS: Final = 100_000_000
 _NS_PER_MS: Final = 1e6
 
 
-def make_mode_publisher(node: RosObject, robot_name: str, *, can_stand: bool) -> Callable[[Report], None]:
-    """Publishes a cycle at once where mode, reason, drives or zero changed, else ten times a second by the stamps.
+def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) -> Callable[[Report], None]:
+    """Publishes at once where mode, reason, drives, zero or stand changed, else ten times a second by the stamps.
 
     One message is made, once, and filled anew. Measured: 0.3 us where nothing is published, 12 us (p99 25) where it is.
 
     Args:
         node: Whose topic it is.
         robot_name: What the robot's file calls it.
-        can_stand: Whether it can be told to stand up and to sit down.
+        stand: The place of what makes it stand up or sit down among the values that may be set; None where it has none.
     """
     kind, pair = message_type("diagnostic_msgs/msg/DiagnosticStatus"), message_type("diagnostic_msgs/msg/KeyValue")
     publisher = node.create_publisher(kind, "mode", _DEPTH)
-    keys = ("mode", "reason", "cycle", "drives", "zero", "heartbeat", "heartbeat_age_ms", "can_stand")
+    keys = ("mode", "reason", "cycle", "drives", "zero", "heartbeat", "heartbeat_age_ms", "stand")
     pairs = [pair(key=key) for key in keys]
-    mode, reason, cycle, drives, zero, heartbeat, age, stand = pairs
+    mode, reason, cycle, drives, zero, heartbeat, age, standing = pairs
     message = kind(name=f"{robot_name}{MODE_SUFFIX}", hardware_id=robot_name, values=pairs)
-    stand.value = "true" if can_stand else "false"
     told: Report | None = None
     told_turn = 0
 
@@ -43,11 +42,13 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, can_stand: bool) ->
         if report.heartbeat is not None:
             heartbeat.value = f"{report.heartbeat.station} {report.heartbeat.stamp_ns}"
             age.value = f"{report.heartbeat_age_ns / _NS_PER_MS:.3f}"
+        if stand is not None:
+            standing.value = repr(report.set_values[stand])
 
     def publish(report: Report) -> None:
         nonlocal told, told_turn
         turn = report.stamp_ns // _PERIOD_NS
-        if turn == told_turn and told is not None and _is_as(report, told):
+        if turn == told_turn and told is not None and _is_as(report, told, stand):
             return
         told, told_turn = report, turn
         fill(report)
@@ -56,10 +57,11 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, can_stand: bool) ->
     return publish
 
 
-def _is_as(report: Report, told: Report) -> bool:
+def _is_as(report: Report, told: Report, stand: int | None) -> bool:
     return (
         report.mode is told.mode
         and report.is_zero is told.is_zero
         and report.drives == told.drives
         and report.reason == told.reason
+        and (stand is None or report.set_values[stand] == told.set_values[stand])
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from node.errors import RosUnavailableError
+from node.ros.transports import udp_only
 from node.ros.untyped import RosObject
 
 _NEEDED: Final = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs")
@@ -52,17 +53,19 @@ def ros_node(
     rclpy = importlib.import_module("rclpy")
     signals = importlib.import_module("rclpy.signals")
     context = rclpy.context.Context()
+    no_signals = signals.SignalHandlerOptions.NO
     try:
-        rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
-        node = rclpy.create_node(
-            name,
-            namespace=namespace or None,
-            context=context,
-            start_parameter_services=parameters,
-            enable_rosout=False,
-            # No executor would ever answer it.
-            parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
-        )
+        with udp_only():
+            rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=no_signals)
+            node = rclpy.create_node(
+                name,
+                namespace=namespace or None,
+                context=context,
+                start_parameter_services=parameters,
+                enable_rosout=False,
+                # No executor would ever answer it.
+                parameter_overrides=[rclpy.Parameter("start_type_description_service", value=False)],
+            )
     except Exception as error:  # rclpy raises whatever its C++ core does
         raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
     try:

@@ -39,7 +39,8 @@ class RosStage:
     def __init__(self, node: RosObject, ros: RosSection, wiring: Wiring, model: Model, robot_name: str) -> None:
         """Offer the robot's topics, services and parameters on `node`; `robot_name` is what its file calls it."""
         self._node = node
-        self._publish_mode = make_mode_publisher(node, robot_name, can_stand=_STAND in wiring.set_names)
+        stand = wiring.set_names.index(_STAND) if _STAND in wiring.set_names else None
+        self._publish_mode = make_mode_publisher(node, robot_name, stand=stand)
         self._publishers = make_publishers(node, ros, list(wiring.published))
         self._topics = make_scalar_publishers(node, list(wiring.topics))
         self._subscriptions = [

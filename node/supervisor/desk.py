@@ -21,6 +21,7 @@ from node.supervisor.line import Line, Reply
 from node.supervisor.requests import Requests
 from node.supervisor.seat import Asked, Seat
 from node.supervisor.sequences import Playing
+from node.supervisor.stand import Stand
 from node.supervisor.stops import Stop, StopState
 from node.supervisor.views import Act, Drive, FleetView, RobotView
 
@@ -56,12 +57,12 @@ class Desk:
 
     def add(self, name: str, line: Line) -> None:
         """A robot can be spoken to over `line` from now on."""
-        self._seats[name] = Seat(line, Requests(line), Stop(line, self._teller(name)))
+        self._seats[name] = Seat(line, Requests(line), Stop(line, self._teller(name)), Stand(line))
 
     def is_waiting_for(self, name: str) -> bool:
         """Whether a robot's word is waited for."""
         seat = self._seats.get(name)
-        return seat is not None and (seat.requests.is_pending or seat.stop.is_pending)
+        return seat is not None and (seat.requests.is_pending or seat.stop.is_pending or seat.stand.is_pending)
 
     def hear(self, name: str, heard: Heard, at_ns: int) -> None:
         """Take what a robot said at `at_ns`, monotonic."""
@@ -69,6 +70,8 @@ class Desk:
         seat = self._seats[name]
         if isinstance(heard, ModeHeard):
             seat.stop.hear(heard, at_ns)
+            seat.stand.hear(heard)
+            self._beats.hear(name, heard, at_ns)
         elif isinstance(heard, SetpointHeard) and seat.playing is not None:
             seat.playing.hear(heard, at_ns)
 
@@ -87,6 +90,7 @@ class Desk:
         for name, seat in self._seats.items():
             seat.stop.step(now_ns)
             seat.requests.step(now_ns)
+            seat.stand.step(now_ns)
             if seat.is_playing:
                 self._play_on(name, seat, now_ns)
         for name, ran_out in self._dead_man.zeros_due(now_ns):
@@ -169,6 +173,7 @@ class Desk:
                 seat.line.drive(REST)
             self._let_go(name, "the station ends", now_ns)
             seat.requests.fail("the station ends")
+            seat.stand.fail("the station ends")
             seat.stop.drop("the station ends")
 
     def _refusal(self, asked: Asked, robot: Robot, seat: Seat, now_ns: int) -> tuple[str, str] | None:
@@ -202,7 +207,7 @@ class Desk:
         return None if robot.is_active else "not armed"
 
     def _do(self, asked: Asked, robot: Robot, seat: Seat, reply: Reply, now_ns: int) -> None:
-        """What the robot does not answer, or what is the station's own."""
+        """What no service of the robot answers, or what is the station's own."""
         name, who = robot.robot, asked.who
         match asked.command.act:
             case Act.TAKE_CONTROL:
@@ -217,8 +222,7 @@ class Desk:
                     self.control.release(name, who)
                 reply(had, "nobody has control now" if had else "you did not have control")
             case Act.STAND | Act.SIT as act:
-                seat.line.stand(up=act is Act.STAND)
-                reply(True, f"told to {act}; the robot does not answer this")  # noqa: FBT003
+                seat.stand.ask(reply, now_ns, up=act is Act.STAND)
             case Act.BREAK_OFF:
                 is_over = seat.break_off(f"{who} broke it off")
                 if is_over:

@@ -73,7 +73,7 @@ class Robot:
             name=mode.name,
             is_alive=alive,
             age_s=self.age_s(now_ns),
-            round_trip_s=beats.round_trip_s(mode, self.heard_ns) if alive else None,
+            round_trip_s=beats.round_trip_s(self.robot, now_ns) if alive else None,
             mode=mode.mode,
             reason=mode.reason,
             drives=mode.drives,

@@ -33,7 +33,7 @@ class ModeHeard(NamedTuple):
         station: Whose heartbeat it heard last; empty for nobody's.
         beat_ns: The stamp of that heartbeat.
         beat_age_ns: How long ago it heard it.
-        can_stand: Whether it can be told to stand up and to sit down.
+        stand: What is in force of what makes it stand up (1) or sit down (0); None where it can be told neither.
     """
 
     name: str
@@ -44,7 +44,12 @@ class ModeHeard(NamedTuple):
     station: str = ""
     beat_ns: int = 0
     beat_age_ns: int = 0
-    can_stand: bool = False
+    stand: float | None = None
+
+    @property
+    def can_stand(self) -> bool:
+        """Whether it can be told to stand up and to sit down."""
+        return self.stand is not None
 
     @property
     def is_stopped(self) -> bool:
@@ -105,7 +110,7 @@ def mode_heard(name: str, values: Mapping[str, str]) -> ModeHeard | None:
         station=station,
         beat_ns=beat_ns,
         beat_age_ns=_ns_of_ms(values.get("heartbeat_age_ms", "")),
-        can_stand=values.get("can_stand") == "true",
+        stand=_number(values.get("stand", "")),
     )
 
 
@@ -165,8 +170,12 @@ def _is_digits(text: str) -> bool:
 
 
 def _ns_of_ms(text: str) -> int:
+    age = _number(text)
+    return round(age * _NS_PER_MS) if age is not None and age > 0.0 else 0
+
+
+def _number(text: str) -> float | None:
     try:
-        age = float(text)
+        return finite(float(text))
     except ValueError:
-        return 0
-    return round(age * _NS_PER_MS) if math.isfinite(age) and age > 0.0 else 0
+        return None

@@ -23,6 +23,7 @@ class Heartbeats:
         """Beat as `name`."""
         self.name = name
         self._sent: deque[int] = deque(maxlen=_KEPT)
+        self._round_trips: dict[str, tuple[float, int]] = {}
 
     def due(self, now_ns: int) -> int | None:
         """The stamp of a heartbeat to send now, or None."""
@@ -31,13 +32,12 @@ class Heartbeats:
         self._sent.append(now_ns)
         return now_ns
 
-    def round_trip_s(self, mode: ModeHeard, heard_ns: int) -> float | None:
-        """From our heartbeat to the robot's echo, without the time the robot kept it; None where it does not hear us.
+    def hear(self, robot: str, mode: ModeHeard, at_ns: int) -> None:
+        """Take what a robot said at `at_ns`, monotonic, where it is an echo of ours: it tells other stations too."""
+        if mode.station == self.name and mode.beat_ns in self._sent and mode.beat_age_ns <= _HEARS_NS:
+            self._round_trips[robot] = (max(at_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9, at_ns)
 
-        Args:
-            mode: What the robot said.
-            heard_ns: When that reached us, monotonic.
-        """
-        if mode.station != self.name or mode.beat_ns not in self._sent or mode.beat_age_ns > _HEARS_NS:
-            return None
-        return max(heard_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9
+    def round_trip_s(self, robot: str, now_ns: int) -> float | None:
+        """From our heartbeat to the echo, without the time the robot kept it; None where it does not hear us."""
+        round_trip_s, at_ns = self._round_trips.get(robot, (None, 0))
+        return round_trip_s if now_ns - at_ns <= _HEARS_NS else None

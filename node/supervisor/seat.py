@@ -6,6 +6,7 @@ from node.sequence.manoeuvre import Manoeuvre
 from node.supervisor.line import Line, Reply
 from node.supervisor.requests import Requests
 from node.supervisor.sequences import Playing
+from node.supervisor.stand import Stand
 from node.supervisor.stops import Stop
 from node.supervisor.views import Command
 
@@ -17,6 +18,7 @@ class Seat:
     line: Line
     requests: Requests
     stop: Stop
+    stand: Stand
     playing: Playing | None = None
 
     @property

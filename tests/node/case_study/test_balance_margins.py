@@ -20,6 +20,7 @@ def test_every_requirement_is_in_the_table() -> None:
     assert required["slope, up"] == pytest.approx(math.pi / 36.0)
     assert required["slope, down"] == pytest.approx(-math.pi / 36.0)
     assert required["delay added"] == 0.02
+    assert (required["push ahead, 1 s"], required["push back, 1 s"]) == (10.0, -10.0)
     assert {step.setpoint for step in STEPS} == {(1.0, 0.0), (0.0, 1.0), (1.0, 1.0)}
 
 

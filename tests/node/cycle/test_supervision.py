@@ -207,11 +207,10 @@ def test_drives_that_become_ready_after_the_station_was_lost_hold_at_once() -> N
     assert watched.told == [(60, Mode.ARMED, "asked to arm"), (60, Mode.HOLD, LOST)]
 
 
-def test_what_is_published_tells_mode_reason_drives_zero_and_the_newest_heartbeat() -> None:
+def test_what_is_published_tells_mode_reason_drives_zero_and_heartbeats() -> None:
     watched = Watched()
     watched.stage.beat(3, "base 1", 111)
     watched.stage.beat(5, "base 1", 222)
-    watched.stage.beat(5, "base 2", 333)
     watched.stage.ask(8, Action.STOP)
     watched.run(11)
     reports = watched.stage.reports
@@ -228,9 +227,32 @@ def test_what_is_published_tells_mode_reason_drives_zero_and_the_newest_heartbea
     assert reports[2].heartbeat is None
     assert reports[3].heartbeat == ("base 1", 111)
     assert reports[4].heartbeat == ("base 1", 111)
-    assert {report.heartbeat for report in reports[5:]} == {("base 2", 333)}
+    assert {report.heartbeat for report in reports[5:]} == {("base 1", 222)}
     ages_ms = [report.heartbeat_age_ns // 1_000_000 for report in reports[3:]]
     assert ages_ms == [0, 10, 0, 10, 20, 30, 40, 50]
+
+
+def test_several_stations_are_told_in_turn_and_one_that_is_gone_no_more() -> None:
+    watched = Watched()
+    for cycle in range(0, 200, 10):
+        watched.stage.beat(cycle, "base 1", cycle)
+        watched.stage.beat(cycle + 3, "base 2", cycle)
+    for cycle in range(200, 400, 10):
+        watched.stage.beat(cycle, "base 2", cycle)
+    watched.run(400)
+    told = [report.heartbeat.station if report.heartbeat else "" for report in watched.stage.reports]
+    assert all(set(told[start : start + 20]) == {"base 1", "base 2"} for start in range(10, 280, 20))
+    assert set(told[291:]) == {"base 2"}
+
+
+def test_no_more_than_four_stations_are_remembered() -> None:
+    watched = Watched()
+    for cycle in range(60):
+        watched.stage.beat(cycle, f"base {cycle % 6}", cycle)
+    watched.run(60)
+    told = [report.heartbeat.stamp_ns for report in watched.stage.reports if report.heartbeat]
+    assert all(cycle - stamp in range(4) for cycle, stamp in enumerate(told))
+    assert len(set(told)) > len(told) // 2
 
 
 @pytest.mark.parametrize(

@@ -305,7 +305,7 @@ def test_the_mode_is_told_and_a_heartbeat_is_echoed(foreign: Ask) -> None:
         "zero": "true",
         "heartbeat": "",
         "heartbeat_age_ms": "",
-        "can_stand": "false",
+        "stand": "",
     }
     name = "b\u00e4se" + 100 * "!"
 

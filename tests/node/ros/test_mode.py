@@ -15,18 +15,27 @@ pytestmark = pytest.mark.ros
 STAMP_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
 ARMED = Report(
-    STAMP_NS, Mode.ARMED, (), None, reason="asked to arm", cycle=7, drives="on", is_zero=False, heartbeat_age_ns=10**18
+    STAMP_NS,
+    Mode.ARMED,
+    (),
+    None,
+    reason="asked to arm",
+    cycle=7,
+    drives="on",
+    is_zero=False,
+    heartbeat_age_ns=10**18,
+    set_values=(7.0, 1.0),
 )
 
 
 class Listener:
     """Hears what a robot says of its mode, as plain values."""
 
-    def __init__(self, *, can_stand: bool = True) -> None:
+    def __init__(self, *, stand: int | None = 1) -> None:
         self.topics: list[tuple[str, str, int]] = []
         self.heard: list[dict[str, str]] = []
         self.messages: list[Any] = []
-        self.publish = make_mode_publisher(self, "alice", can_stand=can_stand)
+        self.publish = make_mode_publisher(self, "alice", stand=stand)
 
     def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
         self.topics.append((kind.__name__, topic, depth))
@@ -56,7 +65,7 @@ def test_everything_is_told_in_words(listener: Listener) -> None:
             "zero": "false",
             "heartbeat": "",
             "heartbeat_age_ms": "",
-            "can_stand": "true",
+            "stand": "1.0",
         }
     ]
 
@@ -76,9 +85,9 @@ def test_the_level_is_that_of_the_diagnostics(listener: Listener, mode: Mode, le
 
 
 def test_a_robot_that_cannot_stand_says_so() -> None:
-    listener = Listener(can_stand=False)
+    listener = Listener(stand=None)
     listener.publish(ARMED)
-    assert listener.heard[0]["can_stand"] == "false"
+    assert listener.heard[0]["stand"] == ""
 
 
 @pytest.mark.parametrize(
@@ -89,6 +98,7 @@ def test_a_robot_that_cannot_stand_says_so() -> None:
         {"drives": "off"},
         {"drives": "unconfirmed"},
         {"is_zero": True},
+        {"set_values": (7.0, 0.0)},
     ],
 )
 def test_a_change_is_told_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
@@ -107,6 +117,7 @@ def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: List
                 stamp_ns=STAMP_NS + cycle * 5 * MS,
                 cycle=cycle,
                 values=(float(cycle),),
+                set_values=(float(cycle), 1.0),
                 heartbeat=Heartbeat("base", cycle),
                 heartbeat_age_ns=cycle,
             )
@@ -145,4 +156,4 @@ def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
     unconfirmed = mode_heard(listener.head[1], listener.heard[1])
     assert unconfirmed == heard._replace(drives="unconfirmed")
     assert not unconfirmed.is_stopped
-    assert heard == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, True)
+    assert heard == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, 1.0)

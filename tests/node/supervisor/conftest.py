@@ -25,7 +25,7 @@ from node.supervisor.seat import Asked
 from node.supervisor.views import Act, Command, Drive, RobotView
 
 NS_PER_MS = 1_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, can_stand=True)
+ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
 SAFE_DOMAINS = 101
 DOMAINS_PER_PROCESS = 7
 _used = itertools.count(3)

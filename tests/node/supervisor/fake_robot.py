@@ -55,6 +55,7 @@ class FakeRobot:
         self.node, self.name = node, name
         self.mode, self.reason, self.drives, self.zero = "DISARMED", "just started", "off", True
         self.refuses = ""
+        self.stand = 1.0
         self.is_deaf = self.serves_not = False
         self.drives_stay_on = self.drives_fall_silent = False
         self.checks = {"check.rate": "ok: 100.00 Hz of 100 Hz", "check.tilt": "refused: 1.00 rad from upright"}
@@ -105,6 +106,7 @@ class FakeRobot:
             heapq.heappush(self.waiting, (stamp, message.twist.linear.x, message.twist.angular.z))
         elif index == 2:
             self.heard.append(["stand", at, message.data])
+            self.stand = message.data
         else:
             stamp = message.stamp.sec * NS_PER_S + message.stamp.nanosec
             self.beat, self.beat_ns = f"{message.frame_id} {stamp}", now_ns
@@ -155,7 +157,7 @@ class FakeRobot:
         message.twist.twist.linear.x, message.twist.twist.angular.z = self.setpoint
         self.odometry_out.publish(message)
         self.pitch_out.publish(Float64(data=0.05))
-        told = (self.mode, self.reason, self.drives)
+        told = (self.mode, self.reason, self.drives, self.stand)
         if told != self.told or now_ns - self.mode_ns >= 0.1 * NS_PER_S:
             self.told, self.mode_ns = told, now_ns
             self.mode_out.publish(self.mode_message(now_ns))
@@ -172,7 +174,7 @@ class FakeRobot:
             "zero": str(self.zero).lower(),
             "heartbeat": self.beat,
             "heartbeat_age_ms": f"{(now_ns - self.beat_ns) / 1e6:.3f}" if self.beat else "",
-            "can_stand": "true",
+            "stand": repr(self.stand),
         }
         text = f"{self.mode}: {self.reason}"
         return DiagnosticStatus(level=b"\0", name=f"{self.name}: mode", message=text, values=pairs(values))

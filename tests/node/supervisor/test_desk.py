@@ -14,7 +14,7 @@ from node.supervisor.views import Act
 
 MS = 1_000_000
 S = 1_000_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, can_stand=True)
+ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
 OFF = ModeHeard("alice", Mode.FAULT, "stop was pressed", "off")
 
 
@@ -175,8 +175,12 @@ def test_standing_up_and_sitting_down(bench: Any) -> None:
     bench.ask("ann", Act.STAND)
     bench.ask("ann", Act.SIT)
     assert bench.line.stands == [True, False]
-    assert bench.replies[0] == (True, "told to stand; the robot does not answer this")
-    bench.hear(ARMED._replace(can_stand=False))
+    assert bench.replies == [(False, "it was told otherwise before it had taken this")]
+    bench.hear(ARMED)
+    assert len(bench.replies) == 1, "it is still told to stand"
+    bench.hear(ARMED._replace(stand=0.0))
+    assert bench.replies[1:] == [(True, "the robot has taken it: sit down")]
+    bench.hear(ARMED._replace(stand=None))
     bench.ask("ann", Act.STAND)
     assert bench.replies[2] == (False, "this robot cannot be told to stand up or to sit down")
     assert len(bench.line.stands) == 2

@@ -11,7 +11,7 @@ from node.supervisor.heard import ModeHeard
 from node.supervisor.views import Act
 
 MS = 1_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, can_stand=True)
+ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
 OFF = ModeHeard("alice", Mode.FAULT, "stop was pressed", "off")
 
 

@@ -32,7 +32,7 @@ def view(fleet: Fleet, now_s: float) -> RobotView:
 def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
     beats = Heartbeats("base")
     beats.due(S)
-    mode = ARMED._replace(station="base", beat_ns=S, beat_age_ns=S // 1000, can_stand=True)
+    mode = ARMED._replace(station="base", beat_ns=S, beat_age_ns=S // 1000, stand=0.0)
     health = Health({"rate": "ok"}, {"can": {"state": "active"}}, {"rate_hz": "100"})
     for heard in (
         mode,
@@ -43,6 +43,7 @@ def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
         health,
     ):
         fleet.hear("/a", heard, S + S // 100)
+    beats.hear("/a", mode, S + S // 100)
     seen = fleet.robots["/a"].view(S + S // 10, beats)
     assert (seen.age_s, seen.round_trip_s) == pytest.approx((0.09, 0.009))
     assert msgspec.structs.replace(seen, age_s=0.0, round_trip_s=None) == RobotView(

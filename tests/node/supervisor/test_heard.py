@@ -15,7 +15,7 @@ TOLD = {
     "zero": "false",
     "heartbeat": "base station 1 123456789",
     "heartbeat_age_ms": "12.5",
-    "can_stand": "true",
+    "stand": "0.0",
 }
 
 
@@ -29,7 +29,7 @@ def test_a_whole_message() -> None:
         station="base station 1",
         beat_ns=123_456_789,
         beat_age_ns=12_500_000,
-        can_stand=True,
+        stand=0.0,
     )
     assert mode_heard("alice: mode", TOLD) == expected
 
