@@ -31,10 +31,8 @@ MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cy
 PACKAGES: Final = ("firmware_io", "hil", "node")
 # The tests of a module in the order in which they run, where that is not only the file of its own name.
 TESTED_BY: Final = {
-    "node/safety/check": ["bounds", "plausibility", "monitor"],
     "node/safety/checklist": ["checklist", "monitor"],
     "node/safety/modes": ["modes", "modes_machine"],
-    "node/safety/plausibility": ["plausibility", "monitor"],
     "firmware_io/guard/stopper": ["stoppers", "watch"],
     "firmware_io/guard/watch": ["watch", "guard"],
 }

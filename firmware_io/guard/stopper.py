@@ -11,15 +11,15 @@ from firmware_io.links.link import Frame
 class Meaning(enum.StrEnum):
     """What a frame means to the guard; the first three come from the node, the others from a drive."""
 
-    MOVE = "move"
+    MOVE = enum.auto()
     """A command that enables, or that carries a torque."""
-    ZERO = "zero"
+    ZERO = enum.auto()
     """A command that carries no torque, and leaves the drive as it is."""
-    DISABLE = "disable"
+    DISABLE = enum.auto()
     """A command that switches the motor off; a zero too, for drives that know no more."""
-    ON = "on"
+    ON = enum.auto()
     """The drive reports that its motor follows commands."""
-    OFF = "off"
+    OFF = enum.auto()
     """The drive reports that it does not."""
 
 

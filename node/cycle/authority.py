@@ -6,10 +6,11 @@ from firmware_io.errors import ArmingRefusedError
 from firmware_io.hardware import Hardware
 from node.cycle.seams import HardwareAnswer
 from node.cycle.setpoints import SetpointSchedule
-from node.safety.checklist import Evaluate, no_checklist, obstacles
+from node.safety.checklist import Item, no_checklist, obstacles
 from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
 Reply = Callable[[Answer], None]
+Evaluate = Callable[[], Sequence[Item]]
 
 
 class Authority:
@@ -39,7 +40,7 @@ class Authority:
         self.answers: list[HardwareAnswer] = []
         self._hardware = hardware
         self._schedule = schedule
-        self._arm_pending = arm_at_start
+        self._arms_itself = arm_at_start
         self._live = False
         self._waiting: list[Reply] | None = None
 
@@ -65,13 +66,13 @@ class Authority:
         else:
             self._give_up(f"broken off: asked to {action}")
             if action is not Action.CLEAR_FAULT:
-                self._arm_pending = False
+                self._arms_itself = False
             reply(self.modes.ask(action))
         self._settle()
 
     def arm_itself(self) -> None:
-        """Arm a robot that arms itself and has not yet."""
-        if self._arm_pending and self._waiting is None:
+        """Arm a robot that arms itself, and was not switched off or at fault since it started."""
+        if self._arms_itself and not self._live:
             self.act(Action.ARM, self._note)
 
     def observe(
@@ -90,7 +91,7 @@ class Authority:
         """Switch the motors off, or break the arming off, by the robot's own decision; a fault stays one."""
         if self._live:
             self._give_up(reason)
-            self._arm_pending = False
+            self._arms_itself = False
             self.modes.disarm(reason)
             self._settle()
 
@@ -122,8 +123,7 @@ class Authority:
 
     def _give_up(self, reason: str) -> None:
         """Refuse those who wait for the drives to arm, if any."""
-        if self._waiting is not None:
-            self._answer(self.modes.ask(Action.ARM, (reason,)))
+        self._answer(self.modes.ask(Action.ARM, (reason,)))
 
     def _answer(self, answer: Answer) -> None:
         waiting, self._waiting = self._waiting or [], None
@@ -132,12 +132,13 @@ class Authority:
 
     def _note(self, answer: Answer) -> None:
         """The answer to a robot that arms itself."""
-        self._arm_pending = not answer.accepted
-        self.arming_obstacle = None if answer.accepted else answer.message
+        self.arming_obstacle = answer.message
 
     def _settle(self) -> None:
         if self.modes.mode is Mode.FAULT:
-            self._arm_pending = False
+            self._arms_itself = False
+        if self.is_active:
+            self.arming_obstacle = None
         if self._live and self._waiting is None and not self.is_active:
             self._live = False
             self._schedule.clear()

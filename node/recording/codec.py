@@ -1,57 +1,248 @@
 """A cycle as bytes, on its way from the loop to the process that writes the log.
 
-A cycle passes as the message that the log holds: the writer passes it on as it is. What happened in it passes as
-MessagePack, which takes the loop the least, and becomes a message in the writer.
+It passes as MessagePack of nearly everything as it lies, made in one call: in a loop that sleeps between its cycles the
+caches are cold, and each further function, of Python or of C, takes some microseconds. The writer makes of it what the
+log holds. MessagePack's own limits are those of the log: 64 bits for numbers of both kinds.
 """
 
+import dataclasses
+import math
 import struct
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from node.cycle.seams import CycleRecord
+from firmware_io.hardware import Sensors
+from node.cycle.cycle import PHASES
+from node.cycle.seams import (
+    CycleRecord,
+    HardwareAnswer,
+    Heartbeat,
+    Inbox,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    Written,
+)
+from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
+from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.cycle_message import CycleMessage
-from node.recording.happenings import Piece, happenings, texts
+from node.recording.happenings import Piece, happenings, texts, to_nobody
 from node.recording.layout import Layout
+from node.recording.ring import ROOM
+from node.safety.modes import Action, Mode
 
-FRAME_HEADER: Final = struct.Struct("<cI")
-"""Kind and length of what follows."""
 CYCLE: Final = b"C"
 EVENTS: Final = b"E"
 DIAGNOSTICS: Final = b"D"
 
-ATOMIC_BYTES: Final = 4096
-"""PIPE_BUF of Linux: what is not longer is written to a pipe whole or not at all (pipe(7))."""
-_encode: Final = msgspec.msgpack.Encoder().encode
-_decode: Final = msgspec.msgpack.Decoder(tuple[int, int, list[list[object]]]).decode
+Message = tuple[bytes, bytes]
+"""Its kind, and its body."""
 
 
-class DiagnosticsMessage(msgspec.Struct, frozen=True):
+def _known(value: Any) -> float | None:  # noqa: ANN401 - whatever MessagePack does not know
+    """A number of another library as a number; nobody for who asks."""
+    return None if callable(value) else float(value)
+
+
+_encoder: Final = msgspec.msgpack.Encoder(enc_hook=_known)
+_encode: Final = _encoder.encode
+_encode_into: Final = _encoder.encode_into
+_decode_events: Final = msgspec.msgpack.Decoder(tuple[int, int, list[list[object]], bool]).decode
+_NOTHING: Final = Inbox()
+_INT64: Final = 2**63 - 1
+
+
+class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
     """A set of diagnostics with its stamp, ns since the Unix epoch."""
 
     stamp_ns: int
     statuses: tuple[Status, ...]
+    is_whole: bool = True
+
+
+class _Packed(NamedTuple):
+    """A cycle as it passes.
+
+    Attributes:
+        told: How many pieces of what happened in it went before it, because there was no room for them.
+    """
+
+    cycle: int
+    stamp_ns: int
+    mode: Mode
+    lateness_ns: int
+    setpoint: Sequence[Any]
+    u: Sequence[Any]
+    y: Sequence[Any]
+    commands: Sequence[Any]
+    published: Sequence[Any]
+    durations_ns: Sequence[int]
+    start_ns: int
+    values: Sequence[Any]
+    ages: Sequence[Any]
+    faults: tuple[str, ...]
+    events: tuple[str, ...]
+    setpoints: list[StampedSetpoint]
+    set_values: list[SetValue]
+    requests: list[tuple[Action, None]]
+    written: list[Written]
+    stations: list[Heartbeat]
+    answers: list[HardwareAnswer]
+    initial: Sensors | None
+    told: int
+    valid: Sequence[Any]
+    off: bool
+    ready: bool
+
+
+_decode_cycle: Final = msgspec.msgpack.Decoder(_Packed).decode
+
+
+def pack_cycle(record: CycleRecord, buffer: bytearray, told: int = 0) -> None:
+    """Fill `buffer` with a cycle, in the order of `_Packed`."""
+    (
+        cycle,
+        stamp_ns,
+        mode,
+        lateness_ns,
+        sensors,
+        setpoint,
+        u,
+        y,
+        commands,
+        published,
+        durations_ns,
+        start_ns,
+        inbox,
+        answers,
+        initial,
+    ) = record
+    if inbox is None:
+        inbox = _NOTHING
+    _encode_into(
+        (
+            cycle,
+            stamp_ns,
+            mode,
+            lateness_ns,
+            setpoint,
+            u,
+            y,
+            commands,
+            published,
+            durations_ns,
+            start_ns,
+            sensors.values,
+            sensors.ages,
+            sensors.faults,
+            sensors.events,
+            inbox.setpoints,
+            inbox.values,
+            inbox.requests,
+            inbox.written,
+            inbox.stations,
+            answers,
+            initial,
+            told,
+            sensors.valid,
+            sensors.off,
+            sensors.ready,
+        ),
+        buffer,
+    )
+
+
+def unpack_cycle(body: bytes) -> tuple[CycleRecord, int]:
+    """A cycle, and how many pieces of what happened in it were told before it."""
+    packed = _decode_cycle(body)
+    record = CycleRecord(
+        packed.cycle,
+        packed.stamp_ns,
+        packed.mode,
+        packed.lateness_ns,
+        Sensors(
+            tuple(packed.values),
+            tuple(packed.ages),
+            tuple(packed.valid),
+            packed.faults,
+            ready=packed.ready,
+            events=packed.events,
+            off=packed.off,
+        ),
+        Setpoint(*packed.setpoint),
+        packed.u,
+        packed.y,
+        packed.commands,
+        packed.published,
+        packed.durations_ns,
+        packed.start_ns,
+        Inbox(
+            packed.setpoints,
+            packed.set_values,
+            [Request(action, to_nobody) for action, _ in packed.requests],
+            packed.written,
+            packed.stations,
+        ),
+        packed.answers,
+        packed.initial,
+    )
+    return record, packed.told
+
+
+def pack_apart(record: CycleRecord, buffer: bytearray) -> Iterator[Message]:
+    """A cycle in which too much happened for one slot: what happened, in pieces that fit, and then the cycle."""
+    pieces = happenings(record)
+    for body in _events(record.stamp_ns, record.cycle, pieces):
+        yield EVENTS, body
+    sensors = dataclasses.replace(record.sensors, faults=(), events=())
+    pack_cycle(record._replace(sensors=sensors, inbox=None, answers=(), initial=None), buffer, told=len(pieces))
+    yield CYCLE, bytes(buffer)
+
+
+def _events(stamp_ns: int, cycle: int, pieces: Sequence[Piece]) -> list[bytes]:
+    """Bodies that fit a slot, unless one piece alone does not."""
+    body = _encode((stamp_ns, cycle, pieces, True))
+    if len(pieces) > 1 and len(body) > ROOM:
+        half = len(pieces) // 2
+        return [*_events(stamp_ns, cycle, pieces[:half]), *_events(stamp_ns, cycle, pieces[half:])]
+    return [body]
+
+
+def events_message(body: bytes) -> bytes:
+    """The message that a body of events becomes."""
+    stamp_ns, cycle, pieces, _ = _decode_events(body)
+    return cdr.cycle_events(stamp_ns, cycle, texts(pieces))
+
+
+def pack_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
+    """Diagnostics as a body."""
+    return _encode(DiagnosticsMessage(stamp_ns, tuple(statuses)))
+
+
+def unpack_diagnostics(body: bytes) -> DiagnosticsMessage:
+    """The diagnostics in a body."""
+    return msgspec.msgpack.decode(body, type=DiagnosticsMessage)
+
+
+_CHECKS: Final = {EVENTS: _decode_events, DIAGNOSTICS: unpack_diagnostics}
 
 
 class CycleCodec:
-    """Packs the cycles of one robot.
+    """Makes the messages of one robot's log.
 
     Attributes:
         message: The message of a cycle, which always has the same size.
+        size: Of a cycle on its way to the writer in which nothing happened, bytes at most.
     """
 
     def __init__(self, layout: Layout) -> None:
         """Make the codec for a layout."""
         self.message = CycleMessage(layout)
-        self._header = FRAME_HEADER.pack(CYCLE, self.message.size)
-
-    @property
-    def size(self) -> int:
-        """Of the frame of a cycle in which nothing happened, bytes."""
-        return FRAME_HEADER.size + self.message.size
+        self.size = _largest(layout)
 
     def messages(self, record: CycleRecord) -> tuple[bytes | None, bytes]:
         """What happened in a cycle, as a message where anything did, and the cycle itself."""
@@ -59,37 +250,47 @@ class CycleCodec:
         events = cdr.cycle_events(record.stamp_ns, record.cycle, texts(pieces)) if pieces else None
         return events, self.message.pack(record, len(pieces))
 
-    def pack(self, record: CycleRecord) -> list[bytes]:
-        """A cycle as frames, in pieces that a pipe takes whole; a cycle comes after what happened in it."""
+    def bodies(self, kind: bytes, body: bytes) -> list[Message]:
+        """What the log takes in place of a message of the loop: all that happened in a cycle comes before it.
+
+        Raises:
+            RecordingError: It is no message of this robot's loop.
+        """
+        try:
+            if kind == CYCLE:
+                return self._cycle(body)
+            _CHECKS[kind](body)
+        except (msgspec.DecodeError, struct.error, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"a record on its way to the log was damaged: {error}") from error
+        return [(kind, body)]
+
+    def _cycle(self, body: bytes) -> list[Message]:
+        record, told = unpack_cycle(body)
         pieces = happenings(record)
-        last = self._header + self.message.pack(record, len(pieces))
-        if not pieces:
-            return [last]
-        *frames, frame = _events(record.stamp_ns, record.cycle, pieces)
-        return [*frames, frame + last] if len(frame) + len(last) <= ATOMIC_BYTES else [*frames, frame, last]
+        events = [(EVENTS, _encode((record.stamp_ns, record.cycle, pieces, True)))] if pieces else []
+        return [*events, (CYCLE, self.message.pack(record, told + len(pieces)))]
 
 
-def _events(stamp_ns: int, cycle: int, pieces: Sequence[Piece]) -> list[bytes]:
-    """Frames that fit a pipe, unless one piece alone does not."""
-    body = _encode((stamp_ns, cycle, pieces))
-    if len(pieces) > 1 and len(body) + FRAME_HEADER.size > ATOMIC_BYTES:
-        half = len(pieces) // 2
-        return [*_events(stamp_ns, cycle, pieces[:half]), *_events(stamp_ns, cycle, pieces[half:])]
-    return [FRAME_HEADER.pack(EVENTS, len(body)) + body]
-
-
-def events_message(body: bytes) -> bytes:
-    """The message that the body of a frame of events becomes."""
-    stamp_ns, cycle, pieces = _decode(body)
-    return cdr.cycle_events(stamp_ns, cycle, texts(pieces))
-
-
-def pack_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
-    """Diagnostics as a frame."""
-    body = msgspec.msgpack.encode(DiagnosticsMessage(stamp_ns, tuple(statuses)))
-    return FRAME_HEADER.pack(DIAGNOSTICS, len(body)) + body
-
-
-def unpack_diagnostics(body: bytes) -> DiagnosticsMessage:
-    """The diagnostics in the body of a frame."""
-    return msgspec.msgpack.decode(body, type=DiagnosticsMessage)
+def _largest(layout: Layout) -> int:
+    sensors, inputs, outputs, commands, published = (
+        (math.nan,) * len(names)
+        for names in (layout.sensors, layout.inputs, layout.outputs, layout.commands, layout.published)
+    )
+    snapshot = Sensors(sensors, sensors, (True,) * len(sensors))
+    record = CycleRecord(
+        _INT64,
+        _INT64,
+        max(Mode, key=len),
+        _INT64,
+        snapshot,
+        Setpoint(math.nan, math.nan),
+        inputs,
+        outputs,
+        commands,
+        published,
+        (_INT64,) * (len(PHASES) - 1),
+        _INT64,
+    )
+    buffer = bytearray()
+    pack_cycle(record, buffer)
+    return len(buffer)

@@ -100,7 +100,7 @@ def _pieces(record: CycleRecord) -> Iterator[Piece]:
 
 def _arrived(kind: Any, value: object) -> object:  # noqa: ANN401 - one of the types that the inbox names
     if kind is Request:
-        return Request(Action(str(value)), _to_nobody)
+        return Request(Action(str(value)), to_nobody)
     return msgspec.convert(value, kind)
 
 
@@ -108,5 +108,5 @@ def _not_one_of_ours(value: object) -> ValueError:
     return ValueError(f"{value!r}")
 
 
-def _to_nobody(_answer: Answer) -> None:
+def to_nobody(_answer: Answer) -> None:
     """Whoever asked is long gone."""

@@ -1,4 +1,4 @@
-"""The process that writes a run's log; it reads frames from its standard input until that ends."""
+"""The process that writes a run's log: what it is to do comes through its standard input, the cycles through a ring."""
 
 import ctypes
 import os
@@ -6,7 +6,6 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -15,13 +14,13 @@ import msgspec
 from node.errors import RecordingError
 from node.recording.bounded_log import FLUSH_NS, BoundedLog
 from node.recording.bounds import Bounds
-from node.recording.codec import FRAME_HEADER
+from node.recording.codec import CycleCodec, Message
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
+from node.recording.ring import RingReader
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
-_READ_BYTES: Final = 1 << 20
 _PAUSE_S: Final = 0.02
 
 
@@ -41,65 +40,52 @@ class Job(msgspec.Struct, frozen=True):
     bounds: Bounds
 
 
-def write_log(source: int) -> None:
-    """Write the log that the first line of `source`, a file descriptor, describes from the frames that follow.
+def write_log(source: int, memory: int) -> None:
+    """Write the log that the first line of `source` describes from the messages in a ring.
+
+    Args:
+        source: A file descriptor, which ends when the loop has; nothing comes through it but that line.
+        memory: That of the ring.
 
     Raises:
         RecordingError: The log cannot be written, or its end is missing.
     """
-    frames = _Frames(source)
-    job = msgspec.json.decode(frames.line(), type=Job)
+    job = msgspec.json.decode(_line(source), type=Job)
+    ring, codec = RingReader(memory), CycleCodec(job.layout)
     log = BoundedLog(Path(job.path), job.layout, job.provenance, job.bounds, _tell)
-    due_ns = time.monotonic_ns() + FLUSH_NS
-    while not frames.is_over:
-        # Nobody waits at the pipe: to wake who does would cost the loop more than all the rest of its part.
+    due_ns, damaged, is_over = time.monotonic_ns() + FLUSH_NS, 0, False
+    while not is_over:
+        # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
         time.sleep(_PAUSE_S)
-        for kind, body in frames.read():
-            log.write(kind, body)
+        is_over = _is_over(source)
+        damaged += sum(not _keep(log, codec, message) for message in ring.take(is_last=is_over))
         if time.monotonic_ns() >= due_ns:
             log.flush()
             due_ns = time.monotonic_ns() + FLUSH_NS
+    if damaged:
+        _tell(f"{damaged} records were damaged on their way and are missing in the log {job.path}")
     log.close()
 
 
-class _Frames:
-    """Cuts what comes through a pipe into frames.
+def _keep(log: BoundedLog, codec: CycleCodec, message: Message) -> bool:
+    """Log a message; False where it is damaged."""
+    try:
+        bodies = codec.bodies(*message)
+    except RecordingError:
+        return False
+    for kind, body in bodies:
+        log.write(kind, body)
+    return True
 
-    Attributes:
-        is_over: Whether the pipe has ended.
-    """
 
-    def __init__(self, source: int) -> None:
-        self.is_over = False
-        self._source = source
-        self._held = bytearray()
+def _line(source: int) -> bytes:
+    """The first line; waits for it."""
+    with os.fdopen(source, "rb", closefd=False) as stream:
+        return stream.readline()
 
-    def line(self) -> bytes:
-        """The first line; waits for it."""
-        while (end := self._held.find(b"\n")) < 0 and not self.is_over:
-            self._fill()
-        line = bytes(self._held[: end + 1])
-        del self._held[: end + 1]
-        return line
 
-    def read(self) -> Iterator[tuple[bytes, bytes]]:
-        """What has come; nothing where nothing has."""
-        if select.select([self._source], [], [], 0)[0]:
-            self._fill()
-        begin, held = 0, self._held
-        while len(held) - begin >= FRAME_HEADER.size:
-            kind, length = FRAME_HEADER.unpack_from(held, begin)
-            end = begin + FRAME_HEADER.size + length
-            if end > len(held):
-                break
-            yield kind, bytes(held[begin + FRAME_HEADER.size : end])
-            begin = end
-        del held[:begin]
-
-    def _fill(self) -> None:
-        data = os.read(self._source, _READ_BYTES)
-        self.is_over = not data
-        self._held += data
+def _is_over(source: int) -> bool:
+    return bool(select.select([source], [], [], 0)[0]) and not os.read(source, 1)
 
 
 def _tell(text: str) -> None:
@@ -107,7 +93,7 @@ def _tell(text: str) -> None:
 
 
 def _wake_when_the_node_is_gone() -> None:
-    """Be continued (SIGCONT) when the node dies: a writer that is stopped just then would never see its pipe end."""
+    """Be continued (SIGCONT) when the node dies: a writer that is stopped just then would never see its input end."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGCONT))
 
 
@@ -117,7 +103,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     _wake_when_the_node_is_gone()
     try:
-        write_log(sys.stdin.fileno())
+        write_log(sys.stdin.fileno(), int(sys.argv[1]))
     except RecordingError as error:
         _tell(str(error))
         return error.exit_code

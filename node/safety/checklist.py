@@ -1,6 +1,6 @@
 """What must hold before the robot arms: each item says what was measured, and if it refuses, how to mend it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from node.safety.settings import ChecklistSettings, SupplyWindow
@@ -17,8 +17,7 @@ class Measured:
         is_heard: Whether any of them is fresh enough to be used.
         stale: The signals that are needed and too old.
         faults: What the checks of the sensors and deadlines say.
-        has_imu: Whether there is an IMU.
-        still_s: For how long it has been still, s.
+        still_s: For how long the IMU has been still, s; None only where there is no IMU.
         tilt: From upright, rad.
         wheels: Velocities, rad/s.
         supply_v: V.
@@ -31,8 +30,7 @@ class Measured:
     is_heard: bool = False
     stale: Sequence[str] = ()
     faults: Sequence[str] = ()
-    has_imu: bool = False
-    still_s: float = 0.0
+    still_s: float | None = None
     tilt: float | None = None
     wheels: Sequence[float] = ()
     supply_v: float | None = None
@@ -74,7 +72,8 @@ def run_checklist(settings: ChecklistSettings, supply: SupplyWindow | None, meas
         _telemetry(measured),
         _sensors(measured),
         _plausible(measured),
-        *((_still(settings, measured), _tilt(settings, measured)) if measured.has_imu else ()),
+        _still(settings, measured),
+        _tilt(settings, measured),
         _wheels(settings, measured),
         _supply(supply, measured),
         _real_time(measured),
@@ -130,18 +129,23 @@ def _plausible(measured: Measured) -> Item:
     return _item("plausible", text, "mend it, or wait until it has passed", holds=not measured.faults)
 
 
-def _still(settings: ChecklistSettings, measured: Measured) -> Item:
+def _still(settings: ChecklistSettings, measured: Measured) -> Item | None:
+    still_s = measured.still_s
+    if still_s is None:
+        return None
     return _item(
         "imu_still",
-        f"still for {measured.still_s:.2f} s of {settings.still_s:g} s",
+        f"still for {still_s:.2f} s of {settings.still_s:g} s",
         f"hold the robot still (below {settings.still_rate:g} rad/s, and {settings.still_acceleration:g} m/s2 "
         "from gravity), or see how the IMU is mounted",
-        holds=measured.still_s >= settings.still_s,
+        holds=still_s >= settings.still_s,
     )
 
 
-def _tilt(settings: ChecklistSettings, measured: Measured) -> Item:
+def _tilt(settings: ChecklistSettings, measured: Measured) -> Item | None:
     tilt = measured.tilt
+    if measured.still_s is None:
+        return None
     if tilt is None:
         return _item("tilt", "not measured", "see that the IMU sends", holds=False)
     return _item(
@@ -181,10 +185,6 @@ def _real_time(measured: Measured) -> Item | None:
         return None
     text = "granted" if measured.real_time else "not granted; run as root, or raise the limit: ulimit -r"
     return Item("real_time", measured.real_time, text, is_warning=True)
-
-
-Evaluate = Callable[[], Sequence[Item]]
-"""Goes through the list now."""
 
 
 def no_checklist() -> Sequence[Item]:

@@ -36,9 +36,7 @@ class FollowingError:
         """See `Check`."""
         if view.setpoint is None:
             self._is_following = False
-            self._held = 0
-            return None
-        if not view.has(self.needs):
+        if view.setpoint is None or not view.has(self.needs):
             self._held = 0
             return None
         left, right = view.pick(self.needs)

@@ -19,7 +19,6 @@ _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
 _IMU: Final = (*_GYRO, *(f"imu.linear_acceleration_{axis}" for axis in "xyz"))
 _VELOCITIES: Final = tuple(f"{side}.velocity" for side in _SIDES)
 _SUPPLY: Final = "supply.voltage"
-_NS_PER_S: Final = 1_000_000_000
 
 
 class SafetyMonitor:
@@ -38,8 +37,10 @@ class SafetyMonitor:
         """
         self._settings = settings
         self._signals = {name: index for index, name in enumerate(signals)}
+        has_imu = all(name in self._signals for name in _IMU)
+        self._imu = tuple(self._signals[name] for name in _IMU) if has_imu else ()
         self._period_ns = period_ns
-        self._period_s = period_ns / _NS_PER_S
+        self._period_s = period_ns / 1e9
         self._tilt = self._make_tilt()
         self._checks: tuple[Check, ...] = tuple(self._make_checks())
         self.needs: tuple[int, ...] = tuple(
@@ -52,9 +53,7 @@ class SafetyMonitor:
         self._start_ns: int | None = None
         self._rate = RateMeter(period_ns)
         still = settings.checklist
-        self._still = StillWatch(still.still_rate, still.still_acceleration) if still and self._has_imu else None
-        self._imu = self._places("checklist", _IMU) if self._has_imu else ()
-        self._watches = bool(self._checks) or self._deadlines is not None or still is not None
+        self._still = StillWatch(still.still_rate, still.still_acceleration) if still and has_imu else None
 
     def look(
         self,
@@ -76,8 +75,6 @@ class SafetyMonitor:
         Returns:
             What is wrong; each of it is a reason to take the torque away.
         """
-        if not self._watches:
-            return self.faults
         # Values are as new as the cycle that reads them, however many deadlines there were.
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self._start_ns = start_ns
@@ -85,8 +82,7 @@ class SafetyMonitor:
         found = [check.look(view) for check in self._checks]
         if self._deadlines is not None:
             found.append(self._deadlines.look(self._advance(start_ns - lateness_ns), lateness_ns))
-        if self._settings.checklist is not None:
-            self._rate.mark(start_ns)
+        self._rate.mark(start_ns)
         if self._still is not None:
             self._look_still(self._still, view)
         self.faults = [fault for fault in found if fault is not None]
@@ -112,8 +108,7 @@ class SafetyMonitor:
             is_heard=any(valid[index] for index in self.needs),
             stale=[names[index] for index in self.needs if not valid[index]],
             faults=self.faults,
-            has_imu=self._has_imu,
-            still_s=self._still.periods * self._period_s if self._still else 0.0,
+            still_s=self._still.periods * self._period_s if self._still else None,
             tilt=self._tilt.estimate.tilt if self._tilt else None,
             wheels=[values[self._signals[name]] for name in _VELOCITIES if name in self._signals],
             supply_v=self._supply_v(values, valid),
@@ -136,14 +131,10 @@ class SafetyMonitor:
         else:
             still.interrupt()
 
-    @property
-    def _has_imu(self) -> bool:
-        return all(name in self._signals for name in _IMU)
-
     def _make_tilt(self) -> TiltWatch | None:
         settings = self._settings
         is_limited = not (settings.tilt_limit_rad is None and settings.tilt_rate_limit is None)
-        if not is_limited and (settings.checklist is None or not self._has_imu):
+        if not is_limited and (settings.checklist is None or not self._imu):
             return None
         key = "tilt_rate_limit" if settings.tilt_limit_rad is None else "tilt_limit_rad"
         return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
@@ -176,9 +167,9 @@ class SafetyMonitor:
             names = (f"{side}.angle", f"{side}.velocity")
             if all(name in has for name in names):
                 yield Frozen(f"the {side} encoder", [has[name] for name in names], periods, [has[names[1]]])
-        if self._has_imu:
+        if self._imu:
             wheels = None if self._settings.imu_is_noisy else [has[name] for name in _VELOCITIES if name in has]
-            yield Frozen("the IMU", [has[name] for name in _IMU], periods, wheels)
+            yield Frozen("the IMU", self._imu, periods, wheels)
 
     def _make_agreements(self) -> Iterator[Check]:
         yaw, velocity = self._settings.yaw_consistency, self._settings.velocity_consistency

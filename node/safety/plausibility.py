@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from node.safety.check import Signal, View, periods_in
 from node.safety.settings import VelocityConsistency, YawConsistency
@@ -75,6 +75,16 @@ class YawAgreement:
         return f"the wheels turn the robot at {wheels:.2f} rad/s, the gyro says {gyro:.2f} rad/s"
 
 
+class _Sample(NamedTuple):
+    """A wheel, when it was there, and how far its velocity alone would have brought it."""
+
+    now: int
+    now_s: float
+    angle: float
+    velocity: float
+    travelled: float
+
+
 class VelocityAgreement:
     """A wheel's velocity and the change of its angle, alike over a window; see `Check`.
 
@@ -89,47 +99,40 @@ class VelocityAgreement:
         self._tolerance = settings.tolerance_rad_s
         self._window = periods_in(settings.for_s, period_s)
         self._period_s = period_s
-        self._velocity = 0.0
-        self._errors: deque[tuple[int, float, float]] = deque(
-            maxlen=self._window + 1
-        )  # of the shortest span that is enough
+        # Of the shortest span that is enough: as a sample is at least a period newer than the last, never many.
+        self._samples: deque[_Sample] = deque()
         self._now = 0
-        self._travelled = 0.0
-        self._sample: tuple[float, ...] | None = None
-        self._since = 0
-        self._since_s = 0.0
+        self._now_s = 0.0
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
         if not view.has(self.needs):
-            self._errors.clear()
-            self._sample, self._since, self._since_s = None, 0, 0.0
+            self._samples.clear()
             return None
-        self._since += view.periods
-        self._since_s += view.periods * self._period_s if view.elapsed_s is None else view.elapsed_s
-        angle, velocity = sample = view.pick(self.needs)
-        if sample == self._sample and abs(velocity) > MOVING:
+        self._now += view.periods
+        self._now_s += view.periods * self._period_s if view.elapsed_s is None else view.elapsed_s
+        angle, velocity = view.pick(self.needs)
+        if not self._samples:
+            self._samples.append(_Sample(self._now, self._now_s, angle, velocity, angle))
             return None
-        self._sample = sample
-        self._advance(angle, velocity)
-        self._since, self._since_s = 0, 0.0
-        began, first, first_velocity = self._errors[0]
-        span = self._now - began
+        last = self._samples[-1]
+        if (angle, velocity) == (last.angle, last.velocity) and abs(velocity) > MOVING:
+            return None
+        travelled = last.travelled + 0.5 * (last.velocity + velocity) * (self._now_s - last.now_s)
+        self._samples.append(_Sample(self._now, self._now_s, angle, velocity, travelled))
+        return self._compare()
+
+    def _compare(self) -> str | None:
+        """Forget what is older than it has to be, and compare the newest sample with the oldest."""
+        newest = self._samples[-1]
+        while newest.now - self._samples[1].now >= self._window:
+            self._samples.popleft()
+        oldest = self._samples[0]
+        span = newest.now - oldest.now
         if span < self._window:
             return None
-        off = (self._errors[-1][1] - first) / (span * self._period_s)
-        if abs(off) <= self._tolerance + abs(velocity - first_velocity) * _LAG_PERIODS / span:
+        change = newest.angle - oldest.angle
+        off = (change - (newest.travelled - oldest.travelled)) / (span * self._period_s)
+        if abs(off) <= self._tolerance + abs(newest.velocity - oldest.velocity) * _LAG_PERIODS / span:
             return None
         return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"
-
-    def _advance(self, angle: float, velocity: float) -> None:
-        """Note by how much the angle has gone further than the velocity says, in total."""
-        if not self._errors:
-            self._now, self._travelled = 0, angle
-        else:
-            self._now += self._since
-            self._travelled += 0.5 * (self._velocity + velocity) * self._since_s
-        self._velocity = velocity
-        self._errors.append((self._now, angle - self._travelled, velocity))
-        while len(self._errors) > 1 and self._now - self._errors[1][0] >= self._window:
-            self._errors.popleft()

@@ -11,11 +11,7 @@ Span = Annotated[float, msgspec.Meta(ge=0.01, le=10.0)]
 Count = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
 
 
-class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A part of the section; a key that it does not have is refused."""
-
-
-class YawConsistency(_Part, frozen=True, kw_only=True):
+class YawConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How well the wheels and the gyro must agree on how fast the robot turns.
 
     Attributes:
@@ -31,7 +27,7 @@ class YawConsistency(_Part, frozen=True, kw_only=True):
     for_s: Span = 0.2
 
 
-class VelocityConsistency(_Part, frozen=True, kw_only=True):
+class VelocityConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How well a wheel's angle and its velocity must agree.
 
     Attributes:
@@ -43,7 +39,7 @@ class VelocityConsistency(_Part, frozen=True, kw_only=True):
     for_s: Span = 0.1
 
 
-class FollowingErrorSettings(_Part, frozen=True, kw_only=True):
+class FollowingErrorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How closely the robot must follow its set-points, by what its wheels do.
 
     Its velocity must lie between the smallest and the largest set-point of the last `settle_s`, give or take a window.
@@ -73,7 +69,7 @@ class FollowingErrorSettings(_Part, frozen=True, kw_only=True):
             raise ValueError("give linear_window (m/s), angular_window (rad/s) or both")
 
 
-class SupplyWindow(_Part, frozen=True, kw_only=True):
+class SupplyWindow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Between which voltages the supply must be, V."""
 
     min_v: Positive
@@ -85,7 +81,7 @@ class SupplyWindow(_Part, frozen=True, kw_only=True):
             raise ValueError(f"min_v {self.min_v:g} is not below max_v {self.max_v:g}")
 
 
-class LateCyclesLimit(_Part, frozen=True, kw_only=True):
+class LateCyclesLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How many missed deadlines make a broken run.
 
     A deadline is missed where its cycle was skipped, or started more than half a period late.
@@ -101,7 +97,7 @@ class LateCyclesLimit(_Part, frozen=True, kw_only=True):
     window_s: Annotated[float, msgspec.Meta(ge=0.01, le=60.0)] = 1.0
 
 
-class ChecklistSettings(_Part, frozen=True, kw_only=True):
+class ChecklistSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What must hold before the robot arms.
 
     Attributes:
@@ -121,7 +117,7 @@ class ChecklistSettings(_Part, frozen=True, kw_only=True):
     wheel_velocity: Positive = 0.5
 
 
-class SafetySettings(_Part, frozen=True, kw_only=True):
+class SafetySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is watched; what is None is not.
 
     Attributes:
@@ -159,7 +155,7 @@ NOTHING_WATCHED: Final = SafetySettings(frozen_after_s=None)
 """Of a robot whose file has no such section."""
 
 
-class StationSettings(_Part, frozen=True, kw_only=True):
+class StationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the robot does by itself when the base station that watches over it falls silent.
 
     Attributes:

@@ -11,15 +11,15 @@ from node.safety.settings import StationSettings
 class Watch(enum.IntEnum):
     """How the base station stands to the robot; a greater one holds all that a lesser one does."""
 
-    ALONE = 0
+    ALONE = enum.auto()
     """No base station watches over the robot: nothing follows from silence."""
-    PRESENT = 1
+    PRESENT = enum.auto()
     """One does, and was heard lately."""
-    LOST = 2
+    LOST = enum.auto()
     """It fell silent: the robot holds."""
-    SIT_DOWN = 3
+    SIT_DOWN = enum.auto()
     """It has been silent for long: the robot sits down."""
-    DISARM = 4
+    DISARM = enum.auto()
     """It has been silent for so long that the motors go off."""
 
 

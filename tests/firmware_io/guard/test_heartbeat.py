@@ -122,7 +122,7 @@ def test_strange_words_are_passed_over(listener: HeartbeatListener, sender: Hear
 
 def test_a_bus_has_one_guard(listener: HeartbeatListener) -> None:
     second = HeartbeatListener(CAN)
-    with pytest.raises(GuardRunsError, match=r"^a guard of this bus already runs \(.*\); stop that one first$"):
+    with pytest.raises(GuardRunsError, match=r"^a guard of this bus already runs \(\w.*\); stop that one first$"):
         second.open()
     listener.close()
     second.open()

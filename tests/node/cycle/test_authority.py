@@ -1,10 +1,14 @@
 """Drives that take a while to arm: who asked has the answer once they have, or have failed."""
 
+from collections.abc import Callable
+
 import pytest
 
+from firmware_io.errors import ArmingRefusedError
 from firmware_io.hardware import Sensors
 from node.cycle.authority import Authority
-from node.cycle.setpoints import SetpointSchedule
+from node.cycle.seams import HardwareAnswer
+from node.cycle.setpoints import REST, Setpoint, SetpointSchedule
 from node.safety.checklist import Item
 from node.safety.modes import Action, Answer, Mode
 from node.testing import RecordingHardware
@@ -16,9 +20,9 @@ class Desk:
     def __init__(self, *, arm_at_start: bool = False) -> None:
         self.hardware = RecordingHardware({}, {}, ())
         self.items: list[Item] = []
-        schedule = SetpointSchedule(timeout_cycles=50, tolerance_cycles=10, horizon_cycles=100)
+        self.schedule = SetpointSchedule(timeout_cycles=50, tolerance_cycles=10, horizon_cycles=100)
         self.authority = Authority(
-            self.hardware, schedule, arm_at_start=arm_at_start, checklist=lambda: tuple(self.items)
+            self.hardware, self.schedule, arm_at_start=arm_at_start, checklist=lambda: tuple(self.items)
         )
         self.answers: list[Answer] = []
 
@@ -184,3 +188,100 @@ def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
     desk.items.clear()
     desk.authority.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.ARMED
+
+
+@pytest.mark.parametrize(
+    ("reasons", "message"),
+    [
+        (("left drive: no calibration", "right drive: too hot"), "left drive: no calibration; right drive: too hot"),
+        ((), "the drive refuses and does not say why"),
+    ],
+)
+def test_drives_that_refuse_at_once_are_answered_for_and_what_they_said_is_kept(
+    desk: Desk, reasons: tuple[str, ...], message: str
+) -> None:
+    desk.hardware.raises["arm"] = ArmingRefusedError(reasons)
+    desk.ask(Action.ARM)
+    assert desk.answers == [Answer(accepted=False, message=message)]
+    assert desk.authority.answers == [HardwareAnswer("arm", reasons)], "a replay needs it, for no signal shows it"
+    assert (desk.authority.is_live, desk.pass_cycle(ready=True)) == (False, Mode.DISARMED)
+
+
+WAYS_OUT: dict[str, Callable[[Desk], object]] = {
+    "disarm": lambda desk: desk.ask(Action.DISARM),
+    "stop": lambda desk: desk.ask(Action.STOP),
+    "fault": lambda desk: desk.pass_cycle("left drive: too hot"),
+    "failure": lambda desk: desk.authority.fail("the bus is gone"),
+    "its own decision": lambda desk: desk.authority.disarm("nobody is there"),
+}
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_a_robot_that_arms_itself_does_so_never_again_once_it_was_switched_off(way: str) -> None:
+    desk = Desk(arm_at_start=True)
+    desk.authority.arm_itself()
+    desk.pass_cycle(ready=True)
+    WAYS_OUT[way](desk)
+    desk.ask(Action.CLEAR_FAULT)
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED
+    assert desk.hardware.journal == ["arm", "disarm"]
+
+
+def test_a_failure_before_it_has_armed_itself_takes_the_wish_away_too() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.authority.fail("the bus is gone")
+    desk.ask(Action.CLEAR_FAULT)
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_a_fault_and_its_clearing_do_not_make_a_robot_arm_itself_that_was_not_to(desk: Desk, way: str) -> None:
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    WAYS_OUT[way](desk)
+    desk.ask(Action.CLEAR_FAULT)
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.DISARMED
+
+
+@pytest.mark.parametrize("attempt", ["clear a fault", "disarm itself"])
+def test_what_does_nothing_to_a_robot_at_rest_does_not_keep_it_from_arming_itself(attempt: str) -> None:
+    desk = Desk(arm_at_start=True)
+    desk.items = [ROLLING]
+    desk.authority.arm_itself()
+    if attempt == "clear a fault":
+        desk.ask(Action.CLEAR_FAULT)
+        assert [answer.accepted for answer in desk.answers] == [False]
+    else:
+        desk.authority.disarm("nobody is there")
+    desk.items.clear()
+    desk.authority.arm_itself()
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+
+
+def test_nothing_hinders_a_robot_that_an_operator_armed_before_it_did_so_itself() -> None:
+    desk = Desk(arm_at_start=True)
+    desk.items = [ROLLING]
+    desk.authority.arm_itself()
+    desk.items.clear()
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    desk.authority.arm_itself()
+    assert desk.authority.arming_obstacle is None
+    assert desk.hardware.journal == ["arm"]
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_set_points_of_before_do_not_move_a_robot_that_is_armed_again(desk: Desk, way: str) -> None:
+    desk.ask(Action.ARM)
+    desk.pass_cycle(ready=True)
+    desk.schedule.add(Setpoint(1.0, 0.5), 10, 10)
+    assert desk.schedule.due(10) == Setpoint(1.0, 0.5)
+    desk.schedule.add(Setpoint(2.0, 0.0), 20, 10)
+    WAYS_OUT[way](desk)
+    desk.ask(Action.CLEAR_FAULT)
+    desk.ask(Action.ARM)
+    assert desk.pass_cycle(ready=True) is Mode.ARMED
+    assert [desk.schedule.due(cycle) for cycle in (10, 20, 30)] == [REST] * 3

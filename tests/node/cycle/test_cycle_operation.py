@@ -155,13 +155,32 @@ class Operation(RuleBasedStateMachine):
 
     @rule(action=st.sampled_from(Action))
     def operate(self, action: Action) -> None:
+        was = self.mode
         self.ask(action)
+        if action is Action.STOP or (was is Mode.FAULT and action is not Action.CLEAR_FAULT):
+            wanted = {Mode.FAULT}
+        elif action is Action.ARM or (action is Action.CLEAR_FAULT and was in ACTIVE):
+            wanted = {Mode.ARMED, Mode.HOLD}
+        else:
+            wanted = {Mode.DISARMED}
+        assert self.mode in wanted, "in the cycle in which it is taken"
+        assert action is not Action.STOP or self.cycle.authority.modes.reason == "stop was pressed"
+
+    @rule(action=st.sampled_from(Action))
+    def operate_in_a_hold(self, action: Action) -> None:
+        self.arm_from_anywhere()
+        self.beats = True  # or the station is what it holds for, and not for ever
+        self.drive((1.0, -1.0), 1)
+        self.fall_silent()
+        assert self.mode is Mode.HOLD
+        self.operate(action)
 
     @rule()
     def arm_from_anywhere(self) -> None:
         self.ask(Action.CLEAR_FAULT)
         self.nothing_is_exceeded()
         self.ask(Action.ARM)
+        assert self.mode in ACTIVE
 
     def trouble(self) -> None:
         was_active = self.mode in ACTIVE

@@ -13,7 +13,7 @@ from node.cycle.seams import CycleRecord
 from node.errors import RecordingError
 from node.recording.bounded_log import BoundedLog
 from node.recording.bounds import Bounds
-from node.recording.codec import FRAME_HEADER, CycleCodec
+from node.recording.codec import CYCLE, CycleCodec
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
 from node.recording.salvage import Salvage
@@ -33,8 +33,8 @@ class Feed:
 
     def __call__(self, cycles: int, *, flush_every: int = 20) -> None:
         for _ in range(cycles):
-            (frame,) = self._codec.pack(self._record(self.cycle))
-            self._log.write(frame[:1], frame[FRAME_HEADER.size :])
+            _, message = self._codec.messages(self._record(self.cycle))
+            self._log.write(CYCLE, message)
             self.cycle += 1
             if self.cycle % flush_every == 0:
                 self._log.flush()

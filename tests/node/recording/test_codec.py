@@ -1,33 +1,47 @@
-"""A cycle on its way to the writer: nothing is lost, and everything fits a pipe."""
+"""A cycle on its way to the writer: nothing is lost, and everything fits a slot."""
 
 import dataclasses
 import math
 import struct
 from collections.abc import Sequence
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, StampedSetpoint
+from node.cycle.seams import (
+    CycleRecord,
+    HardwareAnswer,
+    Heartbeat,
+    Inbox,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    Written,
+)
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Level, Status
+from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.codec import (
-    ATOMIC_BYTES,
     CYCLE,
     DIAGNOSTICS,
     EVENTS,
-    FRAME_HEADER,
     CycleCodec,
+    Message,
     events_message,
+    pack_apart,
+    pack_cycle,
     pack_diagnostics,
     unpack_diagnostics,
 )
 from node.recording.cycle_message import stamp_of
 from node.recording.happenings import restored
 from node.recording.layout import Layout
-from node.safety.modes import Mode
+from node.recording.ring import FREE, ROOM
+from node.safety.modes import Action, Mode
 
 SNAPSHOT = {"values", "ages", "valid", "faults", "ready", "events", "off"}
 int64 = st.integers(-(2**63), 2**63 - 1)
@@ -88,25 +102,23 @@ def bits(values: Sequence[float]) -> bytes:
     return struct.pack(f"{len(values)}d", *values)
 
 
-def frames_of(codec: CycleCodec, record: CycleRecord) -> list[tuple[bytes, bytes]]:
-    """Kind and body of each frame of a cycle, whatever writes they come in."""
-    data, frames = b"".join(codec.pack(record)), []
-    while data:
-        kind, length = FRAME_HEADER.unpack_from(data)
-        frames.append((kind, data[FRAME_HEADER.size : FRAME_HEADER.size + length]))
-        data = data[FRAME_HEADER.size + length :]
-    return frames
+def packed(record: CycleRecord) -> bytes:
+    buffer = bytearray(b"what was there before" * 100)
+    pack_cycle(record, buffer)
+    return bytes(buffer)
 
 
 @given(layouts_and_records())
 def test_a_cycle_survives_packing_bit_for_bit(drawn: tuple[Layout, CycleRecord]) -> None:
     layout, record = drawn
     codec = CycleCodec(layout)
-    ((kind, body),) = frames_of(codec, record)
+    ((kind, body),) = codec.bodies(CYCLE, packed(record))
     again, events = codec.message.unpack(body)
 
-    assert kind == CYCLE
-    assert (events, len(body) + FRAME_HEADER.size) == (0, codec.size)
+    assert (kind, events) == (CYCLE, 0)
+    assert len(packed(record)) <= codec.size
+    assert packed(record)[-1] != FREE
+    assert body == codec.messages(record)[1]
     assert again[:4] == record[:4]
     assert (again.durations_ns, again.start_ns) == (record.durations_ns, record.start_ns)
     for name in ("setpoint", "u", "y", "commands", "published"):
@@ -125,23 +137,63 @@ def test_a_cycle_survives_packing_bit_for_bit(drawn: tuple[Layout, CycleRecord])
 EMPTY = CycleRecord(1, 2, Mode.HOLD, 3, Sensors(), Setpoint(math.inf, 0.0), (), (), (), (), (1, 2, 3, 4, 5))
 
 
+def all_that_can_happen() -> CycleRecord:
+    """Something of everything; a field that Inbox or CycleRecord learns to hold has to be added."""
+    inbox = Inbox(
+        setpoints=[StampedSetpoint(Setpoint(0.1, -0.2), None), StampedSetpoint(Setpoint(0.3, 0.4), 10**18)],
+        values=[SetValue(3, math.pi)],
+        requests=[Request(Action.ARM, lambda _: None)],
+        written=[Written("Gain", -0.0)],
+        stations=[Heartbeat("caf\u00e9", 2**62)],
+    )
+    sensors = Sensors((), (), (), ("left is hot",), ready=False, events=("serial took over",), off=False)
+    initial = Sensors((1.5,), (math.inf,), (False,))
+    record = EMPTY._replace(inbox=inbox, sensors=sensors, initial=initial, answers=[HardwareAnswer("arm", ("no",))])
+    assert all(getattr(inbox, field.name) for field in dataclasses.fields(Inbox))
+    assert all(record[12:])
+    return record
+
+
+def test_what_happened_comes_before_its_cycle_as_it_does_where_the_log_is_written_directly() -> None:
+    codec, record = CycleCodec(layout_with((0, 0, 0, 0, 0))), all_that_can_happen()
+    (first, events), (last, cycle) = codec.bodies(CYCLE, packed(record))
+
+    assert (first, last) == (EVENTS, CYCLE)
+    assert (events_message(events), cycle) == codec.messages(record)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, int])
+def test_numbers_of_another_kind_are_numbers(kind: type) -> None:
+    codec = CycleCodec(layout_with((0, 1, 1, 1, 1)))
+    one, two = (kind(2.0),), (1.0,)
+    record = EMPTY._replace(sensors=Sensors(one, two, (np.True_,)), u=one, y=one, commands=two)  # type: ignore[arg-type]
+    ((_, body),) = codec.bodies(CYCLE, packed(record))
+    again = codec.message.unpack(body).record
+
+    assert (again.u, again.y, again.sensors.values, again.sensors.valid) == ((2.0,), (2.0,), (2.0,), (True,))
+
+
 @given(st.integers(0, 300), st.integers(0, 3), st.integers(0, 900))
-def test_what_happened_comes_before_its_cycle_in_writes_that_a_pipe_takes_whole(
+def test_too_much_for_a_slot_is_told_in_pieces_that_fit_before_its_cycle(
     setpoints: int, answers: int, length: int
 ) -> None:
     codec = CycleCodec(layout_with((0, 0, 0, 0, 0)))
-    inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(0.1 * n, math.nan), 10**18 + n) for n in range(setpoints)])
+    # The last byte of this time is the one that a ring takes for nothing.
+    times = [(10**15 + n) << 8 | FREE for n in range(setpoints)]
+    inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(0.1 * n, math.nan), time) for n, time in enumerate(times)])
     record = EMPTY._replace(
         inbox=inbox, answers=[HardwareAnswer("arm", ("x" * length, "\u00e9" * length)) for _ in range(answers)]
     )
-    frames = frames_of(codec, record)
+    apart = list(pack_apart(record, bytearray()))
+    frames: list[Message] = [body for message in apart for body in codec.bodies(*message)]
     kinds = [kind for kind, _ in frames]
     messages = [events_message(body) for kind, body in frames if kind == EVENTS]
     found = [cdr.read_cycle_events(message) for message in messages]
     texts = [text for _, held in found for text in held]
     again = restored(codec.message.unpack(frames[-1][1]).record, texts)
 
-    assert all(len(write) <= ATOMIC_BYTES for write in codec.pack(record))
+    assert all(len(message) <= ROOM for _, message in apart)
+    assert all(message[-1] != FREE for _, message in apart)
     assert kinds == [EVENTS] * (len(kinds) - 1) + [CYCLE]
     assert {cycle for cycle, _ in found} <= {1}
     assert {stamp_of(message) for message in messages} <= {2}
@@ -153,6 +205,55 @@ def test_what_happened_comes_before_its_cycle_in_writes_that_a_pipe_takes_whole(
     assert again.answers == record.answers
 
 
+def test_a_record_of_which_anything_is_missing_is_refused_whole() -> None:
+    """Nine bytes are the most that two bytes, of which neither may be `FREE`, are apart in what is no text."""
+    codec = CycleCodec(layout_with((0, 0, 0, 0, 0)))
+    events, _ = pack_apart(all_that_can_happen(), bytearray())
+    whole = [(CYCLE, packed(all_that_can_happen())), events, (DIAGNOSTICS, pack_diagnostics(5, (TOLD,)))]
+    for kind, body in whole:
+        for begin in range(len(body)):
+            for end in {min(begin + 9, len(body)), min(begin + 64, len(body)), len(body)}:
+                if end - begin < 9 and end < len(body):
+                    continue
+                torn = body[:begin] + bytes((FREE,)) * (end - begin) + body[end:]
+                with pytest.raises(RecordingError, match="a record on its way to the log was damaged"):
+                    codec.bodies(kind, torn)
+
+
+@pytest.mark.parametrize(
+    ("kind", "body"), [(b"X", b""), (CYCLE, b""), (EVENTS, b"\xc3"), (DIAGNOSTICS, b"\xc0"), (CYCLE, b"\x90")]
+)
+def test_what_is_no_message_of_the_loop_is_refused(kind: bytes, body: bytes) -> None:
+    with pytest.raises(RecordingError, match="damaged"):
+        CycleCodec(layout_with((0, 0, 0, 0, 0))).bodies(kind, body)
+
+
+def test_a_cycle_of_another_robot_is_refused() -> None:
+    with pytest.raises(RecordingError, match="damaged"):
+        CycleCodec(layout_with((0, 0, 1, 0, 0))).bodies(CYCLE, packed(EMPTY))
+
+
+def test_the_size_is_the_largest_there_is() -> None:
+    codec = CycleCodec(layout_with((1, 2, 3, 4, 5)))
+    most = EMPTY._replace(
+        cycle=2**63,
+        stamp_ns=2**62,
+        mode=Mode.DISARMED,
+        lateness_ns=-(2**40),
+        sensors=Sensors((0.0, 0.0), (0.0, 0.0), (True, True)),
+        u=(0.0,) * 3,
+        y=(0.0,) * 4,
+        commands=(0.0,) * 5,
+        published=(0.0,),
+        durations_ns=(2**40,) * 5,
+        start_ns=2**50,
+    )
+    assert len(packed(most)) == codec.size
+
+
+TOLD = Status(Level.ERROR, "left", "hot", {"temperature": "80 \u00b0C"})
+
+
 @given(
     int64,
     st.lists(
@@ -161,11 +262,10 @@ def test_what_happened_comes_before_its_cycle_in_writes_that_a_pipe_takes_whole(
     ),
 )
 def test_diagnostics_survive_packing(stamp_ns: int, statuses: list[Status]) -> None:
-    frame = pack_diagnostics(stamp_ns, statuses)
-    kind, length = FRAME_HEADER.unpack(frame[: FRAME_HEADER.size])
-    message = unpack_diagnostics(frame[FRAME_HEADER.size :])
+    body = pack_diagnostics(stamp_ns, statuses)
+    message = unpack_diagnostics(body)
 
-    assert kind == DIAGNOSTICS
-    assert length == len(frame) - FRAME_HEADER.size
+    assert CycleCodec(layout_with((0, 0, 0, 0, 0))).bodies(DIAGNOSTICS, body) == [(DIAGNOSTICS, body)]
+    assert body[-1] != FREE
     assert message.stamp_ns == stamp_ns
     assert list(message.statuses) == statuses

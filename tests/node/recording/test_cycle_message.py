@@ -14,10 +14,11 @@ from rosbags.highlevel import AnyReader
 from hil.lockstep import LockstepRig
 from node.config import load_robot, packaged_robots
 from node.cycle.seams import CycleRecord
-from node.recording.codec import ATOMIC_BYTES, CycleCodec
+from node.recording.codec import CycleCodec
 from node.recording.cycle_log import CycleLog
 from node.recording.cycle_message import CYCLE_TYPE, CycleMessage
 from node.recording.layout import Layout, field_names, layout_of
+from node.recording.ring import ROOM
 from node.robot import build_robot
 
 
@@ -68,7 +69,7 @@ def test_a_robot_without_hardware_has_no_empty_parts(
 
 
 @pytest.mark.parametrize("name", packaged_robots())
-def test_a_cycle_of_every_packaged_robot_fits_a_pipe_twice(name: str) -> None:
+def test_a_cycle_of_every_packaged_robot_fits_a_slot_twice(name: str) -> None:
     robot = build_robot(load_robot(name), LockstepRig(500_000))
 
-    assert 2 * CycleCodec(layout_of(robot)).size < ATOMIC_BYTES
+    assert 2 * CycleCodec(layout_of(robot)).size < ROOM

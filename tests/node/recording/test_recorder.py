@@ -17,16 +17,23 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from node.cycle.seams import CycleRecord
+from hil.lockstep import LockstepRig
+from node.config import load_robot
+from node.cycle.seams import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
+from node.cycle.setpoints import Setpoint
 from node.cycle.status import Level, Status
 from node.errors import RecordingError
-from node.recording.codec import CycleCodec
-from node.recording.layout import Layout
+from node.recording import cdr
+from node.recording.cycle_log import EVENTS_TOPIC
+from node.recording.layout import Layout, layout_of
 from node.recording.provenance import Provenance
 from node.recording.recorder import ProcessRecorder
+from node.recording.ring import SLOTS
 from node.recording.salvage import Salvage
+from node.robot import build_robot
+from node.safety.modes import Mode
 
-MORE_THAN_A_PIPE_HOLDS = 10_000
+MORE_THAN_FIT = SLOTS + 500
 ENDS_WITHIN_S = 30.0
 
 
@@ -106,13 +113,11 @@ def test_a_killed_writer_costs_only_its_cycles(
     record: Callable[[int], CycleRecord],
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    recorder.write(record(0))
     recorder._process.send_signal(signal.SIGKILL)
     recorder._process.wait(ENDS_WITHIN_S)
-    for cycle in range(1, 11):
-        with pytest.raises(RecordingError, match=f"the process that writes the log {path} is gone"):
-            recorder.write(record(cycle))
-    with pytest.raises(RecordingError, match="is gone"):
+    for cycle in range(11):
+        recorder.write(record(cycle))
+    with pytest.raises(RecordingError, match=f"the process that writes the log {path} is gone"):
         recorder.write_diagnostics(5, [Status(Level.OK, "one", "fine", {})])
     recorder.close()
 
@@ -124,22 +129,80 @@ def test_a_killed_writer_costs_only_its_cycles(
     assert {entry.levelno for entry in caplog.records} == {logging.WARNING}
 
 
+def test_a_loop_whose_writer_is_killed_in_mid_run_drives_on_and_says_it_once(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = build_robot(load_robot("cart"), LockstepRig(500_000))
+    recorder = ProcessRecorder(path, layout_of(robot))
+
+    class KillsIt(NoStage):
+        cycles = 0
+
+        def publish(self, report: Report) -> None:
+            del report
+            self.cycles += 1
+            if self.cycles == 150:
+                wait_for(lambda: bool(salvaged(path)))
+                recorder._process.kill()
+                recorder._process.wait(ENDS_WITHIN_S)
+
+    loop = robot.loop(KillsIt(), recorder)
+    with caplog.at_level(logging.WARNING):
+        loop.run(450)
+    said = [entry.getMessage() for entry in caplog.records]
+    kept = salvaged(path)
+
+    assert loop.counters.cycles == 450
+    assert loop.modes.mode is Mode.ARMED
+    assert said.count(f"recording has ended: RecordingError: the process that writes the log {path} is gone") == 1
+    assert f"{recorder.dropped} records are missing in the log {path}" in said
+    assert kept == list(range(len(kept)))
+    # It is asked for once a second, and given nothing from then on.
+    assert 50 <= recorder.dropped <= 160
+
+
 def test_a_stopped_writer_holds_nothing_up_and_what_does_not_fit_is_counted(
-    recorder: ProcessRecorder, path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
 ) -> None:
     recorder._process.send_signal(signal.SIGSTOP)
     os.waitpid(recorder._process.pid, os.WUNTRACED)
-    # More bytes than the pipe takes: a write that waited would wait for ever.
-    for cycle in range(MORE_THAN_A_PIPE_HOLDS):
+    for cycle in range(MORE_THAN_FIT):
         recorder.write(record(cycle))
     dropped = recorder.dropped
     recorder._process.send_signal(signal.SIGCONT)
     recorder.close()
 
-    assert CycleCodec(layout).size * MORE_THAN_A_PIPE_HOLDS > 2 << 20
-    assert dropped > MORE_THAN_A_PIPE_HOLDS // 2
+    assert dropped == MORE_THAN_FIT - SLOTS
     # What was taken was taken whole, and in order.
-    assert logged(path) == [0.5 + cycle for cycle in range(MORE_THAN_A_PIPE_HOLDS - dropped)]
+    assert logged(path) == [0.5 + cycle for cycle in range(SLOTS)]
+
+
+def test_a_cycle_in_which_too_much_happens_for_one_slot_arrives_too(
+    recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
+) -> None:
+    inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(1.0, 2.0), stamp) for stamp in range(500)])
+    recorder.write(record(0)._replace(inbox=inbox))
+    recorder.write(record(1))
+    recorder.close()
+    messages = [(topic, message.data) for topic, message in Salvage(path).messages()]
+    told = [texts for topic, data in messages if topic == EVENTS_TOPIC for texts in cdr.read_cycle_events(data)[1]]
+
+    assert recorder.dropped == 0
+    assert salvaged(path) == [0, 1]
+    assert len(told) == 500
+
+
+def test_a_record_that_is_damaged_on_its_way_costs_itself_and_is_told(
+    path: Path, layout: Layout, record: Callable[[int], CycleRecord], capfd: pytest.CaptureFixture[str]
+) -> None:
+    recorder = ProcessRecorder(path, layout)
+    recorder.write(record(0))
+    recorder._ring.put(ord("C"), b"no cycle.")
+    recorder.write(record(2))
+    recorder.close()
+
+    assert salvaged(path) == [0, 2]
+    assert f"1 records were damaged on their way and are missing in the log {path}" in capfd.readouterr().err
 
 
 def test_a_writer_that_never_ends_is_ended(
@@ -153,7 +216,7 @@ def test_a_writer_that_never_ends_is_ended(
     assert "the recorder ended with status -9" in caplog.text
 
 
-def test_a_frame_that_would_not_fit_whole_is_dropped(recorder: ProcessRecorder, path: Path) -> None:
+def test_a_message_that_would_not_fit_whole_is_dropped(recorder: ProcessRecorder, path: Path) -> None:
     recorder.write_diagnostics(5, [Status(Level.OK, "one", "x" * 5000, {}), Status(Level.OK, "two", "fine", {})])
     recorder.close()
     with path.open("rb") as stream:
@@ -229,7 +292,7 @@ def test_what_was_handed_over_is_on_the_disk_soon_without_closing(
     assert salvaged(path) == list(range(10))
 
 
-def test_a_robot_whose_cycle_no_pipe_takes_whole_is_refused(tmp_path: Path, layout: Layout) -> None:
+def test_a_robot_whose_cycle_fits_no_slot_is_refused(tmp_path: Path, layout: Layout) -> None:
     large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(500)))
     with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 4\d\d\d bytes"):
         ProcessRecorder(tmp_path / "run.mcap", large)
@@ -250,15 +313,19 @@ layout = msgspec.json.decode(sys.argv[2], type=Layout)
 recorder = ProcessRecorder(Path(sys.argv[1]), layout)
 count = len(layout.sensors)
 sensors = Sensors((1.0,) * count, (1.0,) * count, (True,) * count)
-for cycle in range(50):
+def write(cycle):
     numbers = [(0.0,) * len(names) for names in (layout.inputs, layout.outputs, layout.commands, layout.published)]
     recorder.write(CycleRecord(cycle, cycle, Mode.ARMED, 0, sensors, Setpoint(0.5 + cycle, 0.0), *numbers, (0,) * 5))
+for cycle in range(50):
+    write(cycle)
 while Path(sys.argv[1]).stat().st_size < 500:  # what begins the log is not on the disk yet
     time.sleep(0.01)
 if sys.argv[3] == "stopped":
     os.kill(recorder._process.pid, signal.SIGSTOP)
 print(recorder._process.pid, flush=True)
-time.sleep(60)
+for cycle in range(50, 100):
+    write(cycle)
+os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
@@ -268,13 +335,11 @@ def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layou
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         assert node.stdout is not None
         writer = Path(f"/proc/{int(node.stdout.readline())}")
-        if state == "stopped":
-            wait_for(lambda: (writer / "stat").read_text().split()[2] == "T")
-        node.kill()
         node.wait(ENDS_WITHIN_S)
         wait_for(lambda: not writer.exists() or (writer / "stat").read_text().split()[2] == "Z")
 
-    assert logged(path) == [0.5 + cycle for cycle in range(50)]
+    assert node.returncode == -signal.SIGKILL
+    assert logged(path) == [0.5 + cycle for cycle in range(100)]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

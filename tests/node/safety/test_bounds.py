@@ -3,7 +3,7 @@ import math
 import pytest
 
 from node.safety.bounds import Bounds
-from node.safety.check import Signal, View, periods_in
+from node.safety.check import Signal, View
 
 SUPPLY = Bounds(Signal("supply.voltage", 1), 20.0, 30.0, "V")
 
@@ -30,8 +30,3 @@ def test_what_is_not_finite_is_outside(value: float) -> None:
 def test_a_value_that_is_not_valid_is_not_looked_at() -> None:
     assert look(99.0, valid=False) is None
     assert SUPPLY.needs == (1,)
-
-
-@pytest.mark.parametrize(("duration", "periods"), [(0.1, 20), (0.001, 1), (0.012, 2), (0.013, 3)])
-def test_a_duration_is_at_least_one_period(duration: float, periods: int) -> None:
-    assert periods_in(duration, 0.005) == periods

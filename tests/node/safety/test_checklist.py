@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from node.safety.checklist import Item, Measured, no_checklist, obstacles, run_checklist
+from node.safety.checklist import Item, Measured, drives_item, no_checklist, obstacles, run_checklist
 from node.safety.settings import ChecklistSettings, SupplyWindow
 
 GOOD = Measured(
@@ -11,7 +11,6 @@ GOOD = Measured(
     rate_hz=199.98,
     newest_age_s=0.004,
     is_heard=True,
-    has_imu=True,
     still_s=0.5,
     tilt=0.1,
     wheels=(0.1, -0.2),
@@ -119,7 +118,7 @@ def test_no_real_time_priority_is_a_warning_only() -> None:
 
 LEFT_OUT: list[tuple[Callable[[], dict[str, Item]], set[str]]] = [
     (lambda: run(Measured(wanted_hz=100.0, rate_hz=100.0)), {"rate", "sensors", "plausible"}),
-    (lambda: run(replace(GOOD, has_imu=False)), set(run(GOOD)) - {"imu_still", "tilt"}),
+    (lambda: run(replace(GOOD, still_s=None, tilt=None)), set(run(GOOD)) - {"imu_still", "tilt"}),
     (lambda: run(replace(GOOD, supply_v=None)), set(run(GOOD)) - {"supply"}),
     (
         lambda: {item.name: item for item in run_checklist(ChecklistSettings(), None, GOOD)},
@@ -135,9 +134,9 @@ def test_what_the_robot_does_not_have_is_left_out(items: Callable[[], dict[str, 
 
 def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
     blank = Measured(wanted_hz=100.0)
-    assert (blank.still_s, blank.tilt, blank.has_imu, blank.real_time) == (0.0, None, False, None)
+    assert (blank.still_s, blank.tilt, blank.real_time) == (None, None, None)
     assert not blank.is_heard
-    assert obstacles(list(run(replace(blank, has_imu=True)).values()))[1:] == [
+    assert obstacles(list(run(replace(blank, still_s=0.0)).values()))[1:] == [
         f"imu_still: still for 0.00 s of 0.5 s; {MEND_STILL}",
         "tilt: not measured; see that the IMU sends",
     ]
@@ -146,3 +145,14 @@ def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
 def test_an_item_refuses_unless_it_says_that_it_is_a_warning() -> None:
     assert Item("x", holds=False, text="").refuses
     assert no_checklist() == ()
+
+
+def test_drives_that_have_nothing_against_arming_are_an_item_that_holds() -> None:
+    item = drives_item(())
+    assert (item.name, str(item), item.refuses) == ("drives", "ok: nothing speaks against it", False)
+
+
+def test_drives_keep_the_robot_from_arming_with_every_reason_of_theirs() -> None:
+    item = drives_item(("left: no supply; switch it on", "right: too hot; wait"))
+    assert obstacles([item]) == ["drives: left: no supply; switch it on; right: too hot; wait"]
+    assert str(item) == "refused: left: no supply; switch it on; right: too hot; wait"

@@ -125,12 +125,48 @@ def test_one_that_follows_nothing_is_left_alone_and_begins_anew() -> None:
     assert told(check, steady(1.0, 0.0, (0.0, 0.0))) == 1 + SETTLE + FOR
     assert told(check, steady(9.0, 9.0, None)) is None
     check = following()
-    assert told(check, steady(5.0, 0.0, (5.0, 0.0), count=100)) is None
-    assert told(check, steady(0.0, 0.0, None)) is None
-    assert told(check, steady(0.0, 0.0, (0.0, 0.0), count=5)) is None
-    assert told(check, steady(5.0, 0.0, (0.0, 0.0))) == FOR, "what was asked before does not count any more"
-    check = following()
     assert told(check, steady(0.0, 0.0, (0.0, 0.0))) is None
+
+
+@pytest.mark.parametrize("way", [5.0, -5.0])
+def test_what_was_asked_before_it_followed_nothing_does_not_count_any_more(way: float) -> None:
+    check = following()
+    assert told(check, steady(way, way, (way, way), count=100)) is None
+    assert check.look(see(0.0, 0.0, None)) is None
+    assert told(check, steady(0.0, 0.0, (0.0, 0.0), count=5)) is None
+    assert told(check, steady(way, 0.0, (0.0, 0.0), count=FOR)) == FOR
+    assert told(check, steady(0.0, 0.0, (0.0, 0.0), count=5)) is None
+    assert told(check, steady(0.0, way, (0.0, 0.0), count=FOR)) == FOR
+
+
+def test_a_velocity_that_is_no_number_as_it_begins_to_follow_is_told_in_its_time() -> None:
+    check = following()
+    assert told(check, steady(math.nan, 0.0, (0.0, 0.0), count=FOR - 1)) is None
+    assert told(check, steady(math.nan, 0.0, None)) is None
+    assert told(check, steady(math.nan, 0.0, (0.0, 0.0))) == FOR
+    assert told(following(), steady(math.nan, 0.0, (0.0, 0.0))) == FOR
+
+
+@pytest.mark.parametrize("off", [0.25, -0.25])
+@pytest.mark.parametrize(("left", "right", "asked"), [(2.0, 2.0, (1.0, 0.0)), (2.0, 4.0, (1.5, 1.0))])
+def test_the_end_of_a_window_is_still_within_it(
+    left: float, right: float, asked: tuple[float, float], off: float
+) -> None:
+    """All values are binary fractions: nothing is rounded."""
+    settings = FollowingErrorSettings(
+        track=1.0, wheel_radius=0.5, linear_window=0.25, angular_window=0.25, settle_s=0.5, for_s=STEP
+    )
+    check = FollowingError(0, 1, settings, STEP)
+
+    def look(ahead: float, turning: float) -> str | None:
+        wheels = (left + 2.0 * ahead - turning, right + 2.0 * ahead + turning)
+        return check.look(View(wheels, (True, True), 1, asked))
+
+    assert look(0.0, 0.0) is None, "it goes just as asked"
+    assert look(off, 0.0) is None
+    assert look(0.0, off) is None
+    assert look(1.01 * off, 0.0) is not None
+    assert look(0.0, 1.01 * off) is not None
 
 
 def test_values_that_are_too_old_are_not_looked_at() -> None:
@@ -160,12 +196,31 @@ def test_one_that_may_rest_may_be_slower_than_asked_and_neither_faster_nor_backw
         assert told(check, steady(0.0, 0.0, (asked, asked))) is None
         assert told(check, steady(0.5 * asked, 0.5 * asked, (asked, asked))) is None
     assert told(check, steady(2.0, 2.0, (-2.0, -2.0), count=60)) == FOR
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("linear", "angular", "is_told"),
+    [
+        (-0.29, 0.0, False),
+        (-0.31, 0.0, True),
+        (1.29, 0.0, False),
+        (1.31, 0.0, True),
+        (0.0, -0.74, False),
+        (0.0, -0.76, True),
+        (0.0, 1.74, False),
+        (0.0, 1.76, True),
+    ],
+)
+def test_one_that_may_rest_has_the_window_at_rest_and_at_what_is_asked(
+    way: float,
+    linear: float,
+    angular: float,
+    is_told: bool,  # noqa: FBT001 - a column of the table
+) -> None:
     check = following(may_rest=True)
-    assert told(check, steady(0.0, 0.0, (1.0, 1.0), count=100)) is None
-    assert told(check, steady(1.31, 0.0, (1.0, 1.0))) == FOR
-    check = following(may_rest=True)
-    assert told(check, steady(0.0, 0.0, (1.0, 1.0), count=100)) is None
-    assert told(check, steady(0.0, -0.76, (1.0, 1.0))) == FOR
+    assert told(check, steady(0.0, 0.0, (way, way), count=100)) is None
+    assert told(check, steady(way * linear, way * angular, (way, way))) == (FOR if is_told else None)
 
 
 def test_what_was_asked_is_remembered_as_one_would_who_kept_all_of_it() -> None:

@@ -168,6 +168,24 @@ def test_a_velocity_ahead_of_the_angle_is_told_and_one_within_the_tolerance_is_n
     assert {text for _, text in told} == {None}
 
 
+def test_a_velocity_that_is_off_by_just_the_tolerance_is_allowed() -> None:
+    """All values are binary fractions: nothing is rounded."""
+    settings = VelocityConsistency(tolerance_rad_s=0.5, for_s=0.5)
+    at_it, beyond = (VelocityAgreement(Signal("angle", 0), Signal("velocity", 1), settings, 0.25) for _ in range(2))
+    for n in range(20):
+        assert at_it.look(see(0.125 * n, 0.0)) is None
+        assert (beyond.look(see(0.126 * n, 0.0)) is None) == (n < 2)
+
+
+def test_what_repeats_is_no_sample_only_while_the_wheel_moves() -> None:
+    """A wheel at rest repeats itself, and what its velocity is off by then is told; see `MOVING`."""
+    settings = VelocityConsistency(tolerance_rad_s=0.2, for_s=0.1)
+    rests, moves = (VelocityAgreement(Signal("angle", 0), Signal("velocity", 1), settings, STEP) for _ in range(2))
+    for n in range(100):
+        assert (rests.look(see(1.0, 0.5)) is None) == (n < 20)
+        assert moves.look(see(1.0, 0.51)) is None, "that is frozen, which another check is for"
+
+
 def test_a_velocity_that_lags_behind_a_hard_acceleration_is_not_told_but_one_that_lags_more_is() -> None:
     """At 600 rad/s2 two periods of lag are 6 rad/s, and three are 9 rad/s: more than 6 and the tolerance."""
     late, too_late = velocity(), velocity()

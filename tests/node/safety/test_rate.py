@@ -67,3 +67,10 @@ def test_without_a_sample_it_begins_anew() -> None:
     still.look((0.0, 0.0, 0.0), LEVEL, 7)
     still.interrupt()
     assert still.periods == 0
+
+
+def test_what_turns_or_moves_by_just_as_much_as_is_allowed_is_still() -> None:
+    """In free fall the acceleration is zero, which is exactly g from gravity."""
+    still = StillWatch(0.5, G)
+    still.look((0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 3)
+    assert still.periods == 3
