@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from firmware_io.links.local_bus import LocalBus
+from tests.ros_domains import next_domain
 
 Run = Callable[..., Any]
 PATIENCE_S = 40.0
@@ -206,7 +207,7 @@ def test_what_it_shows(player: Player) -> None:
 
 @pytest.mark.ros
 def test_with_ros_anyone_can_drive(tmp_path: Path) -> None:
-    graph = {"ROS_DOMAIN_ID": "87", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    graph = {"ROS_DOMAIN_ID": next_domain(), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     player = Player(f"play_ros_{os.getpid()}", tmp_path, "--ros", "--namespace", f"/play_{os.getpid()}", **graph)
     try:
         armed(player)

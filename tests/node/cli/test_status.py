@@ -13,6 +13,7 @@ import pytest
 from node.cli.main import main
 from node.cli.status import exit_code, is_settled, screen
 from node.supervisor.views import FleetView, RobotView
+from tests.ros_domains import next_domain
 
 FAKE = Path(__file__).parents[1] / "supervisor" / "fake_robot.py"
 WELL = RobotView(
@@ -91,7 +92,7 @@ def test_a_wait_that_is_none(wait: str, capsys: pytest.CaptureFixture[str]) -> N
 @pytest.fixture
 def robots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., None]]:
     """Starts robots that are not there, in a ROS domain of the test's own; changes one of them."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() * 7 + 5) % 101))
+    monkeypatch.setenv("ROS_DOMAIN_ID", next_domain())
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
     with contextlib.ExitStack() as stack:

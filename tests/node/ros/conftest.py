@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.resources
-import itertools
 import json
 import os
 import subprocess
@@ -13,9 +12,7 @@ from typing import Any
 
 import pytest
 
-SAFE_DOMAINS = 101
-DOMAINS_PER_PROCESS = 7
-_used = itertools.count()
+from tests.ros_domains import next_domain
 
 Start = Callable[..., "subprocess.Popen[str]"]
 """Called with a name for the process' messages and the words after `segway-ecc`."""
@@ -25,11 +22,9 @@ Ask = Callable[..., Any]
 
 @pytest.fixture(scope="module")
 def ros_environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    # Spread by process id, so that test runs side by side stay out of each other's domains.
-    domain = 1 + (os.getpid() * DOMAINS_PER_PROCESS + next(_used)) % SAFE_DOMAINS
     return {
         **os.environ,
-        "ROS_DOMAIN_ID": str(domain),
+        "ROS_DOMAIN_ID": next_domain(),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_LOG_DIR": str(tmp_path_factory.mktemp("ros_log")),
         "XDG_STATE_HOME": str(tmp_path_factory.mktemp("state")),

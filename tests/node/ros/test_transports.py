@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from node.ros.transports import LOCALHOST_ONLY, PEERS, PROFILES, RANGE, RMW, TRANSPORTS, profiles_for, udp_only
+from tests.ros_domains import next_domain
 
 XML = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 
@@ -88,7 +89,7 @@ def test_a_node_of_ours_maps_no_shared_memory(settings: dict[str, str], tmp_path
     )
     unset = {PROFILES, TRANSPORTS, RANGE, PEERS, LOCALHOST_ONLY}
     inherited = {name: value for name, value in os.environ.items() if name not in unset}
-    environment = inherited | settings | {"ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": "76"}
+    environment = inherited | settings | {"ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": next_domain()}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60.0, check=True
     )

@@ -1,7 +1,6 @@
 """A line to a robot that notes what is sent, replies that note what came of it, and robots in a process."""
 
 import contextlib
-import itertools
 import json
 import os
 import subprocess
@@ -23,12 +22,10 @@ from node.supervisor.heartbeats import Heartbeats
 from node.supervisor.line import Answered
 from node.supervisor.seat import Asked
 from node.supervisor.views import Act, Command, Drive, RobotView
+from tests.ros_domains import next_domain
 
 NS_PER_MS = 1_000_000
 ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
-SAFE_DOMAINS = 101
-DOMAINS_PER_PROCESS = 7
-_used = itertools.count(3)
 _FAKE = Path(__file__).with_name("fake_robot.py")
 
 
@@ -150,8 +147,7 @@ def texts(events: EventLog) -> Callable[[], list[str]]:
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A ROS domain of the test's own that never leaves this machine."""
-    domain = 1 + (os.getpid() * DOMAINS_PER_PROCESS + next(_used)) % SAFE_DOMAINS
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("ROS_DOMAIN_ID", next_domain())
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
 

@@ -16,6 +16,7 @@ from hil.processes import Command as Process
 from hil.processes import command
 from node.config import read_text
 from node.drill import trace
+from tests.ros_domains import next_domain
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -28,7 +29,6 @@ DOWN: Final = 0.4
 SIZES: Final = {"desktop": (1280, 800), "phone": (360, 740)}
 _POLL_S: Final = 0.02
 _TAIL: Final = 8192
-_SAFE_DOMAINS: Final = 101
 
 
 def until(condition: Callable[[], object], what: str, patience_s: float = PATIENCE_S) -> None:
@@ -43,7 +43,7 @@ def until(condition: Callable[[], object], what: str, patience_s: float = PATIEN
 def ros_of_our_own(folder: Path) -> Iterator[None]:
     """A ROS domain that never leaves this machine."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % _SAFE_DOMAINS))
+        patch.setenv("ROS_DOMAIN_ID", next_domain())
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         patch.setenv("ROS_LOG_DIR", str(folder))
         yield

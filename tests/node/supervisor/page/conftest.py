@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.node.supervisor.page.fake_station import FakeStation
+from tests.node.supervisor.page.looking import there
 from tests.node.supervisor.page.told import armed
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, ConsoleMessage, Page
 
 CHROMIUM = Path("/usr/bin/chromium")
+HELD = ("ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "KeyW", "KeyA", "KeyS", "KeyD", "Escape", "Control")
+"""What tests hold down and may leave so."""
 
 
 # Of a module, not of the session: while it lives, nothing else in this process can run an event loop.
@@ -38,40 +41,79 @@ def station() -> Iterator[FakeStation]:
     assert fake.ids == sorted(set(fake.ids)), "ids must count up"
 
 
+class Tab:
+    """A tab that outlives a test, and what its page complains of."""
+
+    def __init__(self, browser: "Browser", options: dict[str, Any]) -> None:
+        """Open it in a context of its own."""
+        self._viewport = options["viewport"]
+        self.complaints: list[str] = []
+        self._context = browser.new_context(reduced_motion="reduce", **options)
+        self._context.set_default_timeout(20_000)
+        self.page = self._context.new_page()
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._listen)
+
+    def close(self) -> None:
+        """Close it with its context."""
+        self._context.close()
+
+    def clean(self) -> None:
+        """Forget what a test before left: keys and buttons held, cookies, a size; the page's script stores nothing."""
+        for key in HELD:
+            self.page.keyboard.up(key)
+        self.page.mouse.up()
+        self.page.mouse.move(0, 0)
+        self._context.clear_cookies()
+        if self.page.viewport_size != self._viewport:
+            self.page.set_viewport_size(self._viewport)
+        self.complaints.clear()
+
+    # A request that is refused is told on the console too; a test that has one refused means it.
+    def _listen(self, said: "ConsoleMessage") -> None:
+        meant = "WebSocket connection" in said.text or "Failed to load resource" in said.text
+        if said.type in {"error", "warning"} and not meant:
+            self.complaints.append(said.text)
+
+
 @contextmanager
-def _opened(browser: "Browser", url: str, **options: Any) -> "Iterator[Page]":
-    context = browser.new_context(reduced_motion="reduce", **options)
-    context.set_default_timeout(20_000)
-    tab = context.new_page()
-    complaints: list[str] = []
-    tab.on("pageerror", lambda error: complaints.append(str(error)))
-    tab.on("console", lambda said: complaints.append(said.text) if _is_complaint(said.type, said.text) else None)
-    tab.goto(url)
-    tab.wait_for_selector("body[data-fresh=true]")
-    tab.wait_for_selector("#robot:not([hidden])")
+def _tab(browser: "Browser", **options: Any) -> Iterator[Tab]:
+    tab = Tab(browser, options)
     yield tab
-    context.close()
-    assert complaints == []
+    tab.close()
+
+
+@contextmanager
+def _opened(tab: Tab, url: str) -> "Iterator[Page]":
+    tab.clean()
+    tab.page.goto(url)
+    there(tab.page, "body[data-fresh=true]")
+    there(tab.page, "#robot:not([hidden])")
+    yield tab.page
+    tab.page.goto("about:blank")
+    assert tab.complaints == []
+
+
+# A new tab costs as much as the rest of a test, so the tests of a module have one, which each finds clean.
+@pytest.fixture(scope="module")
+def desktop(browser: "Browser") -> Iterator[Tab]:
+    with _tab(browser, viewport={"width": 1280, "height": 800}) as tab:
+        yield tab
 
 
 @pytest.fixture
-def page(browser: "Browser", station: FakeStation) -> "Iterator[Page]":
+def page(desktop: Tab, station: FakeStation) -> "Iterator[Page]":
     """The page at the fake station, with its first picture."""
-    with _opened(browser, station.url, viewport={"width": 1280, "height": 800}) as tab:
-        yield tab
+    with _opened(desktop, station.url) as page:
+        yield page
 
 
 @pytest.fixture
 def browser_touch(browser: "Browser", station: FakeStation) -> "Iterator[Page]":
-    """The same on a phone."""
-    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
-    with _opened(browser, station.url, **phone) as tab:
-        yield tab
-
-
-# A request that is refused is told on the console too; a test that has one refused means it.
-def _is_complaint(kind: str, text: str) -> bool:
-    return kind in {"error", "warning"} and "WebSocket connection" not in text and "Failed to load resource" not in text
+    """The same on a phone, in a tab of its own: nobody lifts the fingers that a test leaves on it."""
+    phone = _tab(browser, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+    with phone as tab, _opened(tab, station.url) as page:
+        yield page
 
 
 @pytest.fixture

@@ -122,6 +122,11 @@ class FakeStation:
         goal = self.frames + count
         self.wait(lambda: self.frames >= goal)
 
+    def wait_drives(self, count: int) -> None:
+        """Wait until some more set-points came, so that the last was asked after all that the test did."""
+        goal = len(self.drives) + count
+        self.wait(lambda: len(self.drives) >= goal)
+
     def _call(self, work: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(_DEADLINE_S)
 

@@ -6,6 +6,16 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 
+def there(page: "Page", selector: str) -> None:
+    """Wait until an element that a selector names can be seen; looks at each frame, playwright ever more rarely."""
+    page.wait_for_function(
+        """(selector) => [...document.querySelectorAll(selector)].some((element) => {
+            const box = element.getBoundingClientRect();
+            return element.checkVisibility({visibilityProperty: true}) && box.width > 0 && box.height > 0; })""",
+        arg=selector,
+    )
+
+
 def shows(page: "Page", selector: str, text: str) -> None:
     """Wait until an element that can be seen holds a text."""
     page.wait_for_function(
@@ -24,7 +34,10 @@ def tells(page: "Page", selector: str, text: str) -> None:
 
 def gone(page: "Page", selector: str) -> None:
     """Wait until an element cannot be seen."""
-    page.locator(selector).wait_for(state="hidden")
+    page.wait_for_function(
+        "(selector) => ![...document.querySelectorAll(selector)].some((element) => element.checkVisibility())",
+        arg=selector,
+    )
 
 
 def press(page: "Page", act: str) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from node.supervisor.views import Act, SequenceView
 from tests.node.supervisor.page.fake_station import FakeStation
-from tests.node.supervisor.page.looking import gone, press, shows
+from tests.node.supervisor.page.looking import gone, press, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -42,7 +42,7 @@ NOT_NOW: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize("act", STATES)
 def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, act: str) -> None:
     station.robot(**STATES[act])
-    page.wait_for_selector(f"[data-act={act}]:not([aria-disabled])")
+    there(page, f"[data-act={act}]:not([aria-disabled])")
     press(page, act)
     station.wait(lambda: station.commands)
     assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act(act))]
@@ -53,7 +53,7 @@ def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, ac
 def test_a_button_that_makes_no_sense_now_says_why(page: "Page", station: FakeStation, act: str) -> None:
     fields, why = NOT_NOW[act]
     station.robot(**fields)
-    page.wait_for_selector(f"[data-act={act}][aria-disabled=true]")
+    there(page, f"[data-act={act}][aria-disabled=true]")
     press(page, act)
     shows(page, "#command-failure", why)
     assert page.evaluate("() => document.activeElement.dataset.act") == act, "it keeps the focus"
@@ -64,7 +64,7 @@ def test_a_button_that_makes_no_sense_now_says_why(page: "Page", station: FakeSt
 def test_a_command_waits_visibly_and_is_not_sent_twice(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
-    page.wait_for_selector("[data-act=disarm][aria-busy=true]")
+    there(page, "[data-act=disarm][aria-busy=true]")
     shows(page, "#command-state", "Disarm Alice: asked")
     press(page, "disarm")
     station.wait_frames(3)
@@ -78,14 +78,14 @@ def test_a_refusal_is_told_in_the_robots_words(page: "Page", station: FakeStatio
     press(page, "arm")
     shows(page, "#command-failure", "Arm Alice failed: tilt: 0.31 rad from upright")
     assert page.get_attribute("#command-failure", "role") == "alert"
-    page.wait_for_selector("[data-act=arm]:not([aria-busy])")
+    there(page, "[data-act=arm]:not([aria-busy])")
 
 
 def test_no_answer_is_told(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
     shows(page, "#command-failure", "Disarm Alice failed: the base station did not answer")
-    page.wait_for_selector("[data-act=disarm]:not([aria-busy])")
+    there(page, "[data-act=disarm]:not([aria-busy])")
 
 
 def test_a_connection_that_breaks_answers_what_was_asked(page: "Page", station: FakeStation) -> None:

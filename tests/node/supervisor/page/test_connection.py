@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.node.supervisor.page.fake_station import FakeStation
-from tests.node.supervisor.page.looking import gone, shows, tells
+from tests.node.supervisor.page.looking import gone, shows, tells, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -32,7 +32,7 @@ TROUBLE = {"no picture comes": _fall_silent, "its time stands still": _stand_sti
 @pytest.mark.parametrize("trouble", TROUBLE)
 def test_a_stale_picture_is_told_and_greyed(page: "Page", station: FakeStation, trouble: str) -> None:
     gone(page, "#stale")
-    page.wait_for_selector("#plots[data-newest]")
+    there(page, "#plots[data-newest]")
     TROUBLE[trouble](station)
     shows(page, "#stale", "No connection to the base station")
     shows(page, "#stale", "s old")
@@ -53,7 +53,7 @@ def test_a_stale_picture_is_told_and_greyed(page: "Page", station: FakeStation, 
 
 def test_the_banner_tells_a_growing_age_and_stays_in_sight(page: "Page", station: FakeStation) -> None:
     station.script.sends = False
-    page.wait_for_selector("#stale:not([hidden])")
+    there(page, "#stale:not([hidden])")
     page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
     shows(page, "#stale-age", "what you see is 2.")
     box = page.locator("#stale").bounding_box()
@@ -65,7 +65,7 @@ def test_a_picture_that_still_stands_after_a_new_socket_is_not_taken_for_a_new_o
     page: "Page", station: FakeStation
 ) -> None:
     station.script.ticks = False
-    page.wait_for_selector("body[data-fresh=false]")
+    there(page, "body[data-fresh=false]")
     page.evaluate(
         """() => { window.fresh = 0; new MutationObserver(() => { window.fresh += 1; })
         .observe(document.body, {attributes: true, attributeFilter: ["data-fresh"]}); }"""
@@ -75,18 +75,18 @@ def test_a_picture_that_still_stands_after_a_new_socket_is_not_taken_for_a_new_o
     station.wait_frames(5)
     assert page.evaluate("() => window.fresh") == 0
     station.script.ticks = True
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
 
 
 def test_it_comes_back_by_itself(page: "Page", station: FakeStation) -> None:
     _shut(station)
-    page.wait_for_selector("#stale:not([hidden])")
+    there(page, "#stale:not([hidden])")
     station.wait_frames(30)
     station.script.accepts = True
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
     gone(page, "#stale")
     shows(page, "#mode", "ARMED")
-    page.wait_for_selector("#plots[data-live=true]")
+    there(page, "#plots[data-live=true]")
     assert station.sockets == 2
 
 
@@ -95,7 +95,7 @@ def test_a_socket_that_says_nothing_is_given_up(page: "Page", station: FakeStati
     station.script.sends = False
     station.wait(lambda: station.sockets == 2)
     station.script.sends = True
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
 
 
 def test_each_try_waits_longer(page: "Page", station: FakeStation) -> None:
@@ -107,16 +107,16 @@ def test_each_try_waits_longer(page: "Page", station: FakeStation) -> None:
     page.wait_for_function("() => window.waits.length >= 7")
     assert page.evaluate("() => window.waits.slice(0, 7)") == [250, 500, 1000, 2000, 4000, 5000, 5000]
     station.script.accepts = True
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
     _shut(station)
     page.wait_for_function("() => window.waits.at(-1) === 250 || window.waits.at(-2) === 250")
 
 
 def test_a_station_that_began_anew_is_believed(page: "Page", station: FakeStation) -> None:
     """Its clock may stand before the old one's."""
-    page.wait_for_selector("#plots[data-newest]")
+    there(page, "#plots[data-newest]")
     station._time_s = 5.0
     station.cut()
     station.wait(lambda: station.sockets == 2)
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
     page.wait_for_function("() => Number(document.querySelector('#plots').dataset.newest) < 100")

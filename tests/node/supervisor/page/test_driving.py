@@ -8,7 +8,7 @@ import pytest
 
 from node.supervisor.views import Act
 from tests.node.supervisor.page.fake_station import FakeStation
-from tests.node.supervisor.page.looking import shows
+from tests.node.supervisor.page.looking import shows, there
 from tests.node.supervisor.page.told import armed, lost
 
 if TYPE_CHECKING:
@@ -69,8 +69,7 @@ def test_keys_drive_within_the_limit_of_the_slider(
     """The slider stands at 30 %, the station allows 1 m/s and 2 rad/s."""
     for key in keys:
         page.keyboard.down(key)
-    station.wait(lambda: station.drives)
-    station.wait_frames(3)
+    station.wait_drives(3)
     assert station.drives[-1].linear == pytest.approx(linear)
     assert station.drives[-1].angular == pytest.approx(angular)
 
@@ -135,7 +134,7 @@ def test_a_broken_socket_ends_the_hold_and_it_does_not_come_back_by_itself(page:
     _driving(page, station)
     station.cut()
     station.wait(lambda: station.sockets == 2)
-    page.wait_for_selector("body[data-fresh=true]")
+    there(page, "body[data-fresh=true]")
     count = len(station.drives)
     station.wait_frames(10)
     assert len(station.drives) == count, "the key is still held, but it must be pressed anew"
@@ -237,7 +236,7 @@ def test_the_joystick_drives_as_far_as_it_leans(
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + lean[0] * reach, y - lean[1] * reach)
-    station.wait_frames(4)
+    station.wait_drives(3)
     assert station.drives[-1].linear == pytest.approx(linear, abs=0.005)
     assert station.drives[-1].angular == pytest.approx(angular, abs=0.01)
 

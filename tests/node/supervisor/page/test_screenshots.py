@@ -8,6 +8,7 @@ import pytest
 
 from node.supervisor.views import EventView, SequenceView
 from tests.node.supervisor.page.fake_station import FakeStation
+from tests.node.supervisor.page.looking import there
 from tests.node.supervisor.page.told import CHECKS, armed, lost
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def test_the_main_states_fit_the_screen(
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
     tab = context.new_page()
     tab.goto(station.url)
-    tab.wait_for_selector("body[data-fresh=true]")
+    there(tab, "body[data-fresh=true]")
     for name, state in STATES.items():
         station.robot("/alice", **armed())
         if name == "armed":
@@ -88,6 +89,6 @@ def test_the_main_states_fit_the_screen(
         assert stop is not None
         assert stop["y"] + stop["height"] <= height, "STOP is out of sight"
     station.script.sends = False
-    tab.wait_for_selector("#stale:not([hidden])")
+    there(tab, "#stale:not([hidden])")
     tab.screenshot(path=pictures / f"no-station-{size}-{theme}.png")
     context.close()

@@ -31,6 +31,13 @@ def test_nothing_comes_from_another_machine(path: Path) -> None:
     assert re.findall(r"https?://|@import|//cdn|url\(", text) == []
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.name)
+def test_nothing_is_kept_in_the_browser(path: Path) -> None:
+    """Who comes next at this screen finds nothing of who was before; and so do tests that share a tab."""
+    kept = r"localStorage|sessionStorage|indexedDB|document\.cookie|\bcaches\b|serviceWorker|navigator\.storage"
+    assert re.findall(kept, path.read_text(encoding="utf-8")) == []
+
+
 def test_the_page_holds_no_inline_script_or_style() -> None:
     html = (PAGE / "index.html").read_text(encoding="utf-8")
     assert re.findall(r"<style|\sstyle=|\son\w+=|javascript:|<script(?![^>]* src=)", html) == []

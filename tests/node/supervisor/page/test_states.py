@@ -6,7 +6,7 @@ import pytest
 
 from node.supervisor.views import EventView, SequenceView
 from tests.node.supervisor.page.fake_station import FakeStation
-from tests.node.supervisor.page.looking import gone, shows, tells
+from tests.node.supervisor.page.looking import gone, shows, tells, there
 from tests.node.supervisor.page.told import CHECKS, armed, lost
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def test_the_modes_have_colours_of_their_own(page: "Page", station: FakeStation)
     colours = set()
     for mode in ("DISARMED", "ARMED", "HOLD", "FAULT"):
         station.robot(mode=mode)
-        page.wait_for_selector(f"#mode-box[data-mode={mode.lower()}]")
+        there(page, f"#mode-box[data-mode={mode.lower()}]")
         colours.add(page.eval_on_selector("#mode-box", "element => getComputedStyle(element).backgroundColor"))
     station.robot(**lost())
     shows(page, "#mode", "LOST")
@@ -90,7 +90,7 @@ def test_a_lost_robot_says_so_with_a_growing_age_and_no_figures(page: "Page", st
 
 
 def test_plots_of_a_lost_robot_stand_still_and_are_grey(page: "Page", station: FakeStation) -> None:
-    page.wait_for_selector("#plots[data-newest] canvas")
+    there(page, "#plots[data-newest] canvas")
     station.robot(**lost())
     shows(page, "#plots-state", "stopped")
     station.wait_frames(4)
@@ -101,7 +101,7 @@ def test_plots_of_a_lost_robot_stand_still_and_are_grey(page: "Page", station: F
 
 
 def test_plots_follow_the_pictures(page: "Page", station: FakeStation) -> None:
-    page.wait_for_selector("#plots[data-newest]")
+    there(page, "#plots[data-newest]")
     newest = float(page.get_attribute("#plots", "data-newest") or "nan")
     page.wait_for_function("old => Number(document.querySelector('#plots').dataset.newest) > old + 1", arg=newest)
     assert page.locator("#plots figure:visible").count() == 3

@@ -7,7 +7,7 @@ import pytest
 
 from node.supervisor.views import Act, Command
 from tests.node.supervisor.page.fake_station import FakeStation
-from tests.node.supervisor.page.looking import gone, shows
+from tests.node.supervisor.page.looking import gone, shows, there
 from tests.node.supervisor.page.told import armed
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def test_a_stop_that_failed_says_why(page: "Page", station: FakeStation) -> None
 def test_a_stop_without_a_connection_is_told_and_sent_when_there_is_one(page: "Page", station: FakeStation) -> None:
     station.script.accepts = False
     station.cut()
-    page.wait_for_selector("body[data-fresh=false]")
+    there(page, "body[data-fresh=false]")
     page.keyboard.press("Escape")
     shows(page, "#stop-state", "Stop not sent: no connection")
     station.script.accepts = True

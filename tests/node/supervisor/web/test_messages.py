@@ -109,6 +109,7 @@ def _holds(message: str) -> None:
         assert abs(decoded.angular) <= 2.0
 
 
+@pytest.mark.timeout(600)  # so many examples take minutes where much else runs
 @settings(max_examples=10_000)
 @given(FIELDS.map(json.dumps) | st.text(max_size=200) | JSON.map(json.dumps))
 def test_nothing_gets_through_that_should_not(message: str) -> None:
