@@ -1,6 +1,7 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
 # make page    of these, the base station's page in a browser, with a report of its screenshots
+# make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
@@ -8,7 +9,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: run test lint page prove coverage bench clean
+.PHONY: run test lint page boot prove coverage bench clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -16,8 +17,8 @@ run: $(READY)
 # Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS comes by itself:
 # robots in real time, with less beside them. firmware_io knows no ROS (tests/test_architecture.py).
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m 'not proof and not ros' -n 3 --dist loadfile
-	$(VENV)/bin/python -m pytest -m 'ros and not proof' -n 2 --dist loadfile --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros' -n 3 --dist loadfile
+	$(VENV)/bin/python -m pytest -m 'ros and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
 
 lint: $(READY)
 	$(VENV)/bin/ruff check
@@ -27,6 +28,10 @@ lint: $(READY)
 page: $(READY)
 	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 2 --dist loadfile tests/node/supervisor
 	$(VENV)/bin/python tests/node/supervisor/album.py out/page
+
+# The image, built and booted: what takes minutes is in it too.
+boot: $(READY)
+	$(VENV)/bin/python -m pytest -m image -s tests/deploy
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from deploy.image import commands as image_commands
 from hil.kernels import qemu, uml
 from node.ros.runtime import missing_packages
 
@@ -33,10 +34,18 @@ def missing_mujoco() -> str | None:
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
+    "image": (
+        lambda: image_commands.missing() or uml.available(),
+        "sudo apt-get install mmdebstrap e2fsprogs uidmap user-mode-linux",
+    ),
     "kernel": (uml.available, "sudo apt-get install user-mode-linux"),
     "rt_kernel": (
         qemu.available,
         "sudo apt-get install --no-install-recommends qemu-system-x86 linux-image-rt-amd64 busybox-static",
+    ),
+    "systemd": (
+        lambda: None if shutil.which("systemd-analyze") else "no systemd-analyze",
+        "sudo apt-get install systemd",
     ),
     "mujoco": (missing_mujoco, "pip install mujoco"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),

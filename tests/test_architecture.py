@@ -57,8 +57,14 @@ RULES = {
         ("hil",), ("node.safety", "node.ros", "node.cli", "node.case_study")
     ),
     "the node runs without the rig": Rule(
-        ("node",), ("hil",), but_not_in=("node.cli", "node.campaign", "node.case_study", "node.drill", "node.play")
+        ("node",),
+        ("hil",),
+        but_not_in=("node.cli", "node.campaign", "node.case_study", "node.drill", "node.play", "node.study"),
     ),
+    "only the command line knows deployment": Rule(
+        ("firmware_io", "node", "hil"), ("deploy",), but_not_in=("node.cli",)
+    ),
+    "deployment knows no rig and no command line": Rule(("deploy",), ("hil", "node.cli")),
     "nothing imports tests": Rule(PACKAGES, ("tests", "conftest", "pytest", "hypothesis", "cantools")),
 }
 

@@ -88,7 +88,7 @@ class Guard:
         with contextlib.suppress(LinkLostError):
             self._voice.receive()  # nobody needs it, but a link that is lost comes back only where it is read
         try:
-            frames = [frame for _ in range(_DRAINS) for frame in self._ears.receive()]
+            frames = self._drain()
         except LinkLostError as error:
             if not self._is_deaf:
                 _logger.warning("%s: nothing is guarded until it is back", error)
@@ -97,6 +97,16 @@ class Guard:
         if self._is_deaf:
             _logger.warning("%s is back, and guarded", self._ears.description)
             self._is_deaf = False
+        return frames
+
+    def _drain(self) -> list[Frame]:
+        """What has arrived, and no more looks than it takes to see that nothing is left."""
+        frames: list[Frame] = []
+        for _ in range(_DRAINS):
+            found = self._ears.receive()
+            if not found:
+                break
+            frames += found
         return frames
 
     def _tell(self) -> None:

@@ -1,7 +1,8 @@
 """segway-ecc: the command line. Data on standard output, messages on standard error.
 
 Exit codes: 0 done; 1 another error of ours; 2 arguments, robot file or sequence file; 3 model; 4 hardware; 5 ROS 2
-missing; 6 nobody listens; 7 robot lost; 8 simulation; 9 log; 130 Ctrl-C.
+missing; 6 nobody listens; 7 robot lost; 8 simulation; 9 log; 10 a robot in
+FAULT; 11 update refused; 12 version not healthy; 130 Ctrl-C.
 """
 
 import argparse
@@ -38,7 +39,11 @@ VERBS: Final = {
     "endurance": "hours of normal driving in lock step, with lost frames: nothing may trip",
     "replay": "a recorded run through the same model and safety code again: identical, or what differs first",
     "traffic": "write the raw traffic on a robot's bus as a candump log",
+    "deploy": "put a version onto a robot over ssh, take it back, or see what is there",
+    "base-station": "make this machine a base station: service, tokens, discovery, firewall",
+    "image": "build an image for the robot: a root file system and a disk, from Debian packages and this software",
     "case-study": "the thesis' tables and figures through each seat, side by side",
+    "doctor": "is this machine fit to run the robot, and how to mend what is not",
     "bench": "how fast this machine runs the loop, in lock step and in real time",
 }
 _INTERRUPTED: Final = 130

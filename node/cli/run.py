@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import dataclasses
 import logging
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -35,6 +36,8 @@ from node.ros.stage import RosStage
 from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
+from node.service import service_of
+from node.service_memory import lock_memory
 
 _LONGEST_S: Final = 1e9
 _SMALLEST_LOG_MB: Final = 1.0
@@ -78,6 +81,9 @@ def run(options: argparse.Namespace) -> int:
         stage = stack.enter_context(_stage(options, robot))
         recorder = _recorder(options, robot)
         loop = robot.loop(stage, recorder)
+        loop.service = service_of(os.environ, robot.period_ns)
+        if loop.service.is_one:
+            lock_memory()
         with stopped_by_signals(loop.stop), real_time():
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)

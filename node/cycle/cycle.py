@@ -1,7 +1,6 @@
 """One cycle of the robot: exchange, ROS stage, decide, equations, limit."""
 
 import math
-import os
 import traceback
 from collections import deque
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.clock import Clock
+from node.cycle.real_time import is_real_time
 from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.supervision import Supervision
@@ -258,7 +258,7 @@ class Cycle:
     def _checklist(self) -> Sequence[Item]:
         """Go through the checklist with the newest snapshot."""
         sensors = self.sensors
-        items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=_has_real_time())
+        items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=is_real_time())
         if not self.hardware.commands:  # a robot that is all model has no drives to ask
             return items
         reasons = self.hardware.obstacles()
@@ -296,10 +296,6 @@ class Cycle:
 def _drives(sensors: Sensors) -> str:
     """What the drives do, as the topic `mode` tells it; off is only what each of them says itself."""
     return "on" if sensors.ready else "off" if sensors.off else "unconfirmed"
-
-
-def _has_real_time() -> bool:
-    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _model_failed(error: Exception, when: str) -> ModelFailedError:

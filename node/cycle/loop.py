@@ -16,6 +16,7 @@ from node.cycle.seams import Recorder, Stage
 from node.cycle.status import Status
 from node.cycle.timing import Histogram, Summary
 from node.safety.modes import Modes
+from node.service import NotifySocket, Service
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
@@ -62,6 +63,7 @@ class Loop:
         counters: How the deadlines were met.
         lateness: How long after its deadline each cycle started.
         stop_reason: Why the loop ended, once it has.
+        service: Who is told that the loop runs and lives; at first nobody.
     """
 
     def __init__(  # noqa: PLR0913 - what the loop joins
@@ -71,6 +73,7 @@ class Loop:
         self.counters = LoopCounters()
         self.lateness = Histogram()
         self.stop_reason: str | None = None
+        self.service = Service(NotifySocket(""), period_ns)
         self._cycle = cycle
         self._clock = clock
         self._stage = stage
@@ -121,6 +124,7 @@ class Loop:
             self._cycle.start()
             _logger.info("%s runs at %g Hz", self._what(), NS_PER_S / self._period_ns)
             exits.callback(self._cycle.terminate)
+            exits.callback(self.service.stopping)
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
                 self._run(cycles)
@@ -154,6 +158,7 @@ class Loop:
                 self.stop("the model asked to stop")
             deadline_ns += period_ns
             deadline_ns += self._lost_ns(deadline_ns)
+            self.service.look(lateness_ns, counters.skipped)
             self._use_slack(deadline_ns)
 
     def _wall_at(self, deadline_ns: int) -> tuple[int, int]:
@@ -211,6 +216,7 @@ class Loop:
             return collected
         if self._diagnostics.work():
             stamp_ns = self._cycle.time_base.stamp_ns(self.counters.cycles)
+            self.service.report(self._diagnostics.statuses, self.counters)
             self._stage.publish_diagnostics(stamp_ns, self._diagnostics.statuses)
             self._recorder.write_diagnostics(stamp_ns, self._diagnostics.statuses)
         return True

@@ -101,6 +101,7 @@ def main() -> int:
     """Run as a process; the signals that end the loop leave it to finish the log."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGABRT, signal.SIG_IGN)  # how a service manager's watchdog ends all of a service
     _wake_when_the_node_is_gone()
     try:
         write_log(sys.stdin.fileno(), int(sys.argv[1]))

@@ -80,7 +80,11 @@ def test_help_names_every_verb(segway_ecc: Run) -> None:
         "endurance",
         "replay",
         "traffic",
+        "deploy",
+        "base-station",
+        "image",
         "case-study",
+        "doctor",
         "bench",
     ]
 

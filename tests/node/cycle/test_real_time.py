@@ -43,3 +43,13 @@ def test_what_is_not_permitted_is_told_with_its_effect(monkeypatch: pytest.Monke
             "no real-time priority (Operation not permitted): other programs can make cycles late; "
             "run as root, or raise the limit: ulimit -r"
         )
+
+
+@pytest.mark.parametrize("policy", [os.SCHED_FIFO, os.SCHED_RR, REAL_TIME])
+def test_what_a_service_was_given_is_kept(
+    asked: list[tuple[int, int, int]], monkeypatch: pytest.MonkeyPatch, policy: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: policy)
+    with real_time_priority(42) as refusal:
+        assert refusal is None
+    assert asked == []

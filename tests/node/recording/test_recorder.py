@@ -107,6 +107,24 @@ def test_closing_a_sound_recorder_warns_of_nothing(
     assert caplog.records == []
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGABRT])
+def test_what_ends_the_loop_leaves_the_writer_to_finish_the_log(
+    recorder: ProcessRecorder,
+    path: Path,
+    record: Callable[[int], CycleRecord],
+    number: int,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    recorder.write(record(0))
+    wait_for(lambda: bool(salvaged(path)))
+    recorder._process.send_signal(number)
+    recorder.write(record(1))
+    recorder.close()
+
+    assert recorder._process.returncode == 0
+    assert caplog.records == []
+
+
 def test_a_killed_writer_costs_only_its_cycles(
     recorder: ProcessRecorder,
     path: Path,

@@ -1,0 +1,1 @@
+"""A machine as a base station: its service, tokens, discovery settings and firewall."""

@@ -1,0 +1,61 @@
+"""All checks, one after another; none can end the others."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+from deploy.doctor.board import check_board
+from deploy.doctor.can import check_can
+from deploy.doctor.clocks import check_clock
+from deploy.doctor.disk import check_disk
+from deploy.doctor.drives import check_drives
+from deploy.doctor.finding import Finding, bad
+from deploy.doctor.kernel import check_kernel
+from deploy.doctor.privileges import check_privileges
+from deploy.doctor.python import check_python
+from deploy.doctor.ros import check_ros
+from deploy.doctor.serial import check_serial
+from deploy.doctor.services import check_services
+from deploy.doctor.system import Job, Machine
+from deploy.doctor.timing import check_timing
+
+Check = Callable[[Machine, Job], Iterable[Finding]]
+
+CHECKS: Final[Mapping[str, Check]] = {
+    "kernel": check_kernel,
+    "can": check_can,
+    "serial": check_serial,
+    "drives": check_drives,
+    "privileges": check_privileges,
+    "timing": check_timing,
+    "board": check_board,
+    "disk": check_disk,
+    "python": check_python,
+    "ros": check_ros,
+    "clock": check_clock,
+    "services": check_services,
+}
+
+
+def examine(machine: Machine, job: Job, checks: Mapping[str, Check] = CHECKS) -> list[Finding]:
+    """Everything that the checks find, in their order."""
+    return [finding for name, check in checks.items() for finding in _survived(name, check, machine, job)]
+
+
+def _survived(name: str, check: Check, machine: Machine, job: Job) -> list[Finding]:
+    """What a check finds; where it breaks, what it had found until then and that it broke."""
+    findings: list[Finding] = []
+    try:
+        for finding in check(machine, job):
+            findings.append(finding)  # noqa: PERF402 - what came before it broke is kept
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other checks are still worth having
+        findings.append(_broken(name, error))
+    return findings
+
+
+def _broken(name: str, error: Exception) -> Finding:
+    return bad(
+        f"check of {name}",
+        f"broke off: {type(error).__name__}: {error}",
+        "what it did not get to is not known, and what is not known is not fit",
+        "report it with: segway-ecc support-bundle",
+    )

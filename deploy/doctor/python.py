@@ -1,0 +1,19 @@
+"""The Python that runs the loop."""
+
+from collections.abc import Iterator
+
+from deploy.doctor.finding import Finding, good, warning
+from deploy.doctor.system import Job, Machine
+
+
+def check_python(machine: Machine, _job: Job) -> Iterator[Finding]:
+    """Version, and whether it was built for debugging."""
+    if machine.is_debug_python:
+        yield warning(
+            "Python",
+            f"{machine.python}, a debug build",
+            "each cycle takes several times as long",
+            "make the virtual environment with the distribution's python3: python3 -m venv FOLDER",
+        )
+    else:
+        yield good("Python", machine.python)

@@ -1,0 +1,42 @@
+"""The serial line that the robot falls back on."""
+
+import errno
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from deploy.doctor.finding import Finding, bad, good, warning
+from deploy.doctor.system import Job, Machine
+from firmware_io.build import serial_of
+from firmware_io.links.serial_port import cure
+
+_NUMBERED_AS_FOUND: Final = re.compile(r"/dev/tty(USB|ACM)\d+")
+_TAKEN: Final = (errno.EAGAIN, errno.EBUSY)
+
+
+def check_serial(machine: Machine, job: Job) -> Iterator[Finding]:
+    """Whether the port of the robot file is there, opens, and will have the same name tomorrow."""
+    settings = None if job.hardware is None else serial_of(job.hardware)
+    if settings is None:
+        yield good("serial line", "none is asked for")
+        return
+    title = f"serial {settings.port}"
+    try:
+        machine.probes.open_port(settings)
+    except OSError as error:
+        found = f"does not open: {error.strerror or error}"
+        if error.errno in _TAKEN:
+            effect = "as it should be while the robot runs; else the robot cannot open it"
+            yield warning(title, found, effect, cure(settings, error))
+        else:
+            effect = "when the bus is lost there is nothing to fall back on"
+            yield bad(title, found, effect, cure(settings, error))
+    else:
+        yield good(title, "opens")
+    if _NUMBERED_AS_FOUND.fullmatch(settings.port):
+        yield warning(
+            f"{title} name",
+            "numbered in the order in which adapters are found",
+            "with a second adapter, or after it was unplugged, the name may be another one's",
+            "write a name that stays: /dev/segway-serial (udev rule), or one of: ls -l /dev/serial/by-id",
+        )

@@ -1,0 +1,72 @@
+"""The services that systemd starts, and what their units allow them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from deploy.doctor.finding import Finding, bad, good, warning
+from deploy.doctor.system import Job, Machine, NoAnswerError
+
+NODE: Final = "segway-ecc-node.service"
+_UNITS: Final = {
+    NODE: "the robot does not start at boot, and is not started again when it dies",
+    "segway-ecc-guard.service": "when the node dies, the drives' own watchdogs alone switch the motors off",
+}
+_OPTIONAL: Final = ("segway-ecc-archive.service", "segway-ecc-station.service", "segway-ecc.target")
+_ASKED: Final = ("UnitFileState", "ActiveState", "SubState", "NRestarts")
+_AT_BOOT: Final = {"enabled", "enabled-runtime", "static", "alias", "indirect", "generated", "linked"}
+
+
+def has_systemd(machine: Machine) -> bool:
+    """Whether systemd runs here (sd_booted(3))."""
+    return machine.path("/run/systemd/system").is_dir()
+
+
+def properties(machine: Machine, unit: str, names: Sequence[str]) -> Mapping[str, str]:
+    """Properties of a unit; empty where there is no systemd, or it does not know the unit."""
+    if not has_systemd(machine):
+        return {}
+    try:
+        text = machine.answer(["systemctl", "show", f"--property={','.join(['LoadState', *names])}", unit])
+    except NoAnswerError:
+        return {}
+    found = dict(line.partition("=")[::2] for line in text.splitlines())
+    return found if found.get("LoadState") == "loaded" else {}
+
+
+def check_services(machine: Machine, _job: Job) -> Iterator[Finding]:
+    """Whether our units are there, start at boot, and run."""
+    if not has_systemd(machine):
+        yield warning(
+            "services",
+            "no systemd runs here",
+            "the robot starts only when somebody starts it",
+            "start it from the machine's own init: segway-ecc run ROBOT; or boot a system with systemd",
+        )
+        return
+    for unit, effect in _UNITS.items():
+        state = properties(machine, unit, _ASKED)
+        if state:
+            yield _unit(unit, state)
+        else:
+            yield warning(unit, "not installed", effect, "from your machine: segway-ecc deploy push HOST")
+    for unit in _OPTIONAL:
+        state = properties(machine, unit, _ASKED)
+        if state:
+            yield _unit(unit, state)
+
+
+def _unit(unit: str, state: Mapping[str, str]) -> Finding:
+    at_boot, active = state.get("UnitFileState", ""), state.get("ActiveState", "")
+    found = f"{at_boot or 'no unit file state'}, {active} ({state.get('SubState', '')})"
+    look = f"journalctl --boot --unit {unit}"
+    if active == "failed":
+        effect = "it does not run, and nobody starts it again"
+        return bad(unit, found, effect, f"{look}; then: sudo systemctl restart {unit}")
+    if active == "activating" and state.get("NRestarts", "0") != "0":
+        return bad(unit, f"{found}, restarted {state['NRestarts']} times", "it dies as it starts", look)
+    if at_boot not in _AT_BOOT:
+        unmask = f"sudo systemctl unmask {unit}; " if at_boot.startswith("masked") else ""
+        return warning(unit, found, "it does not start at boot", f"{unmask}sudo systemctl enable --now {unit}")
+    if active != "active":
+        return warning(unit, found, "it does not run now", f"sudo systemctl start {unit}")
+    return good(unit, found)

@@ -1,0 +1,1 @@
+"""Images for the robot: a root file system from Debian packages and our release, and disks made of it."""

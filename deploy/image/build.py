@@ -1,0 +1,142 @@
+"""From a recipe to an image: a folder, a manifest, file systems, and a disk."""
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from deploy.image import disk, manifest, release, tree
+from deploy.image.base import base_archive, cache_folder
+from deploy.image.commands import ImageError, inside, missing
+from deploy.image.recipe import Recipe
+
+_DATA_MIB: Final = 512
+_LEAST_FREE_MIB: Final = 4096
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """Where an image lies.
+
+    Attributes:
+        root: The root file system as a folder.
+        manifest: What it was made of.
+        root_file_system: The root file system as a file.
+        data_file_system: An empty data partition.
+    """
+
+    root: Path
+    manifest: Path
+    root_file_system: Path
+    data_file_system: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What is wanted besides the recipe.
+
+    Attributes:
+        config: The configuration folder to begin with.
+        wheel: Our wheel; None for that of this checkout.
+        uml: Whether the modules of user-mode Linux go in.
+        with_disk: Whether a disk is made.
+    """
+
+    config: Path | None = None
+    wheel: Path | None = None
+    uml: bool = False
+    with_disk: bool = False
+
+
+def build(recipe: Recipe, folder: Path, wishes: Wishes, tell: Tell) -> Image:
+    """Build an image into a folder; what was there of an older one is replaced.
+
+    Raises:
+        ImageError: Something it takes is missing, or failed.
+    """
+    lacking = missing()
+    if lacking is not None:
+        raise ImageError(lacking)
+    folder.mkdir(parents=True, exist_ok=True)
+    if disk.free_mib(folder) < _LEAST_FREE_MIB:
+        raise ImageError(f"{folder} has less than {_LEAST_FREE_MIB} MiB free")
+    image = image_in(folder)
+    shutil.rmtree(image.root, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-image-") as work:
+        wheel = wishes.wheel or release.build_wheel(Path(work), recipe.epoch)
+        wheels = _assemble(recipe, image, wheel, wishes, tell)
+    tell("manifest")
+    manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), wheels, image.root)
+    tell("file systems")
+    disk.root_file_system(image.root, image.root_file_system, recipe.epoch)
+    disk.data_file_system(image.data_file_system, _DATA_MIB, recipe.epoch)
+    if wishes.with_disk:
+        _disk(image, folder, recipe.epoch)
+    return image
+
+
+def image_in(folder: Path) -> Image:
+    """The image that lies in a folder."""
+    return Image(folder / "root", folder / manifest.NAME, folder / "root.ext4", folder / "data.ext4")
+
+
+def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: Tell) -> dict[str, str]:
+    version = wheel.name.split("-")[1]
+    tell("Debian packages")
+    base = base_archive(recipe)
+    tell("Python packages")
+    python = _python_of(base)
+    others = release.collect_wheels(wheel, recipe, python)
+    tree.unpack(_platform(base, version, others), image.root)
+    tell("our release and its services")
+    ours = [wheel, *(path for path in others if path.name.startswith("pip-"))]
+    release.install_wheels(image.root, version, ours)
+    release.compile_release(image.root, version)
+    release.complete_release(image.root, version, recipe.epoch)
+    tree.furnish(image.root, recipe, wishes.config)
+    if wishes.uml:
+        tree.uml_modules(image.root)
+    tree.finish(image.root, recipe.epoch)
+    return release.hashes_of([wheel, *others])
+
+
+def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
+    """The archive with all that our wheel needs, kept: it changes with the dependencies only."""
+    parts = [base.name, version, *(f"{name} {digest}" for name, digest in release.hashes_of(wheels).items())]
+    digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    archive = cache_folder() / f"platform-{digest}.tar"
+    if not archive.exists():
+        with tempfile.TemporaryDirectory(prefix="platform-", dir=cache_folder()) as work:
+            root = Path(work) / "root"
+            tree.unpack(base, root)
+            release.install_wheels(root, version, wheels)
+            release.compile_release(root, version)
+            tree.pack(root, archive)
+    return archive
+
+
+def _python_of(base: Path) -> str:
+    """The version of the image's Python, such as 3.11; its packages say."""
+    kept = base.with_suffix(".python")
+    if not kept.exists():
+        with tempfile.TemporaryDirectory(prefix="base-", dir=cache_folder()) as work:
+            root = Path(work) / "root"
+            tree.unpack(base, root)
+            said = inside(root, ["python3", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"])
+        kept.write_text(said.strip(), "ascii")
+    return kept.read_text("ascii")
+
+
+def _disk(image: Image, folder: Path, epoch: int) -> None:
+    config = folder / "config.ext4"
+    disk.config_file_system(image.root / "config", config, epoch)
+    disk.disk(folder / "disk.img", [image.root_file_system, image.data_file_system, config])
+    config.unlink()
+    for name in ("vmlinuz", "initrd.img"):
+        found = sorted((image.root / "boot").glob(f"{name}-*"))
+        if found:
+            shutil.copyfile(found[-1], folder / name)

@@ -1,0 +1,109 @@
+"""Our release in the image: wheels, installed in a virtual environment of its own."""
+
+import dataclasses
+import datetime as dt
+import os
+import shutil
+import sys
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import deploy
+from deploy.image.base import cache_folder
+from deploy.image.commands import ImageError, inside, run
+from deploy.image.recipe import Recipe
+from deploy.release.agent.files import sha256_of
+from deploy.release.agent.manifest import HEALTHY, Manifest, entries_of
+
+OPT: Final = "opt/segway-ecc"
+_CHECKOUT: Final = Path(deploy.__file__).parents[1]
+
+
+def build_wheel(folder: Path, epoch: int) -> Path:
+    """Our wheel from the checkout that this runs from.
+
+    Raises:
+        ImageError: It does not run from one, or pip fails.
+    """
+    if not (_CHECKOUT / "pyproject.toml").exists():
+        raise ImageError("this segway-ecc is installed and no checkout: give the wheel with --wheel FILE")
+    _pip(["wheel", "--no-deps", "--wheel-dir", str(folder), str(_CHECKOUT)], epoch)
+    return next(folder.glob("segway_ecc-*.whl"))
+
+
+def collect_wheels(wheel: Path, recipe: Recipe, python: str) -> list[Path]:
+    """What our wheel needs with the recipe's extras, from the cache or the index.
+
+    Raises:
+        ImageError: Something is not to be had, or this Python is not of the version of the image's.
+    """
+    ours = f"{sys.version_info.major}.{sys.version_info.minor}"
+    if python != ours:
+        raise ImageError(f"the image's Python is {python} and this one is {ours}: run the builder with Python {python}")
+    folder = cache_folder() / f"wheels-{python}-{'-'.join(sorted(recipe.extras)) or 'plain'}"
+    kept = folder / ".requirements"
+    wanted = _requirements(wheel, recipe.extras)
+    if not kept.exists() or kept.read_text("utf-8") != wanted:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        extras = f"[{','.join(sorted(recipe.extras))}]" if recipe.extras else ""
+        _pip(["wheel", "--wheel-dir", str(folder), f"{wheel.resolve()}{extras}", "pip"], recipe.epoch)
+        for own in folder.glob("segway_ecc-*.whl"):
+            own.unlink()
+        kept.write_text(wanted, "utf-8")
+    return sorted(folder.glob("*.whl"))
+
+
+def install_wheels(root: Path, version: str, wheels: Sequence[Path]) -> None:
+    """Make the release's virtual environment, with these wheels in it, with the image's own Python."""
+    place = root / OPT / "releases" / version
+    held = root / "tmp" / "wheels"
+    if not (place / "venv").exists():
+        inside(root, ["python3", "-I", "-m", "venv", "--without-pip", f"/{OPT}/releases/{version}/venv"])
+    held.mkdir(parents=True)
+    for wheel in wheels:
+        shutil.copyfile(wheel, held / wheel.name)
+    pip = next(path for path in held.glob("pip-*.whl"))
+    names = [f"/tmp/wheels/{path.name}" for path in wheels]  # noqa: S108 - in the image, where nobody else is
+    words = ["install", "--no-index", "--no-deps", "--no-compile", "--quiet", "--root-user-action=ignore", *names]
+    inside(root, [f"/{OPT}/releases/{version}/venv/bin/python", "-I", f"/tmp/wheels/{pip.name}/pip", *words])  # noqa: S108
+    shutil.rmtree(held)
+
+
+def compile_release(root: Path, version: str) -> None:
+    """Compile its Python: nothing can be compiled later, and a start takes twice as long without."""
+    words = ["-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", f"/{OPT}/releases/{version}"]
+    inside(root, ["python3", *words], env={"PYTHONHASHSEED": "0"})
+
+
+def complete_release(root: Path, version: str, epoch: int) -> None:
+    """Write the release's manifest, and make it the one in use."""
+    folder = root / OPT / "releases" / version
+    created = dt.datetime.fromtimestamp(epoch, dt.UTC).isoformat()
+    manifest = Manifest(version, version, created, "image", entries_of(folder))
+    dataclasses.replace(manifest, state=HEALTHY).write(folder)
+    link = root / OPT / "current"
+    link.unlink(missing_ok=True)
+    link.symlink_to(f"releases/{version}")
+
+
+def hashes_of(wheels: Sequence[Path]) -> dict[str, str]:
+    """The SHA-256 of each wheel by its file name."""
+    return {path.name: sha256_of(path) for path in sorted(wheels, key=lambda path: path.name)}
+
+
+def _requirements(wheel: Path, extras: Sequence[str]) -> str:
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        lines = archive.read(name).decode().splitlines()
+    return "\n".join([*sorted(extras), *(line for line in lines if line.startswith("Requires-Dist:"))])
+
+
+def _pip(words: Sequence[str], epoch: int) -> None:
+    env = {key: value for key, value in os.environ.items() if key.startswith(("PIP_", "HTTP", "http"))}
+    run(
+        [sys.executable, "-m", "pip", *words, "--quiet", "--disable-pip-version-check"],
+        env={**env, "SOURCE_DATE_EPOCH": str(epoch), "PATH": os.environ.get("PATH", "")},
+    )

@@ -1,0 +1,1 @@
+"""Puts a version onto a robot over ssh, and takes the robot back where that version is not healthy."""

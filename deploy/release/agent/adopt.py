@@ -1,0 +1,51 @@
+"""The robot file becomes part of the release: `robot.yaml` of the configuration leads to that of the release in use."""
+
+import os
+import shutil
+from pathlib import Path
+from typing import Final
+
+from deploy.release.agent.files import link_whole, sync_folder
+from deploy.release.agent.install import ROBOT_FILE
+from deploy.release.agent.store import Store
+
+BACKUP: Final = "robot.yaml.before-deploy"
+
+
+def is_adopted(store: Store, config: Path) -> bool:
+    """Whether the robot file in use comes with the release."""
+    link = config / "robot.yaml"
+    return link.is_symlink() and str(link.readlink()) == str(store.root / "current" / ROBOT_FILE)
+
+
+def adopt(store: Store, config: Path, name: str) -> None:
+    """Lead the configuration to the releases' robot files, if this release brings one.
+
+    What was there is kept beside it, and given to releases that have none, so that a rollback finds it; for those in
+    use nothing changes.
+    """
+    machine = config / "robot.yaml"
+    brings_one = (store.folder(name) / ROBOT_FILE).exists()
+    if not brings_one and not is_adopted(store, config):
+        return
+    if not is_adopted(store, config):
+        config.mkdir(parents=True, exist_ok=True)
+        if machine.exists():
+            shutil.copyfile(machine, config / BACKUP)
+    if (config / BACKUP).exists():
+        _give(store, config / BACKUP)
+    if not is_adopted(store, config):
+        link_whole(machine, str(store.root / "current" / ROBOT_FILE))
+
+
+def _give(store: Store, backup: Path) -> None:
+    for manifest in store.complete():
+        place = store.folder(manifest.name) / ROBOT_FILE
+        if not place.exists():
+            place.parent.mkdir(exist_ok=True)
+            new = place.with_name(".robot.yaml.new")
+            shutil.copyfile(backup, new)
+            with new.open("rb") as file:
+                os.fsync(file.fileno())
+            new.replace(place)
+            sync_folder(place.parent)

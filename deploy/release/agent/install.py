@@ -1,0 +1,230 @@
+"""A release received, verified, and installed into its own virtual environment; nothing that runs is touched."""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from deploy.release.agent.files import RefusedError, is_safe, sha256_of, sync_folder
+from deploy.release.agent.journal import stamp
+from deploy.release.agent.manifest import FAILED, HEALTHY, NAME, Entry, Manifest, entries_of
+from deploy.release.agent.report import Reporter
+from deploy.release.agent.store import Store
+
+ROBOT_FILE: Final = "robot/robot.yaml"
+_GROWTH: Final = 4
+"""How much larger wheels are once they are installed, together with themselves."""
+_SPARE_BYTES: Final = 64 * 2**20
+_CHUNK: Final = 2**18
+_INSTALL_S: Final = 1800.0
+_TEST_S: Final = 120.0
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is pushed.
+
+    Attributes:
+        name: Of the release.
+        version: What it has to say of itself.
+        by: Who pushes it.
+        requirement: What pip is to install: a wheel of the release, perhaps with extras.
+        system_site: Whether it sees the system's Python packages, as for the system's ROS.
+        files: All files by their paths.
+    """
+
+    name: str
+    version: str
+    by: str
+    requirement: str
+    system_site: bool
+    files: Mapping[str, Entry]
+
+
+def wanted_from(request: Mapping[str, Any]) -> Wanted:
+    """The request's release.
+
+    Raises:
+        RefusedError: A path leads elsewhere.
+    """
+    files = {str(path): Entry(str(at["sha256"]), int(at["size"])) for path, at in request["files"].items()}
+    for path in (*files, str(request["requirement"]).partition("[")[0]):
+        if not is_safe(path):
+            raise RefusedError(f"{path!r} is no path within a release")
+    fields = {key: str(request[key]) for key in ("name", "version", "by", "requirement")}
+    return Wanted(system_site=bool(request["system_site"]), files=files, **fields)
+
+
+def room_needed(wanted: Wanted) -> int:
+    """Bytes that the disk must have free."""
+    return _GROWTH * sum(entry.size for entry in wanted.files.values()) + _SPARE_BYTES
+
+
+def check_room(store: Store, wanted: Wanted) -> None:
+    """Refuse what does not fit.
+
+    Raises:
+        RefusedError: The disk has too little room.
+    """
+    state, needed = os.statvfs(store.root), room_needed(wanted)
+    free = state.f_bavail * state.f_frsize
+    if free < needed:
+        raise RefusedError(f"{store.root} has {free / 1e6:.0f} MB free and {needed / 1e6:.0f} MB are needed")
+
+
+def receive(store: Store, wanted: Wanted, stream: BinaryIO, reporter: Reporter) -> None:
+    """Take what the robot does not have yet; files that are whole are kept when the connection is cut.
+
+    Raises:
+        RefusedError: A file did not arrive as announced.
+    """
+    folder = store.incoming(wanted.name)
+    _reopen(store, wanted.name)
+    for path, entry in wanted.files.items():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if not _is_there(place, entry):
+            _borrow(store, path, entry, place)
+    missing = [path for path, entry in wanted.files.items() if not _is_there(folder / path, entry)]
+    reporter.event("need", files=missing)
+    for path in missing:
+        _take(stream, folder / path, wanted.files[path])
+    _drop_others(folder, set(wanted.files))
+    folder.rename(store.folder(wanted.name))
+    sync_folder(store.releases)
+
+
+def install(store: Store, wanted: Wanted, reporter: Reporter) -> None:
+    """Make the virtual environment, and complete the release: its manifest comes last, once all is on the disk.
+
+    Raises:
+        RefusedError: Python or pip cannot do it.
+    """
+    folder = store.folder(wanted.name)
+    reporter.step("venv")
+    options = ["--system-site-packages"] if wanted.system_site else []
+    _must([sys.executable, "-I", "-m", "venv", "--without-pip", *options, str(folder / "venv")], _INSTALL_S)
+    reporter.step("install")
+    pip = next((path for path in wanted.files if path.startswith("wheels/pip-")), None)
+    if pip is None:
+        raise RefusedError("the push brings no pip")
+    python, wheels = str(folder / "venv" / "bin" / "python"), str(folder / "wheels")
+    what = str(folder / wanted.requirement)
+    quiet = ["--no-index", "--no-cache-dir", "--disable-pip-version-check", "--quiet", "--root-user-action=ignore"]
+    _must([python, "-I", str(folder / pip / "pip"), "install", *quiet, "--find-links", wheels, what], _INSTALL_S)
+    reporter.step("complete")
+    manifest = Manifest(wanted.name, wanted.version, stamp(), wanted.by, entries_of(folder))
+    os.sync()
+    manifest.write(folder)
+
+
+def self_test(store: Store, manifest: Manifest, robot: Path) -> Manifest:
+    """Have the release say its version and load the robot file, before anything is switched.
+
+    Raises:
+        RefusedError: It does not.
+    """
+    folder = store.folder(manifest.name)
+    command = str(folder / "venv" / "bin" / "segway-ecc")
+    said = _must([command, "--version"], _TEST_S).strip()
+    if said != manifest.version:
+        raise RefusedError(f"{command} --version says {said!r}, not {manifest.version!r}")
+    found = _must([command, "deploy", "check", "--json", str(robot)], _TEST_S)
+    try:
+        rate_hz = float(json.loads(found)["rate_hz"])
+    except (ValueError, KeyError, TypeError):
+        raise RefusedError(f"{command} deploy check does not tell the robot's rate") from None
+    tested = dataclasses.replace(manifest, rate_hz=rate_hz)
+    if tested != manifest:
+        tested.write(folder)
+    return tested
+
+
+def robot_of(store: Store, name: str, config: Path) -> Path:
+    """The robot file that a release runs with: its own, else that of the machine."""
+    own = store.folder(name) / ROBOT_FILE
+    return own if own.exists() else config / "robot.yaml"
+
+
+def refuse_failed(manifest: Manifest | None, *, again: bool) -> None:
+    """Refuse what was not healthy before.
+
+    Raises:
+        RefusedError: It was not, and nobody said to try again.
+    """
+    if manifest is not None and manifest.state == FAILED and not again:
+        raise RefusedError(f"{manifest.name} failed before: {manifest.reason}; mend it, or push with --again")
+
+
+def is_settled(manifest: Manifest | None) -> bool:
+    """Whether a release was found healthy."""
+    return manifest is not None and manifest.state == HEALTHY
+
+
+def _reopen(store: Store, name: str) -> None:
+    """What an interrupted push left of the same release is used again, but for what it had installed."""
+    folder, incoming = store.folder(name), store.incoming(name)
+    if incoming.exists() and folder.exists():
+        store.remove(name)
+    elif folder.exists():
+        (folder / NAME).unlink(missing_ok=True)
+        folder.rename(incoming)
+    shutil.rmtree(incoming / "venv", ignore_errors=True)
+    incoming.mkdir(parents=True, exist_ok=True)
+
+
+def _borrow(store: Store, path: str, entry: Entry, place: Path) -> None:
+    """Take a file from another release that has it."""
+    for manifest in store.complete():
+        theirs = store.folder(manifest.name) / path
+        if manifest.files.get(path) == entry and _is_there(theirs, entry):
+            place.unlink(missing_ok=True)
+            if path.startswith("wheels/"):
+                place.hardlink_to(theirs)
+            else:  # a robot file may be edited in place, which must not change another release
+                shutil.copyfile(theirs, place)
+            return
+
+
+def _is_there(place: Path, entry: Entry) -> bool:
+    try:
+        return place.stat().st_size == entry.size and sha256_of(place) == entry.sha256
+    except OSError:
+        return False
+
+
+def _take(stream: BinaryIO, place: Path, entry: Entry) -> None:
+    part = place.with_name(f".{place.name}.part")
+    left = entry.size
+    with part.open("wb") as file:
+        while left and (piece := stream.read(min(left, _CHUNK))):
+            file.write(piece)
+            left -= len(piece)
+    if left or sha256_of(part) != entry.sha256:
+        part.unlink()
+        raise RefusedError(f"{place.name} did not arrive whole; push again")
+    part.replace(place)
+
+
+def _drop_others(folder: Path, paths: set[str]) -> None:
+    for place in folder.rglob("*"):
+        if not place.is_dir() and place.relative_to(folder).as_posix() not in paths:
+            place.unlink()
+
+
+def _must(words: Sequence[str], within_s: float) -> str:
+    try:
+        done = subprocess.run(  # noqa: S603 - our own words, each an argument of its own
+            words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL, cwd="/"
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RefusedError(f"{words[0]}: {error}") from None
+    if done.returncode:
+        last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-3:]
+        raise RefusedError(f"{' '.join(words[:5])} ... ended with {done.returncode}: {' / '.join(last)}")
+    return done.stdout

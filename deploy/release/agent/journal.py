@@ -1,0 +1,83 @@
+"""Where an update stands: a file while it is under way, so that whoever comes after a power cut knows."""
+
+import dataclasses
+import datetime as dt
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from deploy.release.agent.files import sync_folder, write_whole
+
+PENDING: Final = "transaction.json"
+LAST: Final = "last-transaction.json"
+
+HEALTHY: Final = "healthy"
+WENT_BACK: Final = "went-back"
+NO_WAY_BACK: Final = "no-way-back"
+INTERRUPTED: Final = "interrupted"
+
+
+def stamp() -> str:
+    """Now, as ISO 8601 in UTC."""
+    return dt.datetime.now(dt.UTC).isoformat(timespec="microseconds")
+
+
+@dataclass(frozen=True, slots=True)
+class Transaction:
+    """One change of the release in use.
+
+    Attributes:
+        kind: `push` or `rollback`.
+        release: The release that comes into use.
+        previous: The one that was in use, and that it goes back to; None where there is none to go back to.
+        by: Who asked for it.
+        began: When, ISO 8601, UTC.
+        phase: What is being done.
+        outcome: How it ended; empty while it has not: `healthy`, `went-back`, `no-way-back` or `interrupted`.
+        reason: Why it ended so.
+        ended: When.
+    """
+
+    kind: str
+    release: str
+    previous: str | None
+    by: str
+    began: str
+    phase: str = "switch"
+    outcome: str = ""
+    reason: str = ""
+    ended: str = ""
+
+
+class Journal:
+    """The transaction under way and the last that ended, in the folder of releases."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def pending(self) -> Transaction | None:
+        """The transaction under way, or that was interrupted."""
+        return _read(self._root / PENDING)
+
+    def last(self) -> Transaction | None:
+        """The last that ended."""
+        return _read(self._root / LAST)
+
+    def write(self, transaction: Transaction) -> None:
+        """Put down where it stands."""
+        write_whole(self._root / PENDING, json.dumps(dataclasses.asdict(transaction), indent=1).encode())
+
+    def close(self) -> None:
+        """The transaction under way has ended."""
+        (self._root / PENDING).replace(self._root / LAST)
+        sync_folder(self._root)
+
+
+def _read(path: Path) -> Transaction | None:
+    try:
+        found = json.loads(path.read_bytes())
+        # What another version of this program wrote may say more.
+        return Transaction(**{field.name: found[field.name] for field in dataclasses.fields(Transaction)})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None

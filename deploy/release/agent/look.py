@@ -1,0 +1,87 @@
+"""What is on the robot: looked at only, nothing is changed."""
+
+import dataclasses
+import importlib.util
+import os
+import platform
+import struct
+import sys
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+from deploy.release.agent.adopt import is_adopted
+from deploy.release.agent.files import RefusedError, is_locked
+from deploy.release.agent.journal import Journal
+from deploy.release.agent.services import show
+from deploy.release.agent.store import Store
+
+
+def probe(store: Store, config: Path) -> dict[str, Any]:
+    """The machine, for whoever collects wheels for it."""
+    current = store.current()
+    manifest = store.manifest(current) if current is not None else None
+    robot = {
+        path: dataclasses.asdict(entry)
+        for path, entry in (manifest.files.items() if manifest else ())
+        if path.startswith("robot/") and is_adopted(store, config)
+    }
+    return {
+        "python": list(sys.version_info[:2]),
+        "machine": platform.machine(),
+        "pointer_bits": struct.calcsize("P") * 8,
+        "libc": list(platform.libc_ver()),
+        "soabi": sysconfig.get_config_var("SOABI") or "",
+        "system_ros": _has_system_ros(),
+        "robot_files": robot,
+        "has_robot_file": (config / "robot.yaml").exists(),
+    }
+
+
+def status(store: Store, *, verify: bool) -> dict[str, Any]:
+    """The releases, the one in use, the last update and the node."""
+    current, journal = store.current(), Journal(store.root)
+    pending = journal.pending()
+    return {
+        "current": current,
+        "rollback_to": store.before(current),
+        "releases": [_release(store, manifest.name, current, verify=verify) for manifest in store.complete()],
+        "incomplete": store.incomplete(),
+        "is_updating": is_locked(store.root),
+        "pending": dataclasses.asdict(pending) if pending else None,
+        "last": dataclasses.asdict(last) if (last := journal.last()) else None,
+        "free_mb": _free_mb(store),
+        "node": _node(),
+    }
+
+
+def _release(store: Store, name: str, current: str | None, *, verify: bool) -> dict[str, Any]:
+    found = store.manifest(name)
+    values = dataclasses.asdict(found) if found else {}
+    values.pop("files", None)
+    problem = ""
+    if verify:
+        try:
+            store.verify(name)
+        except RefusedError as error:
+            problem = str(error)
+    return {**values, "is_current": name == current, **({"changed": problem} if verify else {})}
+
+
+def _node() -> dict[str, Any]:
+    try:
+        return dataclasses.asdict(show())
+    except RefusedError as error:
+        return {"active": "unknown", "reason": str(error)}
+
+
+def _free_mb(store: Store) -> float | None:
+    try:
+        state = os.statvfs(store.root)
+    except OSError:
+        return None
+    return round(state.f_bavail * state.f_frsize / 1e6, 1)
+
+
+def _has_system_ros() -> bool:
+    return any(Path("/opt/ros").glob("*/setup.sh")) or importlib.util.find_spec("rclpy") is not None

@@ -1,0 +1,175 @@
+"""The robot's side of `segway-ecc deploy`, and what settles an interrupted update at boot."""
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from deploy.release.agent.adopt import adopt, is_adopted
+from deploy.release.agent.files import RefusedError, locked, write_whole
+from deploy.release.agent.install import (
+    check_room,
+    install,
+    is_settled,
+    receive,
+    refuse_failed,
+    robot_of,
+    self_test,
+    wanted_from,
+)
+from deploy.release.agent.journal import Transaction, stamp
+from deploy.release.agent.look import probe, status
+from deploy.release.agent.manifest import FAILED, Manifest
+from deploy.release.agent.report import Reporter
+from deploy.release.agent.services import NODE, show
+from deploy.release.agent.store import Store
+from deploy.release.agent.update import Rules, Update, detached, settle
+
+REFUSED: Final = 11
+AGENT: Final = "agent.pyz"
+
+
+def serve(agent: bytes, stream: BinaryIO, reporter: Reporter) -> int:
+    """Answer one request, a line of JSON on `stream`.
+
+    Args:
+        agent: This program, kept on the robot for the next boot.
+        stream: The request, and after it the files.
+        reporter: Takes the answer.
+
+    Returns:
+        The exit code.
+    """
+    os.umask(0o022)  # the node runs as another user, who must be able to read its release
+    request = json.loads(stream.readline())
+    store, config = Store(Path(request["root"])), Path(request["config"])
+    try:
+        match request["verb"]:
+            case "probe":
+                reporter.event("end", **probe(store, config))
+                return 0
+            case "status":
+                reporter.event("end", **status(store, verify=bool(request["verify"])))
+                return 0
+        _prepare(store)
+        with locked(store.root):
+            write_whole(store.root / AGENT, agent)
+            rules = Rules(**request["rules"])
+            reporter.step("check")
+            if request["verb"] == "rollback":
+                return _rollback(store, request, rules, reporter, stream)
+            return _push(store, request, rules, reporter, stream)
+    except RefusedError as error:
+        reporter.event("refused", text=str(error))
+    except PermissionError as error:
+        reporter.event("refused", text=f"{error.filename}: no permission; log in as root, or give --sudo")
+    except OSError as error:
+        reporter.event("refused", text=str(error))
+    return REFUSED
+
+
+def main(arguments: Sequence[str]) -> int:
+    """`settle [ROOT]`: before the services start, leave an update that the power cut interrupted."""
+    if arguments[:1] != ["settle"]:
+        sys.stderr.write("usage: agent.pyz settle [ROOT]\n")
+        return 2
+    store = Store(Path(arguments[1] if len(arguments) > 1 else "/opt/segway-ecc"))
+    reporter = Reporter(sys.stdout.buffer)
+    try:
+        with locked(store.root):
+            settled = settle(store, reporter, restarts=False)
+    except (RefusedError, OSError) as error:
+        sys.stderr.write(f"settle: {error}\n")
+        return REFUSED
+    if settled is not None:
+        reporter.event("settled", release=settled.release, outcome=settled.outcome, current=store.current())
+    return 0
+
+
+def _prepare(store: Store) -> None:
+    store.releases.mkdir(parents=True, exist_ok=True)
+
+
+def _push(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
+    wanted, config = wanted_from(request["release"]), Path(request["config"])
+    _refuse_unsafe()
+    settle(store, reporter, rules.restart, restarts=True)
+    found = store.manifest(wanted.name)
+    refuse_failed(found, again=bool(request["again"]))
+    whole = _is_whole(store, wanted.name)
+    if whole and is_settled(found) and store.current() == wanted.name:
+        store.tidy(set())
+        store.prune(rules.keep, set())
+        reporter.event("end", outcome="already", reason="", release=wanted.name, current=wanted.name)
+        return 0
+    if not whole:
+        if store.current() == wanted.name:
+            raise RefusedError(f"{wanted.name} is in use and was changed by hand: roll back first, then push it again")
+        store.tidy({wanted.name, store.incoming(wanted.name).name})
+        check_room(store, wanted)
+        reporter.step("receive")
+        receive(store, wanted, stream, reporter)
+        install(store, wanted, reporter)
+        found = store.manifest(wanted.name)
+    if found is None:
+        raise RefusedError(f"{wanted.name} was not completed")
+    reporter.step("selftest")
+    self_test(store, found, robot_of(store, wanted.name, config))
+    adopt(store, config, wanted.name)
+    _await_go(stream, reporter)
+    transaction = Transaction("push", wanted.name, _way_back(store, wanted.name), wanted.by, stamp())
+    return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
+
+
+def _rollback(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
+    config, target = Path(request["config"]), request["to"]
+    _refuse_unsafe()
+    settle(store, reporter, rules.restart, restarts=True)
+    target = target or store.before(store.current())
+    if target is None:
+        raise RefusedError("there is no older healthy release to go back to; name one with --to")
+    if target == store.current():
+        raise RefusedError(f"{target} is in use already")
+    store.verify(target)
+    reporter.step("selftest")
+    manifest = store.manifest(target) or Manifest(target)
+    self_test(store, manifest, robot_of(store, target, config))
+    if is_adopted(store, config):
+        adopt(store, config, target)
+    _await_go(stream, reporter)
+    transaction = Transaction("rollback", target, _way_back(store, target), str(request["by"]), stamp())
+    return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
+
+
+def _way_back(store: Store, name: str) -> str | None:
+    """What is in use, unless it failed; else the newest healthy release."""
+    current = store.current()
+    manifest = store.manifest(current) if current is not None else None
+    if manifest is not None and manifest.state != FAILED and current != name:
+        return current
+    return next((m.name for m in reversed(store.complete()) if is_settled(m) and m.name != name), None)
+
+
+def _await_go(stream: BinaryIO, reporter: Reporter) -> None:
+    """Switch only while somebody is there: a connection that was cut, even silently, never says go."""
+    reporter.event("ready")
+    if stream.readline() != b"go\n":
+        raise RefusedError("the connection ended before the switch: nothing was switched")
+
+
+def _is_whole(store: Store, name: str) -> bool:
+    try:
+        store.verify(name)
+    except RefusedError:
+        return False
+    return True
+
+
+def _refuse_unsafe() -> None:
+    node = show()
+    if node.load != "loaded":
+        raise RefusedError(f"{NODE} is not installed there ({node.load}): see the first steps in docs/deploy.md")
+    if (why_not := node.why_not_safe()) is not None:
+        raise RefusedError(why_not)

@@ -1,0 +1,91 @@
+"""What a release consists of, and what became of it: `manifest.json`, written last; what has one is complete."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from deploy.release.agent.files import sha256_of, write_whole
+
+NAME: Final = "manifest.json"
+NEW: Final = "new"
+HEALTHY: Final = "healthy"
+FAILED: Final = "failed"
+INTERRUPTED: Final = "interrupted"
+_COMPILED: Final = "__pycache__"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One file: its SHA-256 as hexadecimal digits, and its size in bytes."""
+
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """A release.
+
+    Attributes:
+        name: Of its folder.
+        version: What its `segway-ecc --version` says.
+        created: When it was completed, ISO 8601, UTC.
+        by: Who pushed it.
+        files: Every file of it by its path, but for compiled Python.
+        rate_hz: The rate of its robot's loop, where known.
+        state: `new`, `healthy`, `failed`, or `interrupted` in its trial.
+        reason: Why it failed.
+    """
+
+    name: str
+    version: str = ""
+    created: str = ""
+    by: str = ""
+    files: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
+    rate_hz: float | None = None
+    state: str = NEW
+    reason: str = ""
+
+    def write(self, folder: Path) -> None:
+        """Put it into the release's folder."""
+        write_whole(folder / NAME, json.dumps(dataclasses.asdict(self), indent=1).encode())
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest of a release; None where there is none that can be read, so that the release is not complete."""
+    try:
+        found = json.loads((folder / NAME).read_bytes())
+        files = {str(path): Entry(str(at["sha256"]), int(at["size"])) for path, at in found.get("files", {}).items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+    texts = {key: str(found[key]) for key in ("version", "created", "by", "state", "reason") if key in found}
+    return Manifest(name=folder.name, files=files, rate_hz=_number(found.get("rate_hz")), **texts)
+
+
+def _number(value: Any) -> float | None:  # noqa: ANN401 - anything that JSON can hold
+    return float(value) if isinstance(value, int | float) else None
+
+
+def entries_of(folder: Path) -> dict[str, Entry]:
+    """Every file below a folder; no links, nothing compiled, not the manifest itself."""
+    return {
+        path.relative_to(folder).as_posix(): Entry(sha256_of(path), path.stat().st_size)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.is_symlink() and _COMPILED not in path.parts and path != folder / NAME
+    }
+
+
+def differences(folder: Path, files: Mapping[str, Entry]) -> list[str]:
+    """The files that are not as the manifest says, with what is wrong; none for a release that is whole."""
+    return [f"{path} {wrong}" for path, entry in files.items() if (wrong := _wrong(folder / path, entry))]
+
+
+def _wrong(path: Path, entry: Entry) -> str:
+    try:
+        same = path.stat().st_size == entry.size and sha256_of(path) == entry.sha256
+    except OSError:
+        return "is missing"
+    return "" if same else "was changed"

@@ -1,0 +1,120 @@
+"""The robot's services as systemd shows them, and whether the node is healthy."""
+
+import json
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from deploy.release.agent.files import RefusedError
+
+NODE: Final = "segway-ecc-node.service"
+UNITS: Final = (NODE, "segway-ecc-guard.service", "segway-ecc-archive.service")
+ARMED: Final = ("ARMED", "HOLD")
+_PROPERTIES: Final = "LoadState,ActiveState,SubState,NRestarts,MainPID,StatusText"
+_COMMAND_S: Final = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A unit as systemd shows it.
+
+    Attributes:
+        load: `loaded` where it is installed.
+        active: `active`, `activating`, `failed` and so on.
+        sub: More of that, such as `running` or `auto-restart`.
+        restarts: How often systemd restarted it by itself.
+        pid: Its process; 0 for none.
+        status: What the node says of itself: mode, reason, rate_hz, late, blocked_by; empty where it says nothing.
+    """
+
+    load: str = "not-found"
+    active: str = "inactive"
+    sub: str = "dead"
+    restarts: int = 0
+    pid: int = 0
+    status: Mapping[str, Any] | None = None
+
+    @property
+    def mode(self) -> str | None:
+        """The robot's mode; None where the node runs and does not say, or does not run."""
+        return str(self.status["mode"]) if self.status and "mode" in self.status else None
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether the node runs and says that the robot is armed."""
+        return self.pid != 0 and self.mode in ARMED
+
+    def why_not_safe(self) -> str | None:
+        """What speaks against a restart: a node that runs and is armed, or does not say whether it is."""
+        if self.pid == 0:
+            return None
+        if self.is_armed:
+            return f"the robot is {self.mode}: disarm it first"
+        if self.mode is None and self.active == "active":
+            return "the node does not say whether the robot is armed: stop it first (systemctl stop segway-ecc-node)"
+        return None
+
+    def blocked_by(self) -> frozenset[str]:
+        """The items of the checklist that keep the robot from arming."""
+        texts = (self.status or {}).get("blocked_by", ())
+        return frozenset(str(text).partition(":")[0] for text in texts)
+
+
+def show(unit: str = NODE) -> Service:
+    """Ask systemd about a unit.
+
+    Raises:
+        RefusedError: There is no systemd, or it does not answer.
+    """
+    done = _run(["systemctl", "show", f"--property={_PROPERTIES}", "--", unit], 10.0)
+    if done.returncode:
+        raise RefusedError(f"systemctl show {unit}: {done.stderr.strip() or done.returncode}")
+    found = dict(line.split("=", 1) for line in done.stdout.splitlines() if "=" in line)
+    return Service(
+        load=found.get("LoadState", ""),
+        active=found.get("ActiveState", ""),
+        sub=found.get("SubState", ""),
+        restarts=_whole(found.get("NRestarts", "")),
+        pid=_whole(found.get("MainPID", "")),
+        status=_status(found.get("StatusText", "")),
+    )
+
+
+def restart(command: Sequence[str]) -> str | None:
+    """Restart the services by a command, or those of ours that are installed; why it failed, or None."""
+    words = list(command)
+    try:
+        if not words:
+            installed = [unit for unit in UNITS if unit == NODE or show(unit).load == "loaded"]
+            words = ["systemctl", "restart", "--", *installed]
+            _run(["systemctl", "daemon-reload"], _COMMAND_S)
+            # A version that kept failing may have used up the start limit, which would keep the next one down too.
+            _run(["systemctl", "reset-failed", "--", *installed], _COMMAND_S)
+        done = _run(words, _COMMAND_S)
+    except RefusedError as error:
+        return str(error)
+    return f"{' '.join(words)}: {done.stderr.strip() or done.returncode}" if done.returncode else None
+
+
+def _run(words: Sequence[str], within_s: float) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(  # noqa: S603 - our own words, or the command that the operator gave
+            words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL
+        )
+    except OSError as error:
+        raise RefusedError(f"{words[0]} cannot be run: {error.strerror}") from None
+    except subprocess.TimeoutExpired:
+        raise RefusedError(f"{' '.join(words)} took longer than {within_s:g} s") from None
+
+
+def _status(text: str) -> Mapping[str, Any] | None:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _whole(text: str) -> int:
+    return int(text) if text.isdecimal() else 0

@@ -1,0 +1,119 @@
+"""The releases on a robot, and which of them is in use."""
+
+import contextlib
+import re
+import shutil
+from pathlib import Path
+from typing import Final
+
+from deploy.release.agent.files import RefusedError, link_whole, sync_folder
+from deploy.release.agent.manifest import HEALTHY, Manifest, differences, read_manifest
+
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,99}")
+_INCOMING: Final = ".incoming-"
+_TRASH: Final = ".trash-"
+
+
+class Store:
+    """The folder `root`: `releases/<name>/`, and the link `current` to one of them."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.releases = root / "releases"
+
+    def folder(self, name: str) -> Path:
+        """Where a release lies, or would.
+
+        Raises:
+            RefusedError: That is no name for a release.
+        """
+        if not _NAME.fullmatch(name):
+            raise RefusedError(f"{name!r} is no name of a release")
+        return self.releases / name
+
+    def incoming(self, name: str) -> Path:
+        """Where a release is received."""
+        return self.folder(name).with_name(f"{_INCOMING}{name}")
+
+    def current(self) -> str | None:
+        """The release in use."""
+        try:
+            target = (self.root / "current").readlink()
+        except OSError:
+            return None
+        is_ours = (self.root / target).parent == self.releases and _NAME.fullmatch(target.name)
+        return target.name if is_ours else None
+
+    def switch(self, name: str) -> None:
+        """Have `current` lead to a release: before or after, never neither."""
+        self.folder(name)
+        link_whole(self.root / "current", f"releases/{name}")
+
+    def manifest(self, name: str) -> Manifest | None:
+        """The manifest of a release; None where it is not complete."""
+        return read_manifest(self.folder(name))
+
+    def complete(self) -> list[Manifest]:
+        """All complete releases, the oldest first."""
+        found = (read_manifest(folder) for folder in self._folders())
+        return sorted((m for m in found if m is not None), key=lambda m: (m.created, m.name))
+
+    def incomplete(self) -> list[str]:
+        """Folders that an interrupted update left."""
+        return sorted(folder.name for folder in self._all() if not self._is_complete(folder))
+
+    def before(self, name: str | None) -> str | None:
+        """The newest healthy release that is older than a given one; what a rollback goes to."""
+        names = [manifest.name for manifest in self.complete()]
+        older = self.complete()[: names.index(name)] if name in names else self.complete()
+        return next((m.name for m in reversed(older) if m.state == HEALTHY), None)
+
+    def verify(self, name: str) -> None:
+        """Compare a release with its manifest.
+
+        Raises:
+            RefusedError: It is not there, not complete, or was changed.
+        """
+        manifest = self.manifest(name)
+        if manifest is None:
+            known = ", ".join(m.name for m in self.complete()) or "none"
+            raise RefusedError(f"there is no complete release {name!r}; there is {known}")
+        wrong = differences(self.folder(name), manifest.files)
+        if wrong:
+            raise RefusedError(f"release {name} is not as it was pushed: {'; '.join(wrong[:3])}; push it again")
+
+    def tidy(self, keep: set[str]) -> None:
+        """Remove what interrupted updates left, but for the folders named."""
+        for name in self.incomplete():
+            if name not in keep and name != self.current():
+                self.remove(name)
+
+    def prune(self, newest: int, keep: set[str]) -> list[str]:
+        """Remove old releases: all but the newest, the one in use, the one a rollback goes to, and those named."""
+        current = self.current()
+        held = {current, self.before(current), *keep, *(m.name for m in self.complete()[-newest:])}
+        gone = [manifest.name for manifest in self.complete() if manifest.name not in held]
+        for name in gone:
+            self.remove(name)
+        return gone
+
+    def remove(self, name: str) -> None:
+        """Remove a folder; renamed first, so that half of it is never taken for a release."""
+        folder = self.releases / name
+        if not name.startswith(_TRASH):
+            trash = folder.with_name(f"{_TRASH}{name.lstrip('.')}")
+            shutil.rmtree(trash, ignore_errors=True)
+            folder = folder.rename(trash)
+            sync_folder(self.releases)
+        shutil.rmtree(folder, ignore_errors=True)
+
+    def _all(self) -> list[Path]:
+        with contextlib.suppress(OSError):
+            return [folder for folder in self.releases.iterdir() if folder.is_dir() and not folder.is_symlink()]
+        return []
+
+    def _folders(self) -> list[Path]:
+        return [folder for folder in self._all() if _NAME.fullmatch(folder.name)]
+
+    def _is_complete(self, folder: Path) -> bool:
+        return _NAME.fullmatch(folder.name) is not None and read_manifest(folder) is not None

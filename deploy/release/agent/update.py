@@ -1,0 +1,206 @@
+"""The change from one release to another: switch, restart, trial, and back where the new one is not healthy."""
+
+import dataclasses
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from deploy.release.agent import journal as outcomes
+from deploy.release.agent.files import RefusedError
+from deploy.release.agent.health import Trial, watched
+from deploy.release.agent.journal import Journal, Transaction, stamp
+from deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, Manifest
+from deploy.release.agent.report import Reporter
+from deploy.release.agent.services import Service, restart, show
+from deploy.release.agent.store import Store
+
+EXIT_CODES: Final = {outcomes.HEALTHY: 0, outcomes.WENT_BACK: 12, outcomes.NO_WAY_BACK: 12}
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How an update is tried.
+
+    Attributes:
+        trial_s: How long the node must be healthy on end, s.
+        start_s: How long it may take until it is, s.
+        keep: How many of the newest releases stay.
+        restart: The command that restarts the services; empty for our own units.
+    """
+
+    trial_s: float = 10.0
+    start_s: float = 30.0
+    keep: int = 3
+    restart: Sequence[str] = ()
+
+    @property
+    def every_s(self) -> float:
+        """How often the node is looked at, s."""
+        return min(0.5, self.trial_s / 4)
+
+
+class Update:
+    """One transaction. What it does from the switch on does not depend on whoever asked for it."""
+
+    def __init__(self, store: Store, rules: Rules, reporter: Reporter) -> None:
+        self._store, self._rules, self._reporter = store, rules, reporter
+        self._journal = Journal(store.root)
+
+    def run(self, transaction: Transaction) -> int:
+        """Switch, try, and go back where that fails; the exit code says how it ended."""
+        ended = self._end(self._tried(transaction))
+        gone = self._store.prune(self._rules.keep, {n for n in (ended.release, ended.previous) if n})
+        self._reporter.event(
+            "end",
+            outcome=ended.outcome,
+            reason=ended.reason,
+            release=ended.release,
+            previous=ended.previous,
+            current=self._store.current(),
+            pruned=gone,
+        )
+        return EXIT_CODES[ended.outcome]
+
+    def _tried(self, transaction: Transaction) -> Transaction:
+        before = show()
+        why_not = before.why_not_safe()
+        if why_not is not None:
+            raise RefusedError(why_not)
+        self._phase(transaction, "switch")
+        try:
+            self._store.switch(transaction.release)
+            reason = self._started(transaction, before)
+        except Exception as error:  # noqa: BLE001 - whatever went wrong, the robot must go back
+            reason = f"{type(error).__name__}: {error}"
+        if reason is None:
+            return dataclasses.replace(transaction, outcome=outcomes.HEALTHY, phase="trial")
+        if transaction.previous is None:
+            return dataclasses.replace(transaction, outcome=outcomes.NO_WAY_BACK, reason=reason)
+        return self._back(transaction, transaction.previous, reason)
+
+    def _started(self, transaction: Transaction, before: Service) -> str | None:
+        """Why the release is not healthy, or None."""
+        self._phase(transaction, "restart")
+        reason = restart(self._rules.restart)
+        self._phase(transaction, "trial")
+        if reason is not None:
+            return reason
+        manifest = self._store.manifest(transaction.release)
+        rate_hz = manifest.rate_hz if manifest is not None else None
+        trial = Trial(self._rules.trial_s, self._rules.start_s, rate_hz, before)
+        return None if watched(trial, self._rules.every_s) else trial.reason
+
+    def _back(self, transaction: Transaction, previous: str, reason: str) -> Transaction:
+        failed = dataclasses.replace(transaction, reason=reason)
+        self._wait_until_safe()
+        self._phase(failed, "back")
+        self._store.switch(previous)
+        problem = restart(self._rules.restart)
+        if problem is not None:
+            reason = f"{reason}; and after going back: {problem}"
+        return dataclasses.replace(failed, phase="back", outcome=outcomes.WENT_BACK, reason=reason)
+
+    def _wait_until_safe(self) -> None:
+        """Somebody may have armed a robot whose trial then failed: it is not restarted under them.
+
+        A node that does not say its mode is not waited for: it would keep the robot in its trial for ever.
+        """
+        if _is_armed():
+            self._reporter.step("waiting until the robot is disarmed")
+        while _is_armed():
+            time.sleep(self._rules.every_s)
+
+    def _phase(self, transaction: Transaction, phase: str) -> None:
+        self._journal.write(dataclasses.replace(transaction, phase=phase))
+        self._reporter.step(phase)
+
+    def _end(self, transaction: Transaction) -> Transaction:
+        ended = dataclasses.replace(transaction, ended=stamp())
+        self._journal.write(ended)
+        self._reporter.step("end")
+        conclude(self._store, self._journal, ended)
+        return ended
+
+
+def _is_armed() -> bool:
+    try:
+        return show().is_armed
+    except RefusedError:  # a systemd that does not answer says nothing against going back
+        return False
+
+
+def conclude(store: Store, journal: Journal, ended: Transaction) -> None:
+    """Put down in the manifest what became of the release; done again after an interruption, it does no harm."""
+    manifest = store.manifest(ended.release)
+    if manifest is not None:
+        state, reason = _state(manifest, ended)
+        dataclasses.replace(manifest, state=state, reason=reason).write(store.folder(ended.release))
+    journal.close()
+
+
+def _state(manifest: Manifest, ended: Transaction) -> tuple[str, str]:
+    match ended.outcome:
+        case outcomes.HEALTHY:
+            return HEALTHY, ""
+        case outcomes.WENT_BACK | outcomes.NO_WAY_BACK:
+            return FAILED, ended.reason
+    return (INTERRUPTED, ended.reason) if manifest.state == NEW else (manifest.state, manifest.reason)
+
+
+def settle(store: Store, reporter: Reporter, command: Sequence[str] = (), *, restarts: bool) -> Transaction | None:
+    """Settle a transaction that was interrupted: what was not found healthy by then is not kept in use.
+
+    Returns:
+        What was settled; None where nothing was pending.
+
+    Raises:
+        RefusedError: The robot is armed, and the services would have to be restarted.
+    """
+    journal = Journal(store.root)
+    pending = journal.pending()
+    if pending is None:
+        return None
+    reporter.step("settle")
+    if not pending.outcome:
+        pending = _given_up(store, journal, pending, command if restarts else None)
+    conclude(store, journal, pending)
+    return pending
+
+
+def _given_up(store: Store, journal: Journal, pending: Transaction, command: Sequence[str] | None) -> Transaction:
+    reason = pending.reason or f"interrupted in the phase {pending.phase!r}"
+    outcome = outcomes.WENT_BACK if pending.phase == "back" else outcomes.INTERRUPTED
+    if pending.previous is not None:
+        if command is not None and (why_not := show().why_not_safe()) is not None:
+            raise RefusedError(f"{why_not}; an update that was interrupted is to be settled")
+        store.switch(pending.previous)
+        if command is not None:
+            problem = restart(command)
+            reason = f"{reason}; and after going back: {problem}" if problem else reason
+    settled = dataclasses.replace(pending, outcome=outcome, reason=reason, ended=stamp())
+    journal.write(settled)
+    return settled
+
+
+def detached(reporter: Reporter, work: Callable[[], int]) -> int:
+    """Do the work in a process of its own session, which a cut connection does not end; wait for it."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    code = 1
+    try:
+        os.setsid()
+        for number in (signal.SIGHUP, signal.SIGPIPE, signal.SIGINT):
+            signal.signal(number, signal.SIG_IGN)
+        reporter.detach()
+        code = work()
+    except RefusedError as error:
+        reporter.event("refused", text=str(error))
+        code = 11
+    except Exception as error:  # noqa: BLE001 - nobody else is there to hear of it
+        reporter.event("failed", text=f"{type(error).__name__}: {error}")
+    finally:
+        os._exit(code)

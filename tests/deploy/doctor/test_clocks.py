@@ -1,0 +1,23 @@
+import pytest
+
+from deploy.doctor.clocks import check_clock
+from deploy.doctor.finding import Verdict
+from tests.deploy.doctor.fake_machine import FakeMachine, job
+
+CHRONY = "Reference ID    : 0A000001 (10.0.0.1)\nStratum         : 3\nLeap status     : {}\n"
+
+
+@pytest.mark.parametrize(
+    ("answers", "verdict", "text"),
+    [
+        ({"timedatectl": "NTP=yes\nNTPSynchronized=yes\n"}, Verdict.GOOD, "synchronised"),
+        ({"timedatectl": "NTP=yes\nNTPSynchronized=no\n"}, Verdict.WARNING, "not synchronised"),
+        ({"timedatectl": "!no bus", "chronyc": CHRONY.format("Normal")}, Verdict.GOOD, "synchronised"),
+        ({"timedatectl": "!no bus", "chronyc": CHRONY.format("Not synchronised")}, Verdict.WARNING, "not synchronised"),
+        ({}, Verdict.GOOD, "not known: neither timedatectl nor chronyc answers"),
+    ],
+)
+def test_the_wall_clock(fake: FakeMachine, answers: dict[str, str], verdict: Verdict, text: str) -> None:
+    fake.answers = answers
+    (found,) = check_clock(fake.machine, job(fake.root))
+    assert (found.verdict, found.found) == (verdict, text)

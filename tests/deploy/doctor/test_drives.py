@@ -1,0 +1,27 @@
+import pytest
+
+from deploy.doctor.drives import check_drives
+from deploy.doctor.finding import Verdict
+from tests.deploy.doctor.fake_machine import FakeMachine, job
+
+
+@pytest.mark.parametrize(
+    ("robot", "text"),
+    [
+        ("cart-can", "40 ms, set by the node, and read back before it arms"),
+        ("cart-odrive", "40 ms, set with odrivetool; the node has each axis prove it before it arms"),
+        ("cart-vesc", "30 ms, set with VESC Tool; the node measures it before it arms"),
+        ("cart-cia402", "40 ms, a heartbeat time that the node sets, and reads back before it arms"),
+        ("cart", "no drives"),
+        (None, "no robot is named"),
+    ],
+)
+def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: str) -> None:
+    (found,) = check_drives(fake.machine, job(fake.root, robot))
+    assert (found.verdict, found.found) == (Verdict.GOOD, text)
+
+
+@pytest.mark.parametrize(("period_ns", "verdict"), [(13_333_333, Verdict.GOOD), (13_400_000, Verdict.WARNING)])
+def test_a_watchdog_bears_a_late_cycle(fake: FakeMachine, period_ns: int, verdict: Verdict) -> None:
+    (found,) = check_drives(fake.machine, job(fake.root, "cart-can", period_ns))
+    assert found.verdict is verdict

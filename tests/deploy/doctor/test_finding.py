@@ -1,0 +1,20 @@
+import pytest
+
+from deploy.doctor.finding import Finding, Verdict, bad, good, is_fit, warning
+
+
+@pytest.mark.parametrize("verdict", [Verdict.WARNING, Verdict.BAD])
+@pytest.mark.parametrize(("effect", "mend"), [("", "do"), ("so", ""), ("", "")])
+def test_a_reproach_says_what_it_does_and_how_it_is_mended(verdict: Verdict, effect: str, mend: str) -> None:
+    with pytest.raises(ValueError, match=r"finding 'disk' is .* and lacks"):
+        Finding("disk", verdict, "full", effect, mend)
+
+
+def test_what_is_good_needs_neither() -> None:
+    assert good("disk", "empty") == Finding("disk", Verdict.GOOD, "empty", "", "")
+
+
+def test_only_what_is_bad_makes_a_machine_unfit() -> None:
+    middling = [good("a", "x"), warning("b", "x", "so", "do")]
+    assert is_fit(middling)
+    assert not is_fit([*middling, bad("c", "x", "so", "do")])

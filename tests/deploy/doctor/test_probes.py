@@ -1,0 +1,57 @@
+"""On the real machine; nothing is said of how fast it is."""
+
+from pathlib import Path
+
+import pytest
+
+from deploy.doctor.probes import RealProbes
+from firmware_io.links.interface_state import UNKNOWN
+from firmware_io.settings import SerialSettings
+from hil.pseudo_terminal import PtyPort
+
+MS = 1_000_000
+
+
+def test_wake_ups_are_counted_and_told() -> None:
+    told: list[float] = []
+    summary = RealProbes(told.append, measured_ns=600 * MS).wake_ups(20 * MS)
+    assert summary.count == 30
+    assert 0.0 <= summary.p50_s <= summary.p99_s <= summary.max_s
+    assert told == pytest.approx([1 / 3, 2 / 3, 1.0])
+
+
+def test_a_period_longer_than_what_is_told_is_told_each_time() -> None:
+    told: list[float] = []
+    RealProbes(told.append, measured_ns=300 * MS).wake_ups(250 * MS)
+    assert told == [0.5, 1.0]
+
+
+def test_writing_leaves_nothing_behind(tmp_path: Path) -> None:
+    speed = RealProbes().write(tmp_path)
+    assert speed.bytes_per_s > 0.0
+    assert speed.slowest_s > 0.0
+    assert speed.bytes_per_s * speed.slowest_s >= 4 * 1024 * 1024 / 8 * 0.999
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        RealProbes().write(tmp_path / "none")
+
+
+def test_an_interface_that_is_not_there() -> None:
+    assert RealProbes().interface("nosuchif0") == UNKNOWN
+
+
+def test_a_port_that_is_not_there() -> None:
+    with pytest.raises(OSError, match="No such file"):
+        RealProbes().open_port(SerialSettings(port="/dev/no-such-port"))
+
+
+def test_a_port_is_opened_and_closed(tmp_path: Path) -> None:
+    port = PtyPort(tmp_path / "serial")
+    try:
+        for _ in range(2):  # exclusively, so the second time shows that it was closed
+            RealProbes().open_port(SerialSettings(port=str(port.path)))
+    finally:
+        port.close()

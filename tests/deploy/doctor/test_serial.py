@@ -1,0 +1,65 @@
+import errno
+import os
+
+import msgspec
+import pytest
+
+from deploy.doctor.finding import Finding, Verdict
+from deploy.doctor.serial import check_serial
+from deploy.doctor.system import Job
+from firmware_io.build import with_port
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
+
+
+def with_serial(fake: FakeMachine, port: str) -> Job:
+    plain = job(fake.root)
+    assert plain.robot is not None
+    assert plain.hardware is not None
+    file = msgspec.structs.replace(plain.robot, hardware=with_port(plain.hardware, port))
+    return Job(plain.logs, plain.log_bytes, file, plain.period_ns)
+
+
+def looked(fake: FakeMachine, port: str) -> dict[str, Finding]:
+    return by_name(list(check_serial(fake.machine, with_serial(fake, port))))
+
+
+@pytest.mark.parametrize("robot", ["cart-can", "cart", None])
+def test_none_is_asked_for(fake: FakeMachine, robot: str | None) -> None:
+    (found,) = check_serial(fake.machine, job(fake.root, robot))
+    assert (found.verdict, found.found) == (Verdict.GOOD, "none is asked for")
+    assert not fake.probes.opened
+
+
+def test_a_port_by_its_udev_name(fake: FakeMachine) -> None:
+    found = looked(fake, "/dev/segway-serial")
+    assert {name: each.verdict for name, each in found.items()} == {"serial /dev/segway-serial": Verdict.GOOD}
+    assert fake.probes.opened == ["/dev/segway-serial"]
+
+
+@pytest.mark.parametrize(
+    ("number", "verdict", "mend"),
+    [
+        (errno.ENOENT, Verdict.BAD, "plug it in"),
+        (errno.EACCES, Verdict.BAD, "sudo usermod -aG dialout $USER"),
+        (errno.EBUSY, Verdict.WARNING, "sudo fuser -v /dev/segway-serial"),
+    ],
+)
+def test_a_port_that_does_not_open(fake: FakeMachine, number: int, verdict: Verdict, mend: str) -> None:
+    fake.probes.port_error = OSError(number, os.strerror(number))
+    found = looked(fake, "/dev/segway-serial")["serial /dev/segway-serial"]
+    assert found.verdict is verdict
+    assert found.found == f"does not open: {os.strerror(number)}"
+    assert mend in found.mend
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyUSB0", "/dev/ttyACM12"])
+def test_a_name_that_may_be_another_ones_tomorrow(fake: FakeMachine, port: str) -> None:
+    found = looked(fake, port)
+    assert found[f"serial {port}"].verdict is Verdict.GOOD
+    assert found[f"serial {port} name"].verdict is Verdict.WARNING
+    assert "/dev/segway-serial" in found[f"serial {port} name"].mend
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyAMA0", "/dev/serial/by-id/usb-FTDI", "socket://127.0.0.1:5000"])
+def test_names_that_stay(fake: FakeMachine, port: str) -> None:
+    assert list(looked(fake, port)) == [f"serial {port}"]

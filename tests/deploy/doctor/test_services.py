@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import pytest
+
+from deploy.doctor.finding import Finding, Verdict
+from deploy.doctor.services import check_services, properties
+from tests.deploy.doctor.fake_machine import UNIT, FakeMachine, by_name, container, job
+
+NODE = "segway-ecc-node.service"
+
+
+def looked(fake: FakeMachine) -> dict[str, Finding]:
+    return by_name(list(check_services(fake.machine, job(fake.root))))
+
+
+def test_all_is_well(fake: FakeMachine) -> None:
+    found = looked(fake)
+    assert list(found) == [NODE, "segway-ecc-guard.service"]
+    assert {(each.verdict, each.found) for each in found.values()} == {(Verdict.GOOD, "enabled, active (running)")}
+
+
+def test_the_others_are_looked_at_where_they_are_installed(fake: FakeMachine) -> None:
+    fake.systemd(station=UNIT.replace("active\n", "inactive\n").replace("running", "dead"))
+    found = looked(fake)["segway-ecc-station.service"]
+    assert (found.verdict, found.found) == (Verdict.WARNING, "enabled, inactive (dead)")
+    assert found.mend == "sudo systemctl start segway-ecc-station.service"
+
+
+def test_not_installed(fake: FakeMachine) -> None:
+    del fake.answers["segway-ecc-guard"]
+    found = looked(fake)["segway-ecc-guard.service"]
+    assert (found.verdict, found.found) == (Verdict.WARNING, "not installed")
+    assert "segway-ecc deploy push" in found.mend
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "verdict", "mend"),
+    [
+        ("=enabled", "=disabled", Verdict.WARNING, f"sudo systemctl enable --now {NODE}"),
+        ("=enabled", "=masked", Verdict.WARNING, f"sudo systemctl unmask {NODE}; sudo systemctl enable --now {NODE}"),
+        (
+            "State=active",
+            "State=failed",
+            Verdict.BAD,
+            f"journalctl --boot --unit {NODE}; then: sudo systemctl restart {NODE}",
+        ),
+        ("State=active", "State=activating", Verdict.WARNING, f"sudo systemctl start {NODE}"),
+    ],
+)
+def test_a_unit_in_trouble(fake: FakeMachine, old: str, new: str, verdict: Verdict, mend: str) -> None:
+    fake.systemd(node=UNIT.replace(old, new))
+    found = looked(fake)[NODE]
+    assert (found.verdict, found.mend) == (verdict, mend)
+
+
+def test_one_that_dies_as_it_starts(fake: FakeMachine) -> None:
+    restarting = UNIT.replace("=active", "=activating").replace("running", "auto-restart").replace("ts=0", "ts=7")
+    fake.systemd(node=restarting)
+    found = looked(fake)[NODE]
+    assert (found.verdict, found.found) == (Verdict.BAD, "enabled, activating (auto-restart), restarted 7 times")
+
+
+def test_no_systemd(tmp_path: Path) -> None:
+    fake = container(tmp_path)
+    assert {name: each.verdict for name, each in looked(fake).items()} == {"services": Verdict.WARNING}
+    assert properties(fake.machine, NODE, ["User"]) == {}
+    assert not fake.asked
+
+
+def test_a_systemd_that_does_not_answer(fake: FakeMachine) -> None:
+    fake.answers = {"systemctl": "!systemctl: Failed to connect to bus"}
+    assert properties(fake.machine, NODE, ["User"]) == {}

@@ -1,0 +1,127 @@
+"""A robot that lies in a folder of this machine, and ways to reach it."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deploy.release.agent.files import is_locked
+from deploy.release.agent.journal import Journal
+from deploy.release.agent.manifest import differences
+from deploy.release.agent.store import Store
+from deploy.release.host import Event, Host
+from tests.deploy.release.parts import SYSTEMCTL, make_bundle
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Where the robot's files lie on this machine."""
+
+    folder: Path
+
+    @property
+    def root(self) -> Path:
+        return self.folder / "opt"
+
+    @property
+    def config(self) -> Path:
+        return self.folder / "etc"
+
+    @property
+    def store(self) -> Store:
+        return Store(self.root)
+
+    @property
+    def journal(self) -> Journal:
+        return Journal(self.root)
+
+    def node_is(self, **properties: str) -> None:
+        """What systemd shows of the node until it is restarted."""
+        (self.folder / "state" / "node").write_text("".join(f"{k}={v}\n" for k, v in properties.items()))
+
+    def calls(self) -> list[str]:
+        return (self.folder / "state" / "calls").read_text().splitlines()
+
+    def check_works(self) -> None:
+        """`current` leads to a complete release that is as it was pushed, and runs."""
+        name = self.store.current()
+        assert name is not None
+        manifest = self.store.manifest(name)
+        assert manifest is not None
+        assert differences(self.store.folder(name), manifest.files) == []
+        command = self.root / "current" / "venv" / "bin" / "segway-ecc"
+        assert subprocess.check_output([command, "--version"], text=True).strip() == manifest.version
+
+    def wait_until_settled(self) -> None:
+        while is_locked(self.root):
+            time.sleep(0.01)
+
+    def push_request(self, version: str, **changes: Any) -> tuple[dict[str, Any], dict[str, Path]]:
+        made = make_bundle(self.folder, version, changes.pop("robot", None))
+        request = {
+            "verb": "push",
+            "root": str(self.root),
+            "config": str(self.config),
+            "rules": {"trial_s": 0.1, "start_s": 0.3, "keep": 2},
+            "again": False,
+            "release": made.as_request("tester"),
+            **changes,
+        }
+        return request, dict(made.files)
+
+    def push(
+        self, host: Host, version: str, on_event: Callable[[Event], None] = lambda _: None, **changes: Any
+    ) -> Event:
+        request, files = self.push_request(version, **changes)
+        return host.ask(request, on_event, files)
+
+    def rollback(self, host: Host, to: str | None = None) -> Event:
+        request, _ = self.push_request("1.0")
+        return host.ask(request | {"verb": "rollback", "to": to, "by": "tester"}, lambda _: None)
+
+
+def make_robot(folder: Path) -> Robot:
+    for name in ("opt", "etc", "state", "bin"):
+        (folder / name).mkdir(parents=True)
+    script = folder / "bin" / "systemctl"
+    script.write_text(SYSTEMCTL.replace("@STATE@", str(folder / "state")).replace("@ROOT@", str(folder / "opt")))
+    script.chmod(0o755)
+    (folder / "etc" / "robot.yaml").write_text("name: of the machine\n")
+    robot = Robot(folder)
+    robot.node_is(
+        LoadState="loaded", ActiveState="inactive", SubState="dead", NRestarts="0", MainPID="0", StatusText=""
+    )
+    return robot
+
+
+@dataclass(frozen=True)
+class Sshd:
+    """A running sshd and how to reach it."""
+
+    config: Path
+    pid: int
+
+    def cut(self) -> None:
+        """End every connection at once, as a pulled cable does."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        for child in children:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(int(child), signal.SIGKILL)
+
+
+class LocalHost(Host):
+    """The robot's side as a process of this machine, which kills itself when a step begins."""
+
+    def __init__(self, robot: Robot, kill_at: str = "", kill_after: int = 0) -> None:
+        super().__init__("local")
+        driver = Path(__file__).with_name("driver.py")
+        path = f"PATH={robot.folder}/bin:/usr/bin:/bin"
+        self._words = ["env", path, f"KILL_AT={kill_at}", f"KILL_AFTER={kill_after}", "python3", str(driver)]
+
+    def command(self, *options: str) -> list[str]:
+        return ["true"] if options else self._words
