@@ -14,11 +14,11 @@ READY := $(VENV)/.ready
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
 
-# Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS comes by itself:
-# robots in real time, with less beside them. firmware_io knows no ROS (tests/test_architecture.py).
+# Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS, and
+# drills, come by themselves: robots in real time, with less beside them. firmware_io knows no ROS (tests/test_architecture.py).
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros' -n 3 --dist loadfile
-	$(VENV)/bin/python -m pytest -m 'ros and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros and not real_time' -n 3 --dist loadfile
+	$(VENV)/bin/python -m pytest -m '(ros or real_time) and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
 
 lint: $(READY)
 	$(VENV)/bin/ruff check

@@ -43,6 +43,7 @@ VERBS: Final = {
     "base-station": "make this machine a base station: service, tokens, discovery, firewall",
     "image": "build an image for the robot: a root file system and a disk, from Debian packages and this software",
     "case-study": "the thesis' tables and figures through each seat, side by side",
+    "study": "what comes of where each part of control runs, over a whole grid of networks, in lock step",
     "doctor": "is this machine fit to run the robot, and how to mend what is not",
     "bench": "how fast this machine runs the loop, in lock step and in real time",
 }

@@ -11,9 +11,9 @@ from hil.kernels.qemu import run_in_guest
 ROOT = Path(__file__).parents[2]
 GUEST = Path("tests/kernel/rt_guest")
 FILES = sorted(path.stem for path in (ROOT / GUEST).glob("test_*.py"))
-BOOT_AND_TESTS_S = 240.0
+BOOT_AND_TESTS_S = 400.0
 
-pytestmark = [pytest.mark.rt_kernel, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.rt_kernel, pytest.mark.timeout(460)]
 
 
 def run(command: Sequence[str], environment: dict[str, str], results: Path) -> GuestResult:

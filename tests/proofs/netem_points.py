@@ -87,12 +87,22 @@ def main(file: Path) -> None:
     make_network()
     shape(0, 0)
     environment = {**os.environ, "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": "/run/ros"}
-    robot_words = [*inside("robot"), sys.executable, "-m", "node.cli.main", "run", "cart", "--ros", "--no-log"]
+    robot_words = [
+        *inside("robot"),
+        sys.executable,
+        "-m",
+        "node.cli.main",
+        "run",
+        "cart",
+        "--ros",
+        "--no-log",
+        "--json",
+    ]
     station_words = [*inside("station"), sys.executable, str(STATION)]
     heard = file.with_name("robot.txt")
     with (
         heard.open("w") as errors,
-        subprocess.Popen(robot_words, stdout=subprocess.DEVNULL, stderr=errors, env=environment) as robot,
+        subprocess.Popen(robot_words, stdout=subprocess.PIPE, stderr=errors, env=environment, text=True) as robot,
         subprocess.Popen(
             station_words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True
         ) as station,
@@ -101,7 +111,8 @@ def main(file: Path) -> None:
         assert station.stdin is not None
         station.stdin.close()
         robot.terminate()
-    file.write_text(json.dumps({"points": found, "robot": heard.read_text()}))
+        told, _ = robot.communicate()
+    file.write_text(json.dumps({"points": found, "robot": heard.read_text(), "told": json.loads(told)}))
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ class Station:
         self.plain = self.node.create_publisher(Twist, "cmd_vel", 10)
         self.stamped = self.node.create_publisher(TwistStamped, "cmd_vel_stamped", 1000)
         self.applied: dict[int, int] = {}
+        """Stamp of the cycle in which each came into force."""
         self.number = 0
         self.node.create_subscription(TwistStamped, "setpoint", self.hear, QoSProfile(depth=1000))
 

@@ -12,6 +12,8 @@ from node.drill.parts import Setup
 from node.drill.trace import Torque
 from node.drill.trial import Trial, worst
 
+pytestmark = pytest.mark.real_time
+
 
 def made(expected: Outcome, torque: Torque | None) -> Trial:
     return Trial("a fault", expected, guard=True, torque=torque, said=[])

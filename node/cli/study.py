@@ -1,0 +1,101 @@
+"""`segway-ecc study`: what comes of a choice over a whole grid of conditions, in lock step."""
+
+import argparse
+import importlib.util
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from node.cli.design import designed
+from node.cli.options import add_json, print_json
+from node.config import load_robot
+from node.errors import ConfigurationError
+from node.study.grid import ROBOT, TORQUE_ROBOT, Plan, quick, whole
+from node.study.progress import show_progress
+from node.study.results import Found
+from node.study.study import conduct
+from node.study.table import text
+from node.study.verdict import network_names, overall, recommended
+
+STUDIES: Final = {"placement": "sequence, balance and supervision, each on the robot or on the base station"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `study`."""
+    which = "; ".join(f"{name}: {what}" for name, what in STUDIES.items())
+    parser.add_argument("study", choices=list(STUDIES), help=which)
+    parser.add_argument("--quick", action="store_true", help="a few cells of the grid, in some seconds")
+    parser.add_argument("--jobs", type=int, default=_cores(), metavar="N", help="processes at a time (default: cores)")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write placement.html and placement.json there")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Conduct the study, print its tables and write its report; 1 where no placement is fit."""
+    if options.jobs < 1:
+        raise ConfigurationError(f"--jobs must be at least 1, not {options.jobs}")
+    if options.out is not None:
+        _make(options.out)
+    margins_s = {name: designed(load_robot(name)).balance.margins.delay_s for name in (ROBOT, TORQUE_ROBOT)}
+    plan = (quick if options.quick else whole)(margins_s)
+    begun_s = time.monotonic()
+    with show_progress() as on_progress:
+        found = conduct(plan, options.jobs, on_progress)
+    took_s = time.monotonic() - begun_s
+    document = _document(found)
+    if options.out is not None:
+        _write(options.out, found, document, _facts(plan, took_s, options.jobs))
+    if options.json:
+        print_json(document)
+    else:
+        sys.stdout.write(text(found))
+    sys.stderr.write(f"segway-ecc: the study took {took_s:.1f} s in {options.jobs} processes\n")
+    return 0 if overall(found) is not None else 1
+
+
+def _document(found: Found) -> dict[str, object]:
+    chosen = {name: recommended(found, name) for name in network_names(found)}
+    best = overall(found)
+    return {
+        "recommended": None if best is None else best._asdict(),
+        "recommended_by_network": {name: None if c is None else c._asdict() for name, c in chosen.items()},
+        **msgspec.to_builtins(found),
+    }
+
+
+def _facts(plan: Plan, took_s: float, jobs: int) -> dict[str, str]:
+    return {
+        "Robot": f"{ROBOT}; the delay also with {TORQUE_ROBOT}",
+        "Grid": f"{len(plan.placements)} placements on {len(plan.networks)} networks",
+        "Time": f"{took_s:.1f} s in {jobs} processes",
+    }
+
+
+def _make(folder: Path) -> None:
+    """Make the folder before the study is run for nothing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
+
+
+def _write(folder: Path, found: Found, document: object, facts: dict[str, str]) -> None:
+    try:
+        (folder / "placement.json").write_bytes(msgspec.json.format(msgspec.json.encode(document)))
+        if importlib.util.find_spec("matplotlib") is None:
+            sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+            return
+        from node.study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+        (folder / "placement.html").write_text(render(found, facts), encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
+    sys.stderr.write(f"segway-ecc: report: {folder / 'placement.html'}\n")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,1 @@
+"""Studies in lock step: what comes of a choice over a whole grid of conditions."""

@@ -1,0 +1,158 @@
+"""A network in simulated time: what is sent over it arrives later, in another order, or never; equal seeds agree."""
+
+import enum
+import heapq
+import random
+from collections.abc import Callable
+from typing import Final, Generic, NamedTuple, TypeVar
+
+import msgspec
+
+NowNs = Callable[[], int]
+T = TypeVar("T")
+
+RESEND_S: Final = 0.01
+"""Beyond a round trip, until what was lost in order is sent again: about what the answers of DDS wait for."""
+_ATTEMPTS: Final = 100_000
+_NS_PER_S: Final = 1_000_000_000
+
+
+@enum.unique
+class Delivery(enum.StrEnum):
+    """What becomes of what is lost or overtaken."""
+
+    ANY_ORDER = "any order"
+    """As UDP: what is lost stays lost, and one may overtake another."""
+    NEWEST = "newest"
+    """As best effort in DDS: what is lost stays lost, and what was overtaken is dropped."""
+    IN_ORDER = "in order"
+    """As reliable in DDS, or TCP: what is lost is sent again, and what follows waits for it."""
+
+
+class Partition(NamedTuple):
+    """A time in which nothing passes, s of simulated time."""
+
+    at_s: float
+    for_s: float
+
+
+class Network(msgspec.Struct, frozen=True, kw_only=True):
+    """What a network does to a message; the same in both directions.
+
+    Attributes:
+        latency_s: One way, s.
+        jitter_s: Largest deviation from it, s; each message has its own, evenly spread either way.
+        loss: Probability that one is lost.
+        partitions: When nothing passes.
+        begins_s: Before this simulated time it does nothing, s.
+        grows_s: How long latency, jitter and loss then take to become what they are, s.
+        repeats_s: After how long what was lost in order is sent again, s; None for a round trip and `RESEND_S`.
+    """
+
+    latency_s: float = 0.0
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    partitions: tuple[Partition, ...] = ()
+    begins_s: float = 0.0
+    grows_s: float = 0.0
+    repeats_s: float | None = None
+
+    @property
+    def repeats_ns(self) -> int:
+        """After how long what was lost in order is sent again, ns."""
+        return _ns(2.0 * self.latency_s + RESEND_S if self.repeats_s is None else self.repeats_s)
+
+    def share(self, time_s: float) -> float:
+        """How much of it is there at a simulated time, 0 to 1."""
+        since_s = time_s - self.begins_s
+        if since_s < 0.0:
+            return 0.0
+        return min(since_s / self.grows_s, 1.0) if self.grows_s else 1.0
+
+    def is_cut(self, time_ns: int) -> bool:
+        """Whether nothing passes at a simulated time, ns."""
+        return any(_ns(at_s) <= time_ns < _ns(at_s) + _ns(for_s) for at_s, for_s in self.partitions)
+
+
+PERFECT: Final = Network()
+"""As within one place."""
+
+
+class Arrived(NamedTuple, Generic[T]):
+    """Something that has arrived, with when it was sent and when it arrived, simulated ns."""
+
+    item: T
+    sent_ns: int
+    arrived_ns: int
+
+
+class Channel(Generic[T]):
+    """One direction of one flow over a network.
+
+    Attributes:
+        sent: Messages sent.
+        lost: Those that never arrive: lost, cut off or overtaken.
+    """
+
+    def __init__(self, network: Network, delivery: Delivery, seed: str, now_ns: NowNs) -> None:
+        """Send over `network`; `seed` is that of this flow alone, so that flows do not disturb each other's chance."""
+        self.sent = 0
+        self.lost = 0
+        self._network = network
+        self._delivery = delivery
+        self._random = random.Random(seed)  # noqa: S311 - chance that can be repeated is what is wanted
+        self._now_ns = now_ns
+        self._under_way: list[tuple[int, int, int, T]] = []
+        self._last_due_ns = 0
+        self._newest = -1
+
+    @property
+    def next_ns(self) -> int | None:
+        """When the next one arrives; None while nothing is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
+    def send(self, item: T, at_ns: int | None = None) -> None:
+        """Send something, now or as it was sent at an earlier time."""
+        sent_ns = self._now_ns() if at_ns is None else at_ns
+        number = self.sent
+        self.sent += 1
+        due_ns = self._due_ns(sent_ns)
+        if due_ns is None:
+            self.lost += 1
+        else:
+            heapq.heappush(self._under_way, (due_ns, number, sent_ns, item))
+
+    def receive(self) -> list[Arrived[T]]:
+        """What has arrived by now, first come first."""
+        now_ns, arrived = self._now_ns(), list[Arrived[T]]()
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            due_ns, number, sent_ns, item = heapq.heappop(self._under_way)
+            if self._delivery is Delivery.NEWEST and number < self._newest:
+                self.lost += 1
+                continue
+            self._newest = max(number, self._newest)
+            arrived.append(Arrived(item, sent_ns, due_ns))
+        return arrived
+
+    def _due_ns(self, sent_ns: int) -> int | None:
+        if self._delivery is not Delivery.IN_ORDER:
+            return self._attempt(sent_ns)
+        for _ in range(_ATTEMPTS):
+            due_ns = self._attempt(sent_ns)
+            if due_ns is not None:
+                self._last_due_ns = max(due_ns, self._last_due_ns)
+                return self._last_due_ns
+            sent_ns += self._network.repeats_ns
+        return None
+
+    def _attempt(self, sent_ns: int) -> int | None:
+        """When something that is sent at a time arrives; None where it does not."""
+        network, share = self._network, self._network.share(sent_ns / _NS_PER_S)
+        deviation, chance = self._random.uniform(-1.0, 1.0), self._random.random()
+        due_ns = sent_ns + _ns(max(network.latency_s + network.jitter_s * deviation, 0.0) * share)
+        is_lost = chance < network.loss * share or network.is_cut(sent_ns) or network.is_cut(due_ns)
+        return None if is_lost else due_ns
+
+
+def _ns(time_s: float) -> int:
+    return round(time_s * _NS_PER_S)
