@@ -34,8 +34,16 @@ class Machine:
         began: When it was switched on, `time.monotonic()`.
     """
 
-    def __init__(self, root: Path, data: Path, folder: Path, *, memory_mib: int = 768) -> None:
-        """Switch it on: a root file system that is only read, and a data partition that is written."""
+    def __init__(self, root: Path, data: Path, folder: Path, *options: str, memory_mib: int = 768) -> None:
+        """Switch it on: a root file system that is only read, and a data partition that is written.
+
+        Args:
+            root: The root file system.
+            data: The data partition.
+            folder: Where the console is written, and what is shared.
+            *options: More words of the kernel's command line.
+            memory_mib: Its memory, MiB.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         self.console = folder / "console"
         self.share = folder / "share"
@@ -50,6 +58,7 @@ class Machine:
             *(f"ubd0r={root}", f"ubd1={data}", "root=/dev/ubda", "rootfstype=ext4", "ro"),
             *("init=/usr/lib/segway-ecc/init", "segway.data=/dev/ubdb", "systemd.debug-shell=1"),
             *("con=null", "con0=null,fd:1", f"con9=tty:{os.ttyname(end)}", "noreboot"),
+            *options,
         ]
         self.began = time.monotonic()
         with self.console.open("wb") as console:
@@ -141,9 +150,9 @@ class Machine:
 
 
 @contextlib.contextmanager
-def switched_on(root: Path, data: Path, folder: Path) -> Iterator[Machine]:
-    """A machine whose shell answers; its power is cut at the end."""
-    machine = Machine(root, data, folder)
+def switched_on(root: Path, data: Path, folder: Path, *options: str) -> Iterator[Machine]:
+    """A machine whose shell answers; its power is cut at the end. See `Machine` for the arguments."""
+    machine = Machine(root, data, folder, *options)
     try:
         machine.wait_for_shell()
         yield machine

@@ -9,10 +9,10 @@ from typing import Final
 
 import msgspec
 
-from firmware_io.links.can_link import make_can_link, socketcan_interfaces
+from firmware_io.links.can_link import socketcan_interfaces
 from firmware_io.links.link import Link
+from hil.kernel_bus import kernel_ends
 from hil.lockstep import LockstepRig
-from hil.paced_link import PacedLink
 from hil.processes import command
 from hil.simulation import simulated_bus, simulated_robot
 from node.case_study.seats import Run, trajectory
@@ -118,13 +118,7 @@ class LockstepCanSeat:
         """The ends of the bus for robot and plant."""
         if self._channels is None:
             return rig.bus.attach("node"), rig.bus.attach("plant")
-        robot, plant = (self._kernels(rig, channel, bitrate) for channel in self._channels)
-        robot.other, plant.other = plant, robot
-        return robot, plant
-
-    @staticmethod
-    def _kernels(rig: LockstepRig, channel: str, bitrate: int) -> PacedLink:
-        return PacedLink(make_can_link("socketcan", channel, bitrate, rig.now_ns, rig.wall_ns))
+        return kernel_ends(rig, self._channels, bitrate)
 
 
 class _TruthReader:

@@ -3,6 +3,7 @@
 Nothing is kept but counts, extremes and the first few trips, however long it lasts.
 """
 
+import contextlib
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
@@ -12,6 +13,7 @@ from hil.faults.fault import Fault
 from hil.faults.injection import Injections
 from hil.faults.links import DisturbedBus
 from hil.faults.plant import DisturbedPlant
+from hil.kernel_bus import kernel_ends
 from hil.lockstep import LockstepRig
 from hil.simulated_robot import SimulatedRobot
 from hil.simulation import simulated_bus, simulated_robot
@@ -64,6 +66,7 @@ def drive(  # noqa: PLR0913 - what there is to choose
     frame_loss: float,
     *,
     faults: Sequence[Fault] = (),
+    channel: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> Stretch:
     """Drive a robot for some time, or until it trips.
@@ -74,25 +77,30 @@ def drive(  # noqa: PLR0913 - what there is to choose
         duration_s: How long, s.
         frame_loss: Share of the frames that is lost either way, from when it is armed.
         faults: What else fails: the bus, the plant's sensors or motors.
+        channel: The CAN interface of robot and plant, which must be theirs alone; None for a simulated bus.
         on_progress: Called every ten seconds of simulated time.
 
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
-    bench = _Bench(file, seed, frame_loss, faults)
+    bench = _Bench(file, seed, frame_loss, faults, channel)
     return bench.run(duration_s, on_progress or (lambda _: None))
 
 
 class _Bench:
     """Robot, bus, devices and plant, joined."""
 
-    def __init__(self, file: RobotFile, seed: int, frame_loss: float, faults: Sequence[Fault]) -> None:
+    def __init__(
+        self, file: RobotFile, seed: int, frame_loss: float, faults: Sequence[Fault], channel: str | None
+    ) -> None:
         self._seed = seed
-        rig = self._rig = LockstepRig(simulated_bus(file).bitrate)
+        bitrate = simulated_bus(file).bitrate
+        rig = self._rig = LockstepRig(bitrate)
+        node_end, self._plant_end = _ends(rig, channel, bitrate)
         lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
         injections = Injections((*lossy, *faults), seed, rig.now_ns)
-        self._bus = CountedBus(rig.bus.attach("node"), injections, rig.now_ns)
-        self._simulated = simulated = _with_seed(simulated_robot(file, rig.bus.attach("plant")), seed)
+        self._bus = CountedBus(node_end, injections, rig.now_ns)
+        self._simulated = simulated = _with_seed(simulated_robot(file, self._plant_end), seed)
         if faults:
             simulated.plant = DisturbedPlant(simulated.plant, injections)
         self._robot = build_robot(file, rig, self._bus)
@@ -104,10 +112,12 @@ class _Bench:
         cycles = max(round(duration_s * 1e9 / robot.period_ns), 1)
         loop = robot.loop(_Street(Driver(self._seed), watch, robot.period_ns * 1e-9, on_progress), watch)
         watch.modes = loop.modes
-        try:
-            loop.run(cycles)
-        except (NodeError, HardwareError) as error:
-            watch.stop(str(error))
+        with contextlib.closing(self._plant_end):
+            self._plant_end.open()
+            try:
+                loop.run(cycles)
+            except (NodeError, HardwareError) as error:
+                watch.stop(str(error))
         watch.end()
         return self._stretch(loop.counters.cycles)
 
@@ -125,6 +135,13 @@ class _Bench:
             lost=bus.lost,
             refused=_refused(self._robot) + self._simulated.refused_frames,
         )
+
+
+def _ends(rig: LockstepRig, channel: str | None, bitrate: int) -> tuple[Link, Link]:
+    """The ends of the bus for robot and plant."""
+    if channel is None:
+        return rig.bus.attach("node"), rig.bus.attach("plant")
+    return kernel_ends(rig, (channel, channel), bitrate)
 
 
 class CountedBus(DisturbedBus):

@@ -29,6 +29,7 @@ class Plan(NamedTuple):
         frame_loss: Share of the frames that is lost either way.
         seeds: Seeds 1 to this, each of which has its share of the time.
         faults: What else fails.
+        channel: The CAN interface of robot and plant; None for a simulated bus. On one the seeds take turns.
     """
 
     file: RobotFile
@@ -36,6 +37,7 @@ class Plan(NamedTuple):
     frame_loss: float
     seeds: int
     faults: Sequence[Fault] = ()
+    channel: str | None = None
 
 
 def endure(plan: Plan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
@@ -45,7 +47,7 @@ def endure(plan: Plan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
         ConfigurationError: The robot cannot be simulated.
     """
     seeds = range(1, plan.seeds + 1)
-    if jobs == 1:
+    if jobs == 1 or plan.channel is not None:
         return _one_by_one(plan, seeds, on_progress)
     # Processes of their own from the beginning: what this one has open or locked is not theirs.
     context = multiprocessing.get_context("spawn")
@@ -71,6 +73,7 @@ def drive_seed(plan: Plan, seed: int, on_progress: OnProgress) -> list[Stretch]:
                 left_s,
                 plan.frame_loss,
                 faults=plan.faults,
+                channel=plan.channel,
                 on_progress=lambda time_s, before_s=before_s: on_progress(before_s + time_s),  # type: ignore[misc]
             )
         stretches.append(stretch)

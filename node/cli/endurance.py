@@ -32,13 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=int, default=_cores(), metavar="N", help="robots that share the hours (default: cores)"
     )
     parser.add_argument("--jobs", type=int, default=_cores(), metavar="N", help="processes at a time (default: cores)")
+    parser.add_argument(
+        "--channel", help="SocketCAN interface of robot and plant, theirs alone (default: a simulated bus)"
+    )
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Drive, and print what was seen: 0 where nothing tripped, 1 where anything did."""
     _check(options)
-    plan = Plan(load_robot(options.robot), options.hours * _HOUR_S, options.frame_loss, options.seeds)
+    file, duration_s = load_robot(options.robot), options.hours * _HOUR_S
+    plan = Plan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
     begun_s = time.monotonic()
     with _progress(plan.duration_s) as on_progress:
         stretches = endure(plan, min(options.jobs, options.seeds), on_progress)

@@ -1,11 +1,10 @@
 """The robot file becomes part of the release: `robot.yaml` of the configuration leads to that of the release in use."""
 
-import os
 import shutil
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import link_whole, sync_folder
+from deploy.release.agent.files import link_whole
 from deploy.release.agent.install import ROBOT_FILE
 from deploy.release.agent.store import Store
 
@@ -21,7 +20,7 @@ def is_adopted(store: Store, config: Path) -> bool:
 def adopt(store: Store, config: Path, name: str) -> None:
     """Lead the configuration to the releases' robot files, if this release brings one.
 
-    What was there is kept beside it, and given to releases that have none, so that a rollback finds it; for those in
+    What was there is kept beside it, and releases that have none lead to it, so that a rollback finds it; for those in
     use nothing changes.
     """
     machine = config / "robot.yaml"
@@ -43,9 +42,4 @@ def _give(store: Store, backup: Path) -> None:
         place = store.folder(manifest.name) / ROBOT_FILE
         if not place.exists():
             place.parent.mkdir(exist_ok=True)
-            new = place.with_name(".robot.yaml.new")
-            shutil.copyfile(backup, new)
-            with new.open("rb") as file:
-                os.fsync(file.fileno())
-            new.replace(place)
-            sync_folder(place.parent)
+            link_whole(place, str(backup))  # a link, so that the models that stand beside the machine's are found

@@ -101,7 +101,7 @@ def data(image: Image, tmp_path: Path) -> Iterator[Path]:
 def switch_on(image: Image, data: Path) -> SwitchOn:
     """Switch the machine on, with its data partition as the last time left it."""
 
-    def switch_on(folder: Path) -> AbstractContextManager[Machine]:
-        return switched_on(image.root_file_system, data, folder)
+    def switch_on(folder: Path, *options: str) -> AbstractContextManager[Machine]:
+        return switched_on(image.root_file_system, data, folder, *options)
 
     return switch_on

@@ -1,15 +1,20 @@
 """The robot in a booted image, as an operator sees it."""
 
 import json
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from hil.kernels.machine import Machine
 
-SwitchOn = Callable[[Path], AbstractContextManager[Machine]]
 NODE = "segway-ecc-node.service"
+
+
+class SwitchOn(Protocol):
+    """Switches a machine on, with more words of the kernel's command line where there are any."""
+
+    def __call__(self, folder: Path, *options: str) -> AbstractContextManager[Machine]: ...
 
 
 @dataclass(frozen=True)

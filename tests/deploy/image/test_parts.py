@@ -154,6 +154,22 @@ def test_the_configuration_is_taken_over_once_and_again_where_it_changes(tmp_pat
     assert not list(root.rglob("*.new"))
 
 
+def test_a_robot_file_that_was_pushed_stays_until_the_one_of_the_configuration_changes(tmp_path: Path) -> None:
+    folder, etc = tmp_path / "config", tmp_path / "root" / "etc" / "segway-ecc"
+    folder.mkdir()
+    (folder / "robot.yaml").write_text("name: machine", "ascii")
+    assert configure(folder, tmp_path / "root") == ["/etc/segway-ecc/robot.yaml"]
+    (etc / "robot.yaml").rename(etc / "robot.yaml.before-deploy")
+    (tmp_path / "pushed.yaml").write_text("name: pushed", "ascii")
+    (etc / "robot.yaml").symlink_to(tmp_path / "pushed.yaml")
+    assert configure(folder, tmp_path / "root") == []
+    assert (etc / "robot.yaml").read_text("ascii") == "name: pushed"
+    (folder / "robot.yaml").write_text("name: edited", "ascii")
+    assert configure(folder, tmp_path / "root") == ["/etc/segway-ecc/robot.yaml"]
+    assert (etc / "robot.yaml").read_text("ascii") == "name: edited"
+    assert (tmp_path / "pushed.yaml").read_text("ascii") == "name: pushed"
+
+
 def test_an_empty_configuration_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
     assert configure(tmp_path / "config", tmp_path / "root") == []

@@ -242,6 +242,7 @@ def test_the_robot_file_goes_with_the_release_and_back_with_it(robot: Robot, loc
     robot.rollback(local)
     assert machine.read_text() == "name: of the machine\n"
     assert (robot.config / "robot.yaml.before-deploy").read_text() == "name: of the machine\n"
+    assert machine.resolve().parent == robot.config, "where the models stand that it names"
     robot.check_works()
 
 

@@ -5,8 +5,10 @@ import math
 
 import pytest
 
+from firmware_io.links.link import Link
 from hil.faults.fault import Fault
-from node.case_study import endurance_runs
+from hil.lockstep import LockstepRig
+from node.case_study import endurance, endurance_runs
 from node.case_study.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Piece, programme
 from node.case_study.endurance import Stretch, drive
 from node.case_study.endurance_runs import Plan, drive_seed, endure
@@ -126,3 +128,18 @@ def test_how_many_processes_there_are_changes_nothing() -> None:
     assert told_alone == sorted(told_alone)
     assert told_alone[-1] == pytest.approx(6.0)
     assert told_both
+
+
+def test_on_an_interface_both_ends_are_the_kernels_and_the_seeds_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def ends(rig: LockstepRig, channels: tuple[str, str], _bitrate: int) -> tuple[Link, Link]:
+        asked.append(channels)
+        return rig.bus.attach("node"), rig.bus.attach("plant")
+
+    monkeypatch.setattr(endurance, "kernel_ends", ends)
+    plan = Plan(SEGWAY, 4.0, 0.0, 2, channel="can7")
+    found, told = whole(plan, 2)  # in this process, or the other one would not know our ends
+    assert asked == [("can7", "can7")] * 2
+    assert found == whole(plan._replace(channel=None), 1)[0]
+    assert told[-1] == pytest.approx(4.0)

@@ -32,10 +32,11 @@ def test_a_trip_is_told_and_is_exit_code_1(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, stretches: Sequence[Stretch], code: int
 ) -> None:
     asked = pretend(monkeypatch, stretches)
-    words = ("endurance", "segway-odrive", "--hours", "2", "--frame-loss", "0.03", "--seeds", "3", "--jobs", "5")
+    words = ["endurance", "segway-odrive", "--hours", "2", "--frame-loss", "0.03", "--seeds", "3", "--jobs", "5"]
+    words += ["--channel", "can7"]
     table, document = segway_ecc(*words), json.loads(segway_ecc(*words, "--json").out)
     assert table.code == code
-    assert (asked[0][0].file.name, *asked[0][0][1:], asked[0][1]) == ("segway-odrive", 7200.0, 0.03, 3, (), 3)
+    assert (asked[0][0].file.name, *asked[0][0][1:], asked[0][1]) == ("segway-odrive", 7200.0, 0.03, 3, (), "can7", 3)
     assert (document["simulated_hours"], document["cycles"], document["trips"]) == (1.0, 720_000, code)
     assert ("left.angle is too old" in table.out) is bool(code)
 
