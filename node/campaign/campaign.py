@@ -14,10 +14,8 @@ import msgspec
 from node.campaign.result import Result
 from node.campaign.run import run_scenario
 from node.campaign.scenario import Scenario, Trial
+from node.progress import OnProgress
 from node.replay.replay import replay
-
-OnProgress = Callable[[int, int], None]
-"""Called with how many runs are done, and of how many."""
 
 REPLAY: Final = "replay: "
 """How it begins when a result says that a replay was not identical."""

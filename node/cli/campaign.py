@@ -10,13 +10,13 @@ from pathlib import Path
 import msgspec
 
 from node.campaign.campaign import REPLAY, run_campaign, trials_of
-from node.campaign.progress import show_progress
 from node.campaign.report import render
 from node.campaign.result import Result
 from node.campaign.scenario import load_all
 from node.campaign.table import table
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
+from node.progress import show_progress
 
 _NOT_AS_DECLARED = 1
 
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
             raise ConfigurationError(f"--{name} must be at least 1, not {value}")
     trials = trials_of(list(load_all(options.files)), options.seeds)
     begun_s = time.monotonic()
-    with show_progress(len(trials)) as on_progress:
+    with show_progress("campaign", len(trials)) as on_progress:
         results = run_campaign(trials, min(options.jobs, len(trials)), on_progress, replayed=options.replay)
     took_s = time.monotonic() - begun_s
     document = {"as_declared": all(r.is_as_declared for r in results), "runs": [_row(result) for result in results]}

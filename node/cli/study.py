@@ -14,8 +14,8 @@ from node.cli.design import designed
 from node.cli.options import add_json, print_json
 from node.config import load_robot
 from node.errors import ConfigurationError
+from node.progress import show_progress
 from node.study.grid import ROBOT, TORQUE_ROBOT, Plan, quick, whole
-from node.study.progress import show_progress
 from node.study.results import Found
 from node.study.study import conduct
 from node.study.table import text
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
     margins_s = {name: designed(load_robot(name)).balance.margins.delay_s for name in (ROBOT, TORQUE_ROBOT)}
     plan = (quick if options.quick else whole)(margins_s)
     begun_s = time.monotonic()
-    with show_progress() as on_progress:
+    with show_progress("study") as on_progress:
         found = conduct(plan, options.jobs, on_progress)
     took_s = time.monotonic() - begun_s
     document = _document(found)

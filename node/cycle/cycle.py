@@ -125,7 +125,6 @@ class Cycle:
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
         self._receive_all(inbox, cycle)
         setpoint = self._decide(cycle, inbox, sensors)
-        self._told = setpoint if self.authority.is_active else None
         self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
         decided_ns = now_ns()
         u = self._equations(sensors, setpoint)
@@ -245,7 +244,9 @@ class Cycle:
         silent = self.schedule.is_silent(cycle) and setpoint != REST
         lost = self._supervision.look(cycle, self._set_values, self.events, is_heard=bool(inbox.stations))
         self.authority.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
-        return setpoint if self.authority.modes.mode is Mode.ARMED else REST
+        setpoint = setpoint if self.authority.modes.mode is Mode.ARMED else REST
+        self._told = setpoint if self.authority.is_active else None
+        return setpoint
 
     def _faults(self, sensors: Sensors) -> list[str]:
         too_old = [

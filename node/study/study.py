@@ -2,13 +2,11 @@
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
+from node.progress import OnProgress
 from node.study.grid import Plan, Task, tasks
 from node.study.results import Bound, Cut, Drive, Found, Stop
-
-OnProgress = Callable[[int, int], None]
-"""Called with how many tasks are done, and of how many."""
 
 
 def conduct(plan: Plan, jobs: int, on_progress: OnProgress) -> Found:

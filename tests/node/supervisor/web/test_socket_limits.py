@@ -1,29 +1,37 @@
 """Browsers that ask too much, or take nothing."""
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
-from aiohttp import ClientSession, WSServerHandshakeError
+from aiohttp import ClientSession, ClientWebSocketResponse, WSServerHandshakeError
 
 from node.supervisor.web.access import Role
 from node.supervisor.web.limits import Limits, Rate
 from tests.node.supervisor.web.scripted_station import full_robot
-from tests.node.supervisor.web.serving import browser, closed, command, drive, receive, served
+from tests.node.supervisor.web.serving import Served, browser, closed, command, drive, receive, served
 from tests.node.supervisor.web.talking import asked, reader_of, until, upgrade
 
 Tried = Callable[[str, str], None]
 OPERATOR, VIEWER = Role.OPERATOR, Role.VIEWER
 
 
+@contextlib.asynccontextmanager
+async def _connected(folder: Path) -> AsyncIterator[tuple[Served, ClientWebSocketResponse]]:
+    """A station whose limits see no time pass, and an operator's socket to it."""
+    async with (
+        served(folder, clock_ns=lambda: 0) as here,
+        browser(here, "ann") as client,
+        client.ws_connect("/socket") as socket,
+    ):
+        yield here, socket
+
+
 def test_too_many_mistakes_close_the_socket_with_the_reason(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
-        async with (
-            served(tmp_path, clock_ns=lambda: 0) as here,
-            browser(here, "ann") as client,
-            client.ws_connect("/socket") as socket,
-        ):
+        async with _connected(tmp_path) as (here, socket):
             for _ in range(21):
                 await socket.send_str("rubbish")
             code, reason = await closed(socket)
@@ -36,11 +44,7 @@ def test_too_many_mistakes_close_the_socket_with_the_reason(tmp_path: Path, trie
 
 def test_commands_have_a_limit_that_leaves_stops_alone(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
-        async with (
-            served(tmp_path, clock_ns=lambda: 0) as here,
-            browser(here, "ann") as client,
-            client.ws_connect("/socket") as socket,
-        ):
+        async with _connected(tmp_path) as (here, socket):
             accepted = [(await asked(socket, command(number)))["is_accepted"] for number in range(1, 41)]
             assert accepted == [True] * 30 + [False] * 10
             assert (await asked(socket, command(41, "stop")))["is_accepted"]
@@ -52,11 +56,7 @@ def test_commands_have_a_limit_that_leaves_stops_alone(tmp_path: Path, tried: Tr
 
 def test_set_points_have_a_limit_that_leaves_rest_alone(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
-        async with (
-            served(tmp_path, clock_ns=lambda: 0) as here,
-            browser(here, "ann") as client,
-            client.ws_connect("/socket") as socket,
-        ):
+        async with _connected(tmp_path) as (here, socket):
             for number in range(1, 101):
                 await socket.send_str(drive(number, 0.5))
             await socket.send_str(drive(101, 0.0))
@@ -70,11 +70,7 @@ def test_set_points_have_a_limit_that_leaves_rest_alone(tmp_path: Path, tried: T
 
 def test_a_flood_on_one_socket_closes_it(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
-        async with (
-            served(tmp_path, clock_ns=lambda: 0) as here,
-            browser(here, "ann") as client,
-            client.ws_connect("/socket") as socket,
-        ):
+        async with _connected(tmp_path) as (here, socket):
             for number in range(1, 425):
                 await socket.send_str(command(number, "stop"))
             code, reason = await closed(socket)

@@ -1,16 +1,17 @@
-"""How far a study has come: a bar on a terminal, nothing elsewhere."""
+"""How far something long has come: a bar on a terminal, nothing elsewhere."""
 
 import contextlib
 import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from node.study.study import OnProgress
+OnProgress = Callable[[int, int], None]
+"""Called with how much is done, and of how much."""
 
 
 @contextlib.contextmanager
-def show_progress() -> Iterator[OnProgress]:
-    """Show progress on standard error until the context is left."""
+def show_progress(what: str, total: int | None = None) -> Iterator[OnProgress]:
+    """Show the progress of `what` on standard error until the context is left; `total` where it is known before."""
     if not sys.stderr.isatty() or importlib.util.find_spec("rich") is None:
         yield lambda _done, _total: None
         return
@@ -19,5 +20,5 @@ def show_progress() -> Iterator[OnProgress]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        bar = progress.add_task("study", total=None)
-        yield lambda done, total: progress.update(bar, completed=done, total=total)
+        task = progress.add_task(what, total=total)
+        yield lambda done, of: progress.update(task, completed=done, total=of)
