@@ -1,13 +1,14 @@
 """Proof, by what it does, that an axis' own watchdog is on and short enough.
 
 CANSimple of firmware 0.5 cannot read the watchdog's configuration. But the watchdog is checked in every state: an idle
-axis that hears nothing raises its error. So the axis is fed once, then left in silence until a heartbeat tells the
-error, and the time that took is an upper bound of the time-out.
+axis that hears nothing raises its error. So an axis that tells this error is told to forget it, and then left in
+silence: a heartbeat without the error says that the order has arrived, however long that took, and the next one with
+it that the watchdog has expired since. The time from the order to that heartbeat is an upper bound of the time-out.
 """
 
 from typing import Final
 
-from firmware_io.drives.odrive.limits import CLEAR_EVERY_NS, IN_FLIGHT_NS
+from firmware_io.drives.odrive.limits import CLEAR_EVERY_NS
 
 _NEVER: Final = -(1 << 62)
 
@@ -16,7 +17,7 @@ class WatchdogProof:
     """Follows what was sent to one axis, and its heartbeats.
 
     Attributes:
-        took_ns: From the last frame to the error; None until it was seen.
+        took_ns: From the order to forget the error to the error; None until it was seen.
         within_ns: The longest that it may take.
         is_expired: Whether the newest heartbeat told the error.
     """
@@ -25,7 +26,7 @@ class WatchdogProof:
         """Take a watchdog for proved that took no longer than `within_ns`."""
         self.took_ns: int | None = None
         self.within_ns = within_ns
-        self._fed_ns: int | None = None
+        self._begun_ns: int | None = None
         self._cleared_ns = _NEVER
         self._was_clean = False
         self.is_expired = False
@@ -35,34 +36,33 @@ class WatchdogProof:
         """Whether the watchdog was seen to expire in time."""
         return self.took_ns is not None and self.took_ns <= self.within_ns
 
-    def feed(self, now_ns: int) -> None:
-        """A frame was sent to the axis; in firmware 0.5 any feeds the watchdog."""
-        self._fed_ns = now_ns
+    def feed(self) -> None:
+        """A frame was sent to the axis; in firmware 0.5 any feeds the watchdog, which ends an attempt."""
+        self._begun_ns = None
         self._was_clean = False
 
     def clear(self, now_ns: int) -> None:
-        """The axis was fed and told to forget its errors, which begins an attempt."""
+        """The axis was fed and told to forget its error, which begins an attempt."""
         self._cleared_ns = now_ns
-        self.is_expired = False
+        # Of heartbeats on their way now every one tells the error; without it they come from after the order only.
+        self._begun_ns = now_ns if self.is_expired else None
 
     def hear(self, received_ns: int, *, expired: bool) -> None:
-        """A heartbeat arrived, with or without the watchdog's error.
-
-        Only an error that came after a heartbeat without it, itself after the last frame, is one whose beginning is
-        known: the time-out began at that frame or later.
-        """
+        """A heartbeat arrived, with or without the watchdog's error."""
         self.is_expired = expired
-        if self._fed_ns is None:
+        if self._begun_ns is None:
             return
-        since_ns = received_ns - self._fed_ns
         if not expired:
-            self._was_clean = self._was_clean or since_ns >= IN_FLIGHT_NS
-        elif self._was_clean and not self.is_proven:
-            self.took_ns = since_ns
+            self._was_clean = True
+        elif self._was_clean:
+            if not self.is_proven:
+                self.took_ns = received_ns - self._begun_ns
+            self._begun_ns = None
 
     def forget(self) -> None:
         """The drive may have been restarted: what was seen means nothing any more."""
         self.took_ns = None
+        self._begun_ns = None
         self._was_clean = False
 
     def needs_clearing(self, now_ns: int) -> bool:
