@@ -23,6 +23,7 @@ from firmware_io.links.can_port import (
     wire_length,
 )
 from firmware_io.links.link import Frame, Link, LinkCounters
+from firmware_io.links.local_link import LocalLink
 from firmware_io.links.socketcan_link import SocketCanLink
 
 __all__ = ["CanLink", "PythonCanPort", "make_can_link", "resolve", "socketcan_interfaces", "wall_ns"]
@@ -37,7 +38,7 @@ _NS_PER_S: Final = 1e9
 def make_can_link(
     interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
 ) -> Link:
-    """The link for a bus: over a raw socket where it is the kernel's own CAN, else through python-can.
+    """The link for a bus: over a raw socket where it is the kernel's CAN or the virtual bus, else through python-can.
 
     Args:
         interface: A python-can interface, or `auto`; see `resolve`.
@@ -49,6 +50,8 @@ def make_can_link(
     chosen, name = resolve(interface, channel)
     if chosen == "socketcan":
         return SocketCanLink(name, bitrate, now_ns, wall_ns, asked=(interface, channel))
+    if chosen == "local":
+        return LocalLink(name, bitrate, now_ns, wall_ns, asked=(interface, channel))
     return CanLink(interface, channel, bitrate, now_ns, wall_ns)
 
 

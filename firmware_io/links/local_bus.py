@@ -5,35 +5,23 @@ but no kernel support, privilege or network is needed: frames are datagrams on a
 which never leave the machine. A receiver that does not keep up loses frames, as a real controller does.
 """
 
-import errno
-import hashlib
-import os
 import select
-import socket
-import struct
-import time
-from typing import Any, Final
+from typing import Any
 
 import can
 from can.typechecking import AutoDetectedConfig
 
-PORT: Final = 48463
-_LOOPBACK: Final = "127.0.0.1"
-_MAGIC: Final = b"ECC1"
-_DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
-"""Magic, sender, wall-clock ns, arbitration id with the flags of linux/can.h, data length, data."""
-_EXTENDED: Final = 0x80000000
-_REMOTE: Final = 0x40000000
-_ERROR: Final = 0x20000000
-_IDENTIFIER: Final = 0x1FFFFFFF
-_RECEIVE_BUFFER_BYTES: Final = 1 << 20
-_MAX_DATA: Final = 8
-
-
-def multicast_group(channel: str) -> str:
-    """The loopback multicast address of a channel, from the range for local use (RFC 2365)."""
-    digest = hashlib.sha256(channel.encode()).digest()
-    return f"239.255.{digest[0]}.{digest[1]}"
+from firmware_io.links.can_port import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
+from firmware_io.links.local_datagrams import (
+    BUFFER_BYTES,
+    PORT,
+    LocalBusError,
+    decode,
+    encode,
+    multicast_group,
+    multicast_socket,
+    new_sender,
+)
 
 
 class LocalBus(can.BusABC):
@@ -42,8 +30,11 @@ class LocalBus(can.BusABC):
     def __init__(self, channel: Any = "robot", can_filters: Any = None, **kwargs: Any) -> None:  # noqa: ANN401 - python-can's signature
         """Join the bus named `channel`."""
         self._group = multicast_group(str(channel))
-        self._sender = int.from_bytes(os.urandom(8), "little")
-        self._socket = _multicast_socket(self._group)
+        self._sender = new_sender()
+        try:
+            self._socket = multicast_socket(self._group)
+        except LocalBusError as error:
+            raise can.CanInitializationError(error.strerror or str(error), error.errno) from error
         self.channel_info = f"virtual bus '{channel}' on this machine"
         self.undecodable = 0
         self._can_protocol = can.CanProtocol.CAN_20
@@ -57,16 +48,9 @@ class LocalBus(can.BusABC):
         """
         if msg.is_fd:
             raise can.CanOperationError(f"{self.channel_info} carries classic CAN frames only")
-        flags = (_EXTENDED if msg.is_extended_id else 0) | (_REMOTE if msg.is_remote_frame else 0)
-        flags |= _ERROR if msg.is_error_frame else 0
-        datagram = _DATAGRAM.pack(
-            _MAGIC,
-            self._sender,
-            time.clock_gettime_ns(time.CLOCK_REALTIME),
-            msg.arbitration_id | flags,
-            msg.dlc,
-            bytes(msg.data),
-        )
+        flags = (EXTENDED if msg.is_extended_id else 0) | (REMOTE if msg.is_remote_frame else 0)
+        flags |= ERROR if msg.is_error_frame else 0
+        datagram = encode(self._sender, msg.arbitration_id | flags, msg.dlc, bytes(msg.data))
         try:
             self._socket.sendto(datagram, (self._group, PORT))
         except OSError as error:
@@ -75,7 +59,7 @@ class LocalBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         while True:
             try:
-                datagram = self._socket.recv(256)
+                datagram = self._socket.recv(BUFFER_BYTES)
             except BlockingIOError:
                 if timeout == 0 or not select.select([self._socket], [], [], timeout)[0]:
                     return None, False
@@ -87,23 +71,20 @@ class LocalBus(can.BusABC):
                 return message, False
 
     def _decode(self, datagram: bytes) -> can.Message | None:
-        if len(datagram) != _DATAGRAM.size or datagram[:4] != _MAGIC:
+        frame = decode(datagram)
+        if frame is None:
             self.undecodable += 1
             return None
-        _, sender, stamp_ns, identifier, dlc, data = _DATAGRAM.unpack(datagram)
-        if sender == self._sender:
-            return None
-        if dlc > _MAX_DATA:
-            self.undecodable += 1
+        if frame.sender == self._sender:
             return None
         return can.Message(
-            timestamp=stamp_ns * 1e-9,
-            arbitration_id=identifier & _IDENTIFIER,
-            is_extended_id=bool(identifier & _EXTENDED),
-            is_remote_frame=bool(identifier & _REMOTE),
-            is_error_frame=bool(identifier & _ERROR),
-            dlc=dlc,
-            data=b"" if identifier & _REMOTE else data[:dlc],
+            timestamp=frame.stamp_ns * 1e-9,
+            arbitration_id=frame.word & EXTENDED_IDENTIFIER,
+            is_extended_id=bool(frame.word & EXTENDED),
+            is_remote_frame=bool(frame.word & REMOTE),
+            is_error_frame=bool(frame.word & ERROR),
+            dlc=frame.length,
+            data=b"" if frame.word & REMOTE else frame.data,
             channel=self.channel_info,
         )
 
@@ -119,25 +100,3 @@ class LocalBus(can.BusABC):
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:
         return []
-
-
-def _multicast_socket(group: str) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        # Bound to the group and not to any address: other channels share the port and must not be heard.
-        sock.bind((group, PORT))
-        loopback = socket.inet_aton(_LOOPBACK)
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + loopback)
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
-        # Time to live 0: a frame cannot leave this machine whatever its routes are.
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        sock.setblocking(False)  # noqa: FBT003 - the standard library's signature
-    except OSError as error:
-        sock.close()
-        hint = "bring the loopback device up: ip link set lo up" if error.errno == errno.ENODEV else "is lo up?"
-        raise can.CanInitializationError(
-            f"cannot join the virtual bus: {error.strerror}; {hint}", error.errno
-        ) from error
-    return sock

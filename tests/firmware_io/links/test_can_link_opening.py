@@ -8,6 +8,7 @@ from firmware_io.errors import BusNotFoundError
 from firmware_io.links import can_interfaces
 from firmware_io.links.can_link import CanLink, make_can_link, resolve, socketcan_interfaces
 from firmware_io.links.link import Link
+from firmware_io.links.local_link import LocalLink
 from firmware_io.links.socketcan_link import SocketCanLink
 
 UP, DOWN = "0x40081", "0x40080"
@@ -53,9 +54,12 @@ def test_auto_is_a_real_bus_where_there_is_one(
     assert resolve(interface, channel) == expected
 
 
-def test_the_kernels_own_can_goes_over_a_raw_socket_and_all_else_through_python_can(devices: Path) -> None:
+def test_the_kernels_can_and_the_virtual_bus_go_over_a_raw_socket_and_all_else_through_python_can(
+    devices: Path,
+) -> None:
     assert isinstance(make_can_link("virtual", "x", 500_000), CanLink)
-    assert isinstance(make_can_link("auto", "auto", 500_000), CanLink)
+    assert isinstance(make_can_link("auto", "auto", 500_000), LocalLink)
+    assert make_can_link("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
     _add_device(devices, "can0")
     chosen = make_can_link("auto", "auto", 500_000), make_can_link("socketcan", "can0", 500_000)
     assert all(isinstance(link, SocketCanLink) for link in chosen)

@@ -1,0 +1,93 @@
+"""What passes on the virtual bus of one machine: datagrams to a multicast group of its loopback device."""
+
+import errno
+import hashlib
+import os
+import socket
+import struct
+import time
+from typing import Final, NamedTuple
+
+from firmware_io.links.can_port import MAX_DATA
+
+PORT: Final = 48463
+BUFFER_BYTES: Final = 256
+"""More than a datagram has, so that a longer one is known for what it is."""
+_LOOPBACK: Final = "127.0.0.1"
+_MAGIC: Final = b"ECC1"
+_DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
+"""Magic, sender, wall-clock ns, arbitration id with the flags of linux/can.h, data length, data."""
+_RECEIVE_BUFFER_BYTES: Final = 1 << 20
+
+
+class LocalBusError(OSError):
+    """The virtual bus cannot be joined."""
+
+
+class Datagram(NamedTuple):
+    """A frame on the virtual bus.
+
+    Attributes:
+        sender: Which participant sent it.
+        stamp_ns: When, on the wall clock.
+        word: Its identifier with the flags of linux/can.h.
+        length: What it says of the length of its data, 0 to 8.
+        data: As many bytes.
+    """
+
+    sender: int
+    stamp_ns: int
+    word: int
+    length: int
+    data: bytes
+
+
+def new_sender() -> int:
+    """A number that no other participant has."""
+    return int.from_bytes(os.urandom(8), "little")
+
+
+def encode(sender: int, word: int, length: int, data: bytes) -> bytes:
+    """A datagram, stamped with the wall clock's time of now."""
+    return _DATAGRAM.pack(_MAGIC, sender, time.clock_gettime_ns(time.CLOCK_REALTIME), word, length, data)
+
+
+def decode(datagram: bytes) -> Datagram | None:
+    """The frame in a datagram; None where there is none."""
+    if len(datagram) != _DATAGRAM.size:
+        return None
+    magic, sender, stamp_ns, word, length, data = _DATAGRAM.unpack(datagram)
+    if magic != _MAGIC or length > MAX_DATA:
+        return None
+    return Datagram(sender, stamp_ns, word, length, data[:length])
+
+
+def multicast_group(channel: str) -> str:
+    """The loopback multicast address of a channel, from the range for local use (RFC 2365)."""
+    digest = hashlib.sha256(channel.encode()).digest()
+    return f"239.255.{digest[0]}.{digest[1]}"
+
+
+def multicast_socket(group: str) -> socket.socket:
+    """A socket that has joined the bus of a group and sends to it.
+
+    Raises:
+        LocalBusError: The loopback device does not let it.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        # Bound to the group and not to any address: other channels share the port and must not be heard.
+        sock.bind((group, PORT))
+        loopback = socket.inet_aton(_LOOPBACK)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + loopback)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
+        # Time to live 0: a frame cannot leave this machine whatever its routes are.
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        sock.setblocking(False)  # noqa: FBT003 - the standard library's signature
+    except OSError as error:
+        sock.close()
+        hint = "bring the loopback device up: ip link set lo up" if error.errno == errno.ENODEV else "is lo up?"
+        raise LocalBusError(error.errno, f"cannot join the virtual bus: {error.strerror}; {hint}") from error
+    return sock

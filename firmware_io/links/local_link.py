@@ -1,0 +1,102 @@
+"""The virtual bus of one machine, without python-can in between: what `local` means to a robot that runs on it."""
+
+import time
+from collections.abc import Iterator
+
+from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from firmware_io.links.can_interfaces import cannot_open, describe
+from firmware_io.links.can_port import (
+    ERROR,
+    EXTENDED,
+    GONE,
+    MAX_FRAMES,
+    REMOTE,
+    STANDARD_IDENTIFIER,
+    Arrival,
+    PortError,
+    wire_length,
+)
+from firmware_io.links.link import Frame, LinkCounters
+from firmware_io.links.local_datagrams import (
+    BUFFER_BYTES,
+    PORT,
+    LocalBusError,
+    decode,
+    encode,
+    multicast_group,
+    multicast_socket,
+    new_sender,
+)
+
+
+class LocalLink(BaseCanLink):
+    """A link over the virtual bus; see `local_bus`, which is the same bus for python-can."""
+
+    def __init__(
+        self,
+        channel: str,
+        bitrate: int,
+        now_ns: NowNs = time.monotonic_ns,
+        wall_ns: NowNs = wall_ns,
+        asked: tuple[str, str] | None = None,
+    ) -> None:
+        """Describe the bus named `channel`; `open` opens it. The other arguments are those of `SocketCanLink`."""
+        chosen = ("local", channel)
+        description = describe(asked or chosen, chosen)
+
+        def open_port(counters: LinkCounters) -> LocalPort:
+            try:
+                return LocalPort(channel, counters)
+            except LocalBusError as error:
+                raise cannot_open(description, error) from error
+
+        super().__init__(CanSettings(description, bitrate, None), open_port, now_ns, wall_ns)
+
+
+class LocalPort:
+    """A participant of the virtual bus; see `CanPort`."""
+
+    def __init__(self, channel: str, counters: LinkCounters) -> None:
+        """Join the bus, or raise LocalBusError."""
+        group = multicast_group(channel)
+        self._counters = counters
+        self._to = (group, PORT)
+        self._sender = new_sender()
+        self._socket = multicast_socket(group)
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame; see `CanPort.send`."""
+        flags = (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
+        data = b"" if frame.is_remote else frame.data
+        try:
+            self._socket.sendto(encode(self._sender, frame.arbitration_id | flags, wire_length(frame), data), self._to)
+        except OSError as error:
+            raise _port_error(error) from error
+
+    def drain(self) -> Iterator[Arrival]:
+        """What has arrived; see `CanPort.drain`."""
+        receive, own = self._socket.recv, self._sender
+        for _ in range(MAX_FRAMES):
+            try:
+                frame = decode(receive(BUFFER_BYTES))
+            except BlockingIOError:
+                return
+            except OSError as error:
+                raise _port_error(error) from error
+            if frame is None or not _is_whole(frame.word):
+                self._counters.undecodable += 1
+            elif frame.sender != own:
+                yield frame.word, frame.data, frame.stamp_ns
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._socket.close()
+
+
+def _is_whole(word: int) -> bool:
+    """Whether a standard frame's identifier has 11 bits at most; an error frame's are classes of errors."""
+    return bool(word & (EXTENDED | ERROR)) or word & ~REMOTE <= STANDARD_IDENTIFIER
+
+
+def _port_error(error: OSError) -> PortError:
+    return PortError(str(error.strerror), is_gone=error.errno in GONE)
