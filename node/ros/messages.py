@@ -1,14 +1,13 @@
 """Filling standard messages from plain values."""
 
 import importlib
-import math
 from collections.abc import Sequence
 from typing import Final
 
 from node.cycle.status import Status
 from node.ros.untyped import RosObject
 
-_NS_PER_S: Final = 1_000_000_000
+NS_PER_S: Final = 1_000_000_000
 
 
 def message_type(name: str) -> RosObject:
@@ -25,18 +24,12 @@ def newest_only() -> RosObject:
 
 def set_stamp(header: RosObject, stamp_ns: int) -> None:
     """Write a stamp, ns since the Unix epoch, into a std_msgs/Header."""
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, _NS_PER_S)
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
 
 
 def stamp_ns(header: RosObject) -> int:
     """The stamp of a std_msgs/Header, ns since the Unix epoch."""
-    return int(header.stamp.sec) * _NS_PER_S + int(header.stamp.nanosec)
-
-
-def set_heading(quaternion: RosObject, heading: float) -> None:
-    """Write a rotation about z, rad, into a geometry_msgs/Quaternion."""
-    quaternion.z = math.sin(0.5 * heading)
-    quaternion.w = math.cos(0.5 * heading)
+    return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
 def diagnostic_array(statuses: Sequence[Status], stamp_ns: int) -> RosObject:

@@ -6,7 +6,8 @@ from typing import Final
 
 from node.config import RosSection
 from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
-from node.ros.messages import message_type, set_heading, set_stamp
+from node.ros.messages import NS_PER_S, message_type, set_stamp
+from node.ros.template import STAMP, Template
 from node.ros.untyped import RosObject
 
 Publish = Callable[[int, Sequence[float]], None]
@@ -23,7 +24,7 @@ _NOT_MEASURED: Final = -1.0
 
 
 def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) -> list[Publish]:
-    """One callable per topic that these signals suffice for. Messages are made once and filled anew each cycle.
+    """One callable per topic that these signals suffice for. A message is made once, its numbers written in each cycle.
 
     What was measured too long ago is not published: silence is true, and an old value under a new stamp is not.
     """
@@ -48,11 +49,10 @@ def make_scalar_publishers(node: RosObject, topics: Sequence[str]) -> list[Calla
 
 def _number(node: RosObject, topic: str) -> Callable[[float], None]:
     kind = message_type("std_msgs/msg/Float64")
-    message, publisher = kind(), node.create_publisher(kind, topic, _DEPTH)
+    publish_bytes, template = node.create_publisher(kind, topic, _DEPTH).publish, Template(kind(), ("data", "d"))
 
     def publish(value: float) -> None:
-        message.data = value
-        publisher.publish(message)
+        publish_bytes(template.filled(value))
 
     return publish
 
@@ -68,63 +68,67 @@ def _scalar(node: RosObject, topic: str, index: int) -> Publish:
 
 def _position(node: RosObject, x: int, y: int) -> Publish:
     kind = message_type("geometry_msgs/msg/Point")
-    message, publisher = kind(), node.create_publisher(kind, "position", _DEPTH)
+    template = Template(kind(), ("x", "d"), ("y", "d"))
+    publish_bytes = node.create_publisher(kind, "position", _DEPTH).publish
 
     def publish(_stamp_ns: int, values: Sequence[float]) -> None:
-        message.x, message.y = values[x], values[y]
-        publisher.publish(message)
+        publish_bytes(template.filled(values[x], values[y]))
 
     return publish
 
 
 def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
     kind = message_type("nav_msgs/msg/Odometry")
-    message, publisher = kind(), node.create_publisher(kind, "odom", _DEPTH)
+    message, publish_bytes = kind(), node.create_publisher(kind, "odom", _DEPTH).publish
     message.header.frame_id, message.child_frame_id = ros.odometry_frame, ros.base_frame
-    pose, twist = message.pose.pose, message.twist.twist
+    position, orientation = (f"pose.pose.{what}" for what in ("position", "orientation"))
+    numbers = (f"{position}.x", f"{position}.y", f"{orientation}.z", f"{orientation}.w")
+    template = _stamped(message, *numbers, "twist.twist.linear.x", "twist.twist.angular.z")
 
     def publish(stamp_ns: int, values: Sequence[float]) -> None:
-        x, y, heading, linear, angular = (values[index] for index in indices)
-        set_stamp(message.header, stamp_ns)
-        pose.position.x, pose.position.y = x, y
-        set_heading(pose.orientation, heading)
-        twist.linear.x, twist.angular.z = linear, angular
-        publisher.publish(message)
+        x, y, heading, linear, angular = [values[index] for index in indices]
+        half = 0.5 * heading
+        publish_bytes(
+            template.filled(*divmod(stamp_ns, NS_PER_S), x, y, math.sin(half), math.cos(half), linear, angular)
+        )
 
     return publish
 
 
 def _joint_states(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
     kind = message_type("sensor_msgs/msg/JointState")
-    message, publisher = kind(), node.create_publisher(kind, "joint_states", _DEPTH)
+    message, publish_bytes = kind(), node.create_publisher(kind, "joint_states", _DEPTH).publish
     message.name = [ros.left_joint, ros.right_joint]
+    message.position, message.velocity = [0.0, 0.0], [0.0, 0.0]
+    template = _stamped(message, "position.0", "position.1", "velocity.0", "velocity.1")
 
     def publish(stamp_ns: int, values: Sequence[float]) -> None:
-        left, right, left_velocity, right_velocity = measured = [values[index] for index in indices]
-        if not all(map(math.isfinite, measured)):
-            return
-        set_stamp(message.header, stamp_ns)
-        message.position, message.velocity = [left, right], [left_velocity, right_velocity]
-        publisher.publish(message)
+        measured = [values[index] for index in indices]
+        if all(map(math.isfinite, measured)):
+            publish_bytes(template.filled(*divmod(stamp_ns, NS_PER_S), *measured))
 
     return publish
 
 
 def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
     kind = message_type("sensor_msgs/msg/Imu")
-    message, publisher = kind(), node.create_publisher(kind, "imu/data", _DEPTH)
+    message, publish_bytes = kind(), node.create_publisher(kind, "imu/data", _DEPTH).publish
     message.header.frame_id = ros.imu_frame
     message.orientation_covariance[0] = _NOT_MEASURED
-    rate, force = message.angular_velocity, message.linear_acceleration
+    numbers = [f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
+    template = _stamped(message, *numbers)
 
     def publish(stamp_ns: int, values: Sequence[float]) -> None:
-        rate.x, rate.y, rate.z, force.x, force.y, force.z = measured = [values[index] for index in indices]
-        if not all(map(math.isfinite, measured)):
-            return
-        set_stamp(message.header, stamp_ns)
-        publisher.publish(message)
+        measured = [values[index] for index in indices]
+        if all(map(math.isfinite, measured)):
+            publish_bytes(template.filled(*divmod(stamp_ns, NS_PER_S), *measured))
 
     return publish
+
+
+def _stamped(message: RosObject, *numbers: str) -> Template:
+    """A message of which the stamp and these numbers change."""
+    return Template(message, *STAMP, *((path, "d") for path in numbers))
 
 
 def _battery(node: RosObject, ros: RosSection, index: int) -> Publish:

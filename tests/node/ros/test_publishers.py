@@ -1,5 +1,6 @@
 """What each publisher says, message by message, in a node that only remembers."""
 
+import importlib
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,13 @@ STAMP_NS = 1_700_000_000_123_456_789
 IMU = [signal for signal in PUBLISHED_SIGNALS if signal.startswith("imu.")]
 
 
+def as_message(said: Any, kind: type) -> Any:
+    """What was published, as ROS reads it."""
+    if isinstance(said, bytes):
+        return importlib.import_module("rclpy.serialization").deserialize_message(said, kind)
+    return said
+
+
 class Node:
     """Remembers the topics, and the last message on each."""
 
@@ -23,9 +31,9 @@ class Node:
         self.topics: list[str] = []
         self.said: dict[str, Any] = {}
 
-    def create_publisher(self, _kind: type, topic: str, _depth: int) -> SimpleNamespace:
+    def create_publisher(self, kind: type, topic: str, _depth: int) -> SimpleNamespace:
         self.topics.append(topic)
-        return SimpleNamespace(publish=lambda message: self.said.update({topic: message}))
+        return SimpleNamespace(publish=lambda message: self.said.update({topic: as_message(message, kind)}))
 
 
 def published(signals: list[str]) -> Node:
