@@ -16,7 +16,7 @@ import msgspec
 
 from firmware_io.build import takes_serial, with_port
 from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
-from node.cycle.real_time import real_time_priority
+from node.cycle.real_time import real_time_loop
 from node.errors import ConfigurationError
 
 _logger = logging.getLogger(__name__)
@@ -97,11 +97,14 @@ def default_log(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def real_time() -> Iterator[None]:
-    """Real-time scheduling of this thread while the context lasts; says it once where it is not to be had."""
-    with real_time_priority() as refusal:
-        if refusal is not None:
-            _logger.info(refusal)
+def real_time(*, lock: bool = False) -> Iterator[None]:
+    """What a loop asks of the machine, while the context lasts; says once what is not to be had, and what that means.
+
+    `lock` says whether the memory of this process is to be locked.
+    """
+    with real_time_loop(lock=lock) as lacking:
+        for text in lacking:
+            _logger.info(text)
         yield
 
 

@@ -31,13 +31,10 @@ from node.recording.layout import layout_of
 from node.recording.provenance import provenance_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot, build_robot
-from node.ros.runtime import missing_packages, require_ros, ros_node
-from node.ros.stage import RosStage
 from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
 from node.service import service_of
-from node.service_memory import lock_memory
 
 _LONGEST_S: Final = 1e9
 _SMALLEST_LOG_MB: Final = 1.0
@@ -82,9 +79,7 @@ def run(options: argparse.Namespace) -> int:
         recorder = _recorder(options, robot)
         loop = robot.loop(stage, recorder)
         loop.service = service_of(os.environ, robot.period_ns)
-        if loop.service.is_one:
-            lock_memory()
-        with stopped_by_signals(loop.stop), real_time():
+        with stopped_by_signals(loop.stop), real_time(lock=True):
             loop.run(_cycles(options.duration, robot))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
@@ -102,21 +97,30 @@ def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
     signals = list(robot.wiring.published)
     if options.sequence is not None:
         yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals, robot.clock)
-    elif _with_ros(wanted=options.ros):
-        ros = robot.file.ros
-        with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
-            yield RosStage(node, ros, robot.wiring, robot.model, robot.file.name)
-    else:
+    elif options.ros is False:
         yield NoStage()
+    else:
+        with _ros_stage(options, robot) as stage:
+            yield stage
 
 
-def _with_ros(*, wanted: bool | None) -> bool:
-    if wanted:
+@contextlib.contextmanager
+def _ros_stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
+    """The stage in ROS; where it was not asked for and ROS is missing, none."""
+    # Imported here, since a robot without ROS starts sooner without them.
+    from node.ros.runtime import missing_packages, require_ros, ros_node  # noqa: PLC0415 - see above
+    from node.ros.stage import RosStage  # noqa: PLC0415 - see above
+
+    if options.ros:
         require_ros()
     missing = missing_packages()
-    if missing and wanted is None:
+    if missing:
         _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
-    return not missing and wanted is not False
+        yield NoStage()
+        return
+    ros = robot.file.ros
+    with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
+        yield RosStage(node, ros, robot.wiring, robot.model, robot.file.name)
 
 
 def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:

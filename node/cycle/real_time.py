@@ -1,17 +1,60 @@
-"""What this process asks of the kernel, so that its loop is not kept waiting by other programs."""
+"""What this process asks of the kernel and of Python, so that its loop is not kept waiting."""
 
 import contextlib
+import ctypes
 import os
+import resource
+import struct
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 PRIORITY: Final = 50
 """Of SCHED_FIFO, 1 to 99: above ordinary programs, at the level of interrupt threads on a real-time kernel."""
+SWITCH_INTERVAL_S: Final = 0.0005
+"""After this long, another thread of this process hands Python over to the loop."""
+
+_PR_SET_TIMERSLACK: Final = 29
+_PR_GET_TIMERSLACK: Final = 30
+"""Of linux/prctl.h; the slack is by how much the kernel may be late on purpose, 50 us where nothing is said."""
+_LOCK_CURRENT: Final = 1
+_LOCK_FUTURE: Final = 2
+_LOCK_ON_FAULT: Final = 4
+"""Flags of mlockall(2) (linux/mman.h); the last locks what is used, instead of all that is reserved."""
+IDLE_LATENCY: Final = Path("/dev/cpu_dma_latency")
+"""Kept open, it holds the processors out of idle states that take longer to leave than what was written to it, us."""
+ISOLATED: Final = Path("/sys/devices/system/cpu/isolated")
+"""The processors on which nothing runs that was not put there (`isolcpus` on the kernel's command line)."""
 
 
 def is_real_time() -> bool:
     """Whether the calling thread is scheduled in real time."""
     return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+
+
+@contextlib.contextmanager
+def real_time_loop(*, lock: bool = True) -> Iterator[tuple[str, ...]]:
+    """Everything that the thread of a loop asks for, while the context lasts.
+
+    Each measure is looked at after it was asked for. At the end all is given back but the locked memory.
+
+    Args:
+        lock: Whether the process' memory is to be locked.
+
+    Yields:
+        What was not to be had, each with its effect and how to get it.
+    """
+    with contextlib.ExitStack() as stack:
+        lacking = [
+            stack.enter_context(real_time_priority()),
+            stack.enter_context(_no_deep_idle()),
+            stack.enter_context(_isolated()),
+            stack.enter_context(_timer_slack()),
+            lock_memory() if lock else None,
+        ]
+        stack.enter_context(_quick_switches())
+        yield tuple(text for text in lacking if text is not None)
 
 
 @contextlib.contextmanager
@@ -44,3 +87,92 @@ def real_time_priority(priority: int = PRIORITY) -> Iterator[str | None]:
         yield None
     finally:
         os.sched_setscheduler(0, *before)
+
+
+def lock_memory() -> str | None:
+    """Keep what this process uses in RAM from now on: a page that has to come from the disk takes longer than a cycle.
+
+    With a limit nothing is locked: whoever reached it later could get no more memory at all.
+
+    Returns:
+        None where it is locked, else why not and what that means.
+    """
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
+        reason = "its amount is limited"
+    elif ctypes.CDLL(None, use_errno=True).mlockall(_LOCK_CURRENT | _LOCK_FUTURE | _LOCK_ON_FAULT) != 0:
+        reason = os.strerror(ctypes.get_errno())
+    else:
+        return None
+    return f"memory is not locked ({reason}): where it runs short, cycles wait for the disk; ulimit -l unlimited"
+
+
+@contextlib.contextmanager
+def _no_deep_idle() -> Iterator[str | None]:
+    """Processors that sleep deeply take long to wake, and their caches are empty then."""
+    try:
+        held = os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+    except OSError as error:
+        yield (
+            f"processors may sleep deeply between cycles ({IDLE_LATENCY}: {error.strerror}): each begins slowly; "
+            "run as root, or let the robot's group write to that file"
+        )
+        return
+    try:
+        os.write(held, struct.pack("i", 0))
+        yield None
+    finally:
+        os.close(held)
+
+
+@contextlib.contextmanager
+def _isolated() -> Iterator[str | None]:
+    """Onto the processors that were set aside, where some were; else wherever the scheduler sees fit."""
+    before, aside = os.sched_getaffinity(0), isolated_processors()
+    if not aside or before <= aside:
+        yield None
+        return
+    try:
+        os.sched_setaffinity(0, aside)
+    except OSError as error:
+        yield f"not on the isolated processors {sorted(aside)} ({error.strerror}): other programs can make cycles late"
+        return
+    try:
+        yield None
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def isolated_processors() -> set[int]:
+    """The processors that were set aside when the kernel was started."""
+    try:
+        text = ISOLATED.read_text().strip()
+    except OSError:
+        return set()
+    ends = [part.split("-") for part in text.split(",") if part]
+    return {number for end in ends for number in range(int(end[0]), int(end[-1]) + 1)}
+
+
+@contextlib.contextmanager
+def _timer_slack() -> Iterator[str | None]:
+    """Wake-ups at their time; a thread with real-time scheduling has them anyway."""
+    prctl = ctypes.CDLL(None, use_errno=True).prctl
+    before_ns = prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+    slack_ns = prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    try:
+        if is_real_time() or slack_ns == 1:
+            yield None
+        else:
+            yield f"the kernel wakes this thread up to {slack_ns * 1e-3:.0f} us late on purpose (timer slack)"
+    finally:
+        prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(max(before_ns, 1)), 0, 0, 0)
+
+
+@contextlib.contextmanager
+def _quick_switches() -> Iterator[None]:
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(min(before_s, SWITCH_INTERVAL_S))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)

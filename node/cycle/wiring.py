@@ -108,12 +108,11 @@ class Wiring:
 
     def publish(self, sensors: Sensors, y: Sequence[float]) -> list[float]:
         """The published signals that are wired, in the order of `published`; what was measured too long ago is NaN."""
-        sources = self.published.values()
-        return [_measured(sensors, s.index) if s.origin is Origin.SENSOR else y[s.index] for s in sources]
-
-
-def _measured(sensors: Sensors, index: int) -> float:
-    return sensors.values[index] if sensors.valid[index] else math.nan
+        sensor, values, valid = Origin.SENSOR, sensors.values, sensors.valid
+        return [
+            y[s.index] if s.origin is not sensor else values[s.index] if valid[s.index] else math.nan
+            for s in self.published.values()
+        ]
 
 
 def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:

@@ -46,6 +46,11 @@ class SectionedModel:
             if name not in self.p:
                 raise UnknownNameError(f"parameter of model '{self.name}'", name, self.p)
             self.p[name] = _finite(name, value)
+        # Of equal names the first counts: looked for once, since the cycle reads and writes by name.
+        self._state_at = {v.name: place for place, v in reversed([*enumerate(self.states)])}
+        self._parameter_at = {v.name: v for v in reversed(self.parameters)}
+        self._port_at = {v.name: ("_y", place) for place, v in reversed([*enumerate(self.outputs)])}
+        self._port_at |= {v.name: ("_u", place) for place, v in reversed([*enumerate(self.inputs)])}
 
     # The sections. `u` is valid for one step; `output` returns the outputs in order.
 
@@ -100,30 +105,29 @@ class SectionedModel:
         """Return a present value; see `Model.read`."""
         if name in self.p:
             return self.p[name]
-        for variables, values in ((self.states, self.s), (self.inputs, self._u), (self.outputs, self._y)):
-            for variable, value in zip(variables, values, strict=True):
-                if variable.name == name:
-                    return value
+        if name in self._state_at:
+            return self.s[self._state_at[name]]
+        if name in self._port_at:
+            ports, place = self._port_at[name]
+            return float(getattr(self, ports)[place])
         raise UnknownNameError(f"variable of model '{self.name}'", name, self._names())
 
     def write(self, name: str, value: float) -> None:
         """Write a parameter or state; see `Model.write`."""
-        for index, state in enumerate(self.states):
-            if state.name == name:
-                self._check_writable(state)
-                if state.write is Write.RESET:
-                    self._starts[name] = _finite(name, value)
-                else:
-                    self.s[index] = _finite(name, value)
-                    self._run_static(state)
-                return
-        for parameter in self.parameters:
-            if parameter.name == name:
-                self._check_writable(parameter)
-                self.p[name] = _finite(name, value)
-                self._run_static(parameter)
-                return
-        raise UnknownNameError(f"writable variable of model '{self.name}'", name, [*self.p, *_names(self.states)])
+        place = self._state_at.get(name)
+        variable = self._parameter_at.get(name) if place is None else self.states[place]
+        if variable is None:
+            known = [*self.p, *_names(self.states)]
+            raise UnknownNameError(f"writable variable of model '{self.name}'", name, known)
+        self._check_writable(variable)
+        if place is None:
+            self.p[name] = _finite(name, value)
+        elif variable.write is Write.RESET:
+            self._starts[name] = _finite(name, value)
+            return
+        else:
+            self.s[place] = _finite(name, value)
+        self._run_static(variable)
 
     def _take(self, u: Sequence[float]) -> None:
         if len(u) != len(self.inputs):

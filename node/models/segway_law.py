@@ -73,13 +73,17 @@ class Law:
         )
         travel = _near(motion.travel + self.period * velocity, e.travel, p["MaxTravelError"])
         heading = _near(motion.heading + self.period * yaw_rate, e.heading, p["MaxHeadingError"])
-        return motion._replace(
+        return Motion(
             travel=travel,
             velocity=velocity,
             acceleration=acceleration,
             heading=heading,
             yaw_rate=yaw_rate,
             yaw_acceleration=yaw_acceleration,
+            integral=motion.integral,
+            sent=motion.sent,
+            sent_before=motion.sent_before,
+            turning=motion.turning,
         )
 
     def _ramp(self, rate: float, acceleration: float, wanted: float, limit: float) -> tuple[float, float]:

@@ -39,6 +39,10 @@ class Phase(enum.IntEnum):
     """Down, the motors give nothing; it fell or did not get up, and waits to be told to sit before it tries again."""
 
 
+_PHASES: Final = tuple(Phase)
+"""By number, which takes a quarter of the time of `Phase(number)`."""
+
+
 class Progress(NamedTuple):
     """A phase, and how far it has come.
 
@@ -57,7 +61,7 @@ class Progress(NamedTuple):
     @property
     def doing(self) -> Phase:
         """The phase."""
-        return Phase(int(self.phase))
+        return _PHASES[int(self.phase)]
 
     @property
     def is_resting(self) -> bool:

@@ -35,6 +35,7 @@ class Endpoint:
         self.refused: Counter[Refusal] = Counter()
         self._link = link
         self._send_counter = dict.fromkeys(FrameId, 0)
+        self._ids = {int(frame_id): frame_id for frame_id in listen_to}
         self._checks = {frame_id: CounterCheck() for frame_id in listen_to}
         self._lost_before = 0
 
@@ -56,15 +57,15 @@ class Endpoint:
 
     def check(self, frame: Frame) -> Received | None:
         """A frame that is one of those listened to and intact; None for any other, counted where it was refused."""
-        check = None if frame.is_extended else self._checks.get(frame.arbitration_id)  # type: ignore[call-overload]
-        if check is None:
+        frame_id = None if frame.is_extended else self._ids.get(frame.arbitration_id)
+        if frame_id is None:
             return None
         try:
-            payload, counter = decode(frame.arbitration_id, frame.data)
+            payload, counter = decode(frame_id, frame.data)
         except FrameRefusedError as error:
             self.refused[error.refusal] += 1
             return None
-        if not check.accepts(counter):
+        if not self._checks[frame_id].accepts(counter):
             self.refused[Refusal.COUNTER] += 1
             return None
-        return Received(FrameId(frame.arbitration_id), payload, frame.received_ns)
+        return Received(frame_id, payload, frame.received_ns)

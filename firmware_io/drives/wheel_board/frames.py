@@ -141,17 +141,18 @@ class AngularVelocity(NamedTuple):
 
     def in_range(self) -> bool:
         """Whether every value is finite and within the DBC's range."""
-        return all(abs(value) <= MAX_TURN_RATE for value in self)
+        x, y, z = self
+        return abs(x) <= MAX_TURN_RATE and abs(y) <= MAX_TURN_RATE and abs(z) <= MAX_TURN_RATE
 
     def pack(self, counter: int) -> bytes:
         """The first seven bytes of the frame."""
-        return _AXES.pack(*(round(value / _MILLIRADIAN_PER_SECOND) for value in self), counter)
+        return _AXES.pack(*[round(value / _MILLIRADIAN_PER_SECOND) for value in self], counter)
 
     @classmethod
     def unpack(cls, body: bytes) -> Self:
         """From the first seven bytes of the frame."""
-        *raw, _ = _AXES.unpack(body)
-        return cls(*(value * _MILLIRADIAN_PER_SECOND for value in raw))
+        x, y, z, _ = _AXES.unpack(body)
+        return cls(x * _MILLIRADIAN_PER_SECOND, y * _MILLIRADIAN_PER_SECOND, z * _MILLIRADIAN_PER_SECOND)
 
 
 class LinearAcceleration(NamedTuple):
@@ -163,17 +164,18 @@ class LinearAcceleration(NamedTuple):
 
     def in_range(self) -> bool:
         """Whether every value is finite and within the DBC's range."""
-        return all(abs(value) <= MAX_ACCELERATION for value in self)
+        x, y, z = self
+        return abs(x) <= MAX_ACCELERATION and abs(y) <= MAX_ACCELERATION and abs(z) <= MAX_ACCELERATION
 
     def pack(self, counter: int) -> bytes:
         """The first seven bytes of the frame."""
-        return _AXES.pack(*(round(value / _METRE_PER_SECOND_SQUARED) for value in self), counter)
+        return _AXES.pack(*[round(value / _METRE_PER_SECOND_SQUARED) for value in self], counter)
 
     @classmethod
     def unpack(cls, body: bytes) -> Self:
         """From the first seven bytes of the frame."""
-        *raw, _ = _AXES.unpack(body)
-        return cls(*(value * _METRE_PER_SECOND_SQUARED for value in raw))
+        x, y, z, _ = _AXES.unpack(body)
+        return cls(x * _METRE_PER_SECOND_SQUARED, y * _METRE_PER_SECOND_SQUARED, z * _METRE_PER_SECOND_SQUARED)
 
 
 class BoardStatus(NamedTuple):

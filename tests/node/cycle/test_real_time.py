@@ -1,8 +1,27 @@
+import ctypes
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from node.cycle.real_time import real_time_priority
+from node.cycle import real_time
+from node.cycle.real_time import SWITCH_INTERVAL_S, isolated_processors, real_time_loop, real_time_priority
+
+PR_GET_TIMERSLACK = 30
+"""Of linux/prctl.h."""
+
+LOCK = """
+import resource
+from node.cycle.real_time import lock_memory
+hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, hard))
+print(lock_memory())
+held = bytearray(8 << 20)
+held[::4096] = b"x" * (len(held) // 4096)
+print(next(line for line in open("/proc/self/status") if line.startswith("VmLck")).split()[1])
+"""
 
 REAL_TIME = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 
@@ -53,3 +72,113 @@ def test_what_a_service_was_given_is_kept(
     with real_time_priority(42) as refusal:
         assert refusal is None
     assert asked == []
+
+
+@pytest.fixture
+def idle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What stands for the kernel's file."""
+    path = tmp_path / "cpu_dma_latency"
+    path.touch()
+    monkeypatch.setattr(real_time, "IDLE_LATENCY", path)
+    return path
+
+
+@pytest.fixture
+def isolated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Which processors were set aside."""
+    path = tmp_path / "isolated"
+    path.write_text("\n")
+    monkeypatch.setattr(real_time, "ISOLATED", path)
+    return path
+
+
+@pytest.fixture
+def pinned(monkeypatch: pytest.MonkeyPatch) -> list[set[int]]:
+    """Where this thread was put, on a machine of four processors."""
+    pinned = [{0, 1, 2, 3}]
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: pinned[-1])
+    monkeypatch.setattr(os, "sched_setaffinity", lambda _, processors: pinned.append(set(processors)))
+    return pinned
+
+
+def slack_ns() -> int:
+    return int(ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0))
+
+
+@pytest.mark.usefixtures("asked", "isolated")
+def test_all_is_asked_for_and_all_is_given_back(idle: Path) -> None:
+    before = slack_ns(), sys.getswitchinterval()
+    with real_time_loop(lock=False) as lacking:
+        assert lacking == ()
+        assert (slack_ns(), sys.getswitchinterval()) == (1, SWITCH_INTERVAL_S)
+        assert idle.read_bytes() == bytes(4)
+        held = [link for link in Path("/proc/self/fd").iterdir() if link.exists() and link.samefile(idle)]
+        assert len(held) == 1, "the kernel keeps to it for as long as the file is open"
+    assert (slack_ns(), sys.getswitchinterval()) == before
+    assert not [link for link in Path("/proc/self/fd").iterdir() if link.exists() and link.samefile(idle)]
+
+
+@pytest.mark.usefixtures("asked", "isolated")
+def test_a_machine_that_sleeps_deeply_is_told_of_with_the_cure(idle: Path) -> None:
+    idle.unlink()
+    with real_time_loop(lock=False) as lacking:
+        assert lacking == (
+            (
+                f"processors may sleep deeply between cycles ({idle}: No such file or directory): each begins slowly; "
+                "run as root, or let the robot's group write to that file"
+            ),
+        )
+
+
+@pytest.mark.usefixtures("asked", "idle")
+def test_processors_that_were_set_aside_are_used_and_left_again(isolated: Path, pinned: list[set[int]]) -> None:
+    isolated.write_text("2-3\n")
+    with real_time_loop(lock=False) as lacking:
+        assert (lacking, pinned[-1]) == ((), {2, 3})
+    assert pinned[-1] == {0, 1, 2, 3}
+
+
+@pytest.mark.usefixtures("asked", "idle")
+def test_a_service_that_was_put_on_one_of_them_stays_there(isolated: Path, pinned: list[set[int]]) -> None:
+    isolated.write_text("2-3\n")
+    pinned.append({3})
+    with real_time_loop(lock=False):
+        assert pinned[-1] == {3}
+
+
+@pytest.mark.usefixtures("asked", "idle", "pinned")
+def test_processors_that_may_not_be_used_are_told_of(isolated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(22, "Invalid argument")
+
+    isolated.write_text("1\n")
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    with real_time_loop(lock=False) as lacking:
+        assert lacking == (
+            "not on the isolated processors [1] (Invalid argument): other programs can make cycles late",
+        )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"), [("", set()), ("3", {3}), ("1,3-5", {1, 3, 4, 5})], ids=["none", "one", "several"]
+)
+def test_the_kernels_list_of_processors(isolated: Path, text: str, expected: set[int]) -> None:
+    isolated.write_text(f"{text}\n")
+    assert isolated_processors() == expected
+
+
+def test_a_kernel_without_the_list_has_set_none_aside(isolated: Path) -> None:
+    isolated.unlink()
+    assert isolated_processors() == set()
+
+
+def test_memory_of_limited_amount_is_not_locked() -> None:
+    """That it is locked without a limit is seen in the image's boot test."""
+    done = subprocess.run([sys.executable, "-I", "-c", LOCK], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        (
+            "memory is not locked (its amount is limited): where it runs short, cycles wait for the disk; "
+            "ulimit -l unlimited"
+        ),
+        "0",
+    ]
