@@ -1,6 +1,5 @@
 """A CAN bus in simulated time: frames take their time on the wire, and the lowest identifier wins it."""
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Final
 
@@ -9,6 +8,14 @@ from firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bi
 NowNs = Callable[[], int]
 
 _NS_PER_S: Final = 1_000_000_000
+_LENGTHS: Final = 9
+_TRAILING_BITS: Final = 18
+"""Of an extended identifier, after those that it has in common with a standard one."""
+
+
+_Waiting = tuple[int, int, int, Frame, "SimulatedLink"]
+"""A frame that is to go over the wire: since when (ns), its priority in arbitration, of which the lowest wins, how long
+it takes (ns), and whose it is."""
 
 
 class SimulatedBus:
@@ -16,10 +23,11 @@ class SimulatedBus:
 
     def __init__(self, bitrate: int, now_ns: NowNs) -> None:
         """Make a bus at `bitrate` bit/s on a simulated clock."""
-        self._ns_per_bit = _NS_PER_S / bitrate
+        lengths = [[Frame(0, bytes(n), is_extended=extended) for n in range(_LENGTHS)] for extended in (False, True)]
+        self._durations_ns = [[round(worst_case_bits(f) * _NS_PER_S / bitrate) for f in frames] for frames in lengths]
         self._now_ns = now_ns
         self._links: list[SimulatedLink] = []
-        self._waiting: list[tuple[int, Frame, SimulatedLink]] = []
+        self._waiting: list[_Waiting] = []  # as they were submitted, so the time never falls
         self._busy_until_ns = 0
 
     def attach(self, name: str) -> "SimulatedLink":
@@ -30,35 +38,48 @@ class SimulatedBus:
 
     def submit(self, frame: Frame, sender: "SimulatedLink") -> None:
         """Queue a frame for the wire."""
-        self._waiting.append((self._now_ns(), frame, sender))
+        identifier, data, _, is_extended, _ = frame
+        duration_ns = self._durations_ns[is_extended][len(data)]
+        priority = _extended_priority(identifier) if is_extended else identifier << _TRAILING_BITS + 1
+        self._waiting.append((self._now_ns(), priority, duration_ns, frame, sender))
 
     def deliver(self) -> None:
         """Put on the wire, and hand out, everything that has passed by now."""
+        waiting = self._waiting
+        if not waiting:
+            return
         now_ns = self._now_ns()
-        while self._waiting:
-            start_ns = max(self._busy_until_ns, min(submitted for submitted, _, _ in self._waiting))
-            ready = [entry for entry in self._waiting if entry[0] <= start_ns]
-            winner = min(ready, key=_priority)
-            end_ns = start_ns + round(worst_case_bits(winner[1]) * self._ns_per_bit)
+        while waiting:
+            start_ns = max(self._busy_until_ns, waiting[0][0])
+            winner = waiting[0] if len(waiting) == 1 else self._winner(start_ns)
+            _, _, duration_ns, (identifier, data, _, is_extended, is_remote), sender = winner
+            end_ns = start_ns + duration_ns
             if end_ns > now_ns:
                 # Nothing that is submitted later can be on the wire before this one has won it, except what beats it
                 # in arbitration at the same instant; so it stays queued until its end is certain.
                 return
-            self._waiting.remove(winner)
+            waiting.remove(winner)
             self._busy_until_ns = end_ns
-            _, frame, sender = winner
-            received = frame._replace(received_ns=end_ns)
+            received = Frame(identifier, data, end_ns, is_extended, is_remote)
             for link in self._links:
                 if link is not sender:
                     link.hand(received)
 
+    def _winner(self, start_ns: int) -> _Waiting:
+        """Which of those that wait at `start_ns` wins the wire; of equal ones the first."""
+        waiting = self._waiting
+        best = waiting[0]
+        for entry in waiting:
+            if entry[0] > start_ns:
+                break
+            if entry[1] < best[1]:
+                best = entry
+        return best
 
-def _priority(entry: tuple[int, Frame, "SimulatedLink"]) -> tuple[int, int]:
-    """Arbitration: the lower leading bits win; of equal ones the standard frame (ISO 11898-1)."""
-    frame = entry[1]
-    if frame.is_extended:
-        return frame.arbitration_id >> 18, 1 + (frame.arbitration_id & 0x3FFFF)
-    return frame.arbitration_id, 0
+
+def _extended_priority(identifier: int) -> int:
+    """In arbitration the lower leading bits win; of equal ones the standard frame (ISO 11898-1)."""
+    return (identifier >> _TRAILING_BITS) << _TRAILING_BITS + 1 | 1 + (identifier & (1 << _TRAILING_BITS) - 1)
 
 
 class SimulatedLink:
@@ -69,7 +90,7 @@ class SimulatedLink:
         self.counters = LinkCounters()
         self._bus = bus
         self._name = name
-        self._received: deque[Frame] = deque()
+        self._received: list[Frame] = []
 
     @property
     def description(self) -> str:
@@ -99,8 +120,7 @@ class SimulatedLink:
     def receive(self) -> list[Frame]:
         """Everything that has passed by now."""
         self._bus.deliver()
-        frames = list(self._received)
-        self._received.clear()
+        frames, self._received = self._received, []
         return frames
 
     def hand(self, frame: Frame) -> None:

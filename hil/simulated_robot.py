@@ -7,6 +7,7 @@ from firmware_io.errors import LinkLostError
 from firmware_io.links.link import Frame, Link
 from hil.devices.device import Device
 from hil.errors import PlantMismatchError
+from hil.plant import advance_of
 from node.model.model import Model
 
 _NS_PER_S: Final = 1_000_000_000
@@ -19,7 +20,6 @@ class SimulatedRobot:
         tick_ns: Period of the firmware's loops.
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
-        plant: What the devices share; write to its states to disturb it.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
     """
 
@@ -32,14 +32,25 @@ class SimulatedRobot:
         self.tick_ns = tick_ns
         self._link = link
         self._devices = tuple(devices)
-        self.plant = plant
+        self._plant, self._advance = plant, advance_of(plant)
         self._names = [v.name for v in plant.outputs]
         self._places = _places(devices, plant)
         self._steps, self._ticks_per_step = _rates(plant, tick_ns)
         self._ticks = 0
         self.stuck: dict[str, float] = {}
         self.inputs = [0.0] * len(plant.inputs)
-        self.outputs = plant.initialize(self.inputs)
+        self.outputs: Sequence[float] = plant.initialize(self.inputs)
+        self._by_name: dict[str, float] = {}
+        self._by_name_of: Sequence[float] | None = None
+
+    @property
+    def plant(self) -> Model:
+        """What the devices share; write to its states to disturb it."""
+        return self._plant
+
+    @plant.setter
+    def plant(self, plant: Model) -> None:
+        self._plant, self._advance = plant, advance_of(plant)
 
     @property
     def link(self) -> Link:
@@ -65,14 +76,16 @@ class SimulatedRobot:
                 self.inputs[place] = value
         self._ticks += 1
         if self._ticks % self._ticks_per_step == 0:
-            for _ in range(self._steps):
-                self.outputs = self.plant.step(self.inputs)
+            self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None
             outputs = self._measured()
         for device in self._devices:
             device.tell(now_ns, outputs)
 
     def _measured(self) -> dict[str, float]:
-        return {**dict(zip(self._names, self.outputs, strict=True)), **self.stuck}
+        """The outputs by name, as the devices find them; from one step of the plant to the next they are the same."""
+        if self._by_name_of is not self.outputs:
+            self._by_name, self._by_name_of = dict(zip(self._names, self.outputs, strict=True)), self.outputs
+        return {**self._by_name, **self.stuck} if self.stuck else self._by_name
 
     def _receive(self) -> Sequence[Frame]:
         try:

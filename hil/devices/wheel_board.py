@@ -1,6 +1,7 @@
 """A wheel board as its firmware behaves; docs/drives/wheel_board.md tells firmware authors the same."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from typing import Final
 
 from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
@@ -17,7 +18,6 @@ from firmware_io.drives.wheel_board.frames import (
     BoardStatus,
     FrameId,
     LinearAcceleration,
-    Payload,
     Wheel,
     WheelCommand,
 )
@@ -36,6 +36,9 @@ _COMMANDS: Final = frozenset({FrameId.WHEEL_COMMAND, FrameId.BOARD_SETUP})
 _WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
 _ACCELERATION: Final = tuple(f"imu.linear_acceleration_{axis}" for axis in "xyz")
+_wheels: Final = itemgetter(*_WHEELS)
+_gyro: Final = itemgetter(*_GYRO)
+_acceleration: Final = itemgetter(*_ACCELERATION)
 _DEFAULTS: Final = WheelBoardSettings()
 
 
@@ -87,8 +90,7 @@ class SimulatedWheelBoard:
 
     def tell(self, _now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is measured each time, and the status now and then and whenever the state changes."""
-        for frame_id, payload in self._measure(outputs):
-            self._bus.send(frame_id, payload)
+        self._tell_measured(self._bus, outputs)
         if self._ticks % _STATUS_TICKS == 0 or self.state is not self._told_state:
             self._bus.send(FrameId.BOARD_STATUS, self._status(outputs))
             self._told_state = self.state
@@ -99,8 +101,7 @@ class SimulatedWheelBoard:
         for frame in frames:
             self._take(serial.endpoint, frame, now_ns)
         if is_asked:
-            for frame_id, payload in self._measure(outputs):
-                serial.endpoint.send(frame_id, payload)
+            self._tell_measured(serial.endpoint, outputs)
             serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
 
     def _take(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
@@ -136,15 +137,14 @@ class SimulatedWheelBoard:
         volts = min(max(supply_voltage(outputs), 0.0), MAX_BUS_VOLTAGE)
         return BoardStatus(self.state, volts, self._watchdog_s, self.refused_frames)
 
-    def _measure(self, outputs: Mapping[str, float]) -> Iterator[tuple[FrameId, Payload]]:
-        """What the board measures; its counters stop at the ends of their range."""
-        left_angle, left_velocity, right_angle, right_velocity = (outputs[name] for name in _WHEELS)
-        yield FrameId.LEFT_WHEEL, _wheel(left_angle, left_velocity)
-        yield FrameId.RIGHT_WHEEL, _wheel(right_angle, right_velocity)
+    def _tell_measured(self, line: Endpoint, outputs: Mapping[str, float]) -> None:
+        """Send what the board measures over a line; its counters stop at the ends of their range."""
+        left_angle, left_velocity, right_angle, right_velocity = _wheels(outputs)
+        line.send(FrameId.LEFT_WHEEL, _wheel(left_angle, left_velocity))
+        line.send(FrameId.RIGHT_WHEEL, _wheel(right_angle, right_velocity))
         if self._has_imu:
-            yield FrameId.IMU_GYRO, AngularVelocity(*(_within(outputs[name], MAX_TURN_RATE) for name in _GYRO))
-            acceleration = (_within(outputs[name], MAX_ACCELERATION) for name in _ACCELERATION)
-            yield FrameId.IMU_ACCELERATION, LinearAcceleration(*acceleration)
+            line.send(FrameId.IMU_GYRO, AngularVelocity(*_axes(_gyro(outputs), MAX_TURN_RATE)))
+            line.send(FrameId.IMU_ACCELERATION, LinearAcceleration(*_axes(_acceleration(outputs), MAX_ACCELERATION)))
 
 
 class _SerialEnd:
@@ -176,5 +176,12 @@ def _wheel(angle: float, velocity: float) -> Wheel:
     return Wheel(_within(angle, MAX_ANGLE), _within(velocity, MAX_VELOCITY))
 
 
+def _axes(values: Sequence[float], limit: float) -> Sequence[float]:
+    x, y, z = values
+    if -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
+        return values
+    return [_within(value, limit) for value in values]
+
+
 def _within(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+    return value if -limit <= value <= limit else min(max(value, -limit), limit)

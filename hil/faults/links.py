@@ -1,7 +1,7 @@
 """Links and lines that lose, spoil, repeat and delay what passes, as they are told to."""
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from firmware_io.links.link import Frame, Link
@@ -27,6 +27,7 @@ class DisturbedBus(FaultyLink):
         super().__init__(link)
         self.is_dead = False
         self._injections = injections.of("can")
+        self._repeats = any(injection.fault.type == "wrong" for injection in self._injections)
         self._now_ns = now_ns
         self._out: deque[tuple[int, Frame]] = deque()
         self._in: deque[tuple[int, Frame]] = deque()
@@ -36,24 +37,37 @@ class DisturbedBus(FaultyLink):
         """Send, or what the faults make of it; see `Link.send`."""
         if self.is_dead:
             return True
-        self._set_fault()
+        active = self._set_fault()
         if self.fault is not None:
             return super().send(frame)
-        self._out.extend(self._disturbed(frame, is_sent=True))
+        if not active and not self._out:
+            self._remember(frame, is_sent=True)
+            return self.behind.send(frame)
+        self._out.extend(self._disturbed(frame, active, is_sent=True))
         return self._flush()
 
     def receive(self) -> list[Frame]:
         """Receive, or what the faults make of it; see `Link.receive`."""
-        self._set_fault()
-        for frame in super().receive():
-            self._in.extend(self._disturbed(frame, is_sent=False))
+        active = self._set_fault()
+        frames = super().receive()
+        if not active and not self._in and not self._out:
+            for frame in frames:
+                self._remember(frame, is_sent=False)
+            return frames
+        for frame in frames:
+            self._in.extend(self._disturbed(frame, active, is_sent=False))
         self._flush()
         return [frame._replace(received_ns=max(due_ns, frame.received_ns)) for due_ns, frame in self._due(self._in)]
 
-    def _set_fault(self) -> None:
-        self.fault = next(
-            (_FAULTS[i.fault.type] for i in self._injections if i.is_active and i.fault.type in _FAULTS), None
-        )
+    def _set_fault(self) -> Sequence[Injection]:
+        """Fail as a whole where that is asked for; returns what is there now."""
+        active = [injection for injection in self._injections if injection.is_active]
+        self.fault = next((_FAULTS[i.fault.type] for i in active if i.fault.type in _FAULTS), None) if active else None
+        return active
+
+    def _remember(self, frame: Frame, *, is_sent: bool) -> None:
+        if self._repeats:
+            self._newest[frame.arbitration_id, is_sent] = frame
 
     def _flush(self) -> bool:
         """Send what is due; False where something was not taken."""
@@ -66,12 +80,10 @@ class DisturbedBus(FaultyLink):
             due.append(queue.popleft())
         return due
 
-    def _disturbed(self, frame: Frame, *, is_sent: bool) -> list[tuple[int, Frame]]:
+    def _disturbed(self, frame: Frame, active: Sequence[Injection], *, is_sent: bool) -> list[tuple[int, Frame]]:
         """What becomes of a frame, with the time when it goes on."""
         frames, delay_ns = [frame], 0
-        for injection in self._injections:
-            if not injection.is_active:
-                continue
+        for injection in active:
             match injection.fault.type:
                 case "intermittent":
                     frames = [] if injection.happens() else frames
@@ -81,7 +93,7 @@ class DisturbedBus(FaultyLink):
                     frames += self._older(frame, is_sent=is_sent)
                 case "delayed":
                     delay_ns += round((injection.fault.size or 0.0) * 1e9)
-        self._newest[frame.arbitration_id, is_sent] = frame
+        self._remember(frame, is_sent=is_sent)
         begun_ns = self._now_ns() if is_sent else frame.received_ns
         return [(begun_ns + delay_ns, f) for f in frames]
 
@@ -129,10 +141,10 @@ class DisturbedDevicesLink(LinkFront):
 
     @property
     def _is_without_supply(self) -> bool:
-        return any(injection.is_active for injection in self._battery)
+        return bool(self._battery) and any(injection.is_active for injection in self._battery)
 
     def _is_lost(self, frame: Frame) -> bool:
-        if (frame.arbitration_id, frame.is_extended) not in self._imu_frames:
+        if not self._imu or (frame.arbitration_id, frame.is_extended) not in self._imu_frames:
             return False
         return any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
 

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from hil.faults.injection import Injection, Injections
+from hil.plant import advance_of
 from node.model.model import Model
 from node.model.variables import Variable
 
@@ -15,6 +16,13 @@ _PREFIXES = {
     "battery": ("left.", "right."),
 }
 
+_VARYING = {
+    *((motor, kind) for motor in ("left_motor", "right_motor") for kind in ("garbage", "intermittent", "slow")),
+    ("battery", "intermittent"),
+    *((sensor, "slow") for sensor in ("imu", "encoder")),
+}
+"""Faults that give a motor something else in each step, or have to see what a sensor shows in each."""
+
 
 class DisturbedPlant:
     """Stands between devices and plant; see `Model`. What is true of the plant, `truth.*`, stays true."""
@@ -22,6 +30,7 @@ class DisturbedPlant:
     def __init__(self, plant: Model, injections: Injections) -> None:
         """Stand in front of `plant`."""
         self._plant = plant
+        self._advance = advance_of(plant)
         self._sensors = [
             _Disturbance(i, _places(i, plant.outputs), plant.step_size) for i in injections.of("imu", "encoder")
         ]
@@ -69,10 +78,21 @@ class DisturbedPlant:
 
     def step(self, u: Sequence[float]) -> list[float]:
         """Push with what the motors make of `u`; return what the sensors make of the outputs."""
+        return self._disturbed(u, 1)
+
+    def advance(self, u: Sequence[float], steps: int) -> list[float]:
+        """Make some steps, at once where none of them is disturbed otherwise than the others; see `Advancing`."""
+        if not any(disturbance.acts_each_step for disturbance in (*self._motors, *self._sensors)):
+            return self._disturbed(u, steps)
+        for _ in range(steps - 1):
+            self._disturbed(u, 1)
+        return self._disturbed(u, 1)
+
+    def _disturbed(self, u: Sequence[float], steps: int) -> list[float]:
         given = list(u)
         for motor in self._motors:
             motor.disturb(given)
-        measured = list(self._plant.step(given))
+        measured = list(self._advance(given, steps))
         for sensor in self._sensors:
             sensor.disturb(measured)
         return measured
@@ -105,8 +125,16 @@ class _Disturbance:
         self._is_factor = injection.fault.target in {"left_motor", "right_motor", "battery"}
         self._kept = [0.0] * len(places)
         fault = injection.fault
+        self._varies = (fault.target, fault.type) in _VARYING
         length = round((fault.size or 0.0) / step_size) + 1 if fault.type == "delayed" else 1
         self._past: deque[list[float]] = deque(maxlen=length)
+
+    @property
+    def acts_each_step(self) -> bool:
+        """Whether it is to see every step, or makes something else of each."""
+        if self._injection.fault.type == "delayed":
+            return True
+        return self._varies and self._injection.is_active
 
     def disturb(self, values: list[float]) -> None:
         """Replace the values that are disturbed."""

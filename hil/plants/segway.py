@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 
 from hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from hil.plants.segway_body import SegwayBody
-from hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
+from hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
 from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
 from node.model.methods import Method
 from node.model.sectioned import SectionedModel
@@ -21,6 +21,8 @@ from node.model.variables import Variable, Write
 from node.models.segway_parameters import VARIABLES, SegwayParameters
 
 STEP_SIZE: Final = 0.001
+_MOST_STIFF: Final = 1.0
+"""How much of its way to rest friction may go in one stride: the method is stable up to 2.8, and exact far below."""
 
 _TYPICAL: Final = ImuErrors()
 _SENSOR_PARAMETERS: Final = (
@@ -85,6 +87,7 @@ class _Segway(SectionedModel):
         self.body.pitch = self.p["InitialPitch"]
         self._left_motor, self._right_motor = self.motor(p, STEP_SIZE), self.motor(p, STEP_SIZE)
         self._place_x = self._place_y = 0.0
+        self._moved = 0
         self._disturbance: tuple[float, ...] = ()
         self._disturb()
         self._gravity, self._imu_height = p.gravity, p.imu_height
@@ -115,20 +118,63 @@ class _Segway(SectionedModel):
         """Take the commands of the drives, N m or V."""
         self._left_command, self._right_command = u
 
-    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - autonomous
-        """Move everything by one step; what was written to the states stays."""
+    def step(self, u: Sequence[float]) -> list[float]:
+        """Make one step; what was written to the states stays; see `Model.step`."""
+        return self.advance(u, 1)
+
+    def advance(self, u: Sequence[float], steps: int) -> list[float]:
+        """Make some steps at once with the same inputs; returns the outputs after the last one; see `Advancing`.
+
+        What moves is integrated in strides of up to `MOST_STEPS` steps where friction is not too stiff for it, and the
+        IMU measures only what will be shown. Encoders count at every step.
+        """
+        self._take(u)
+        self._move(steps)
+        self._steps += steps
+        self.time = self._steps * self.step_size
+        self._y = list(self.output())
+        return self._y
+
+    def _move(self, steps: int) -> None:
+        """Make some steps, in strides.
+
+        Asked for as many each time, the IMU is to have a sample just as old as its latency at each end.
+        """
         self._disturb()
-        body, supply = self.body, self.battery.voltage
+        imu, moved = self._imu, self._moved
+        end = moved + steps
+        sampled = end - (0 if imu is None else imu.delay % steps)
+        while moved < end:
+            stride = min((sampled if moved < sampled else end) - moved, self._longest)
+            self._stride(stride)
+            moved += stride
+            if moved == sampled:
+                self._sample(moved)
+        self._moved = end
+        if imu is not None:
+            self._imu_sample = imu.show(end)
+
+    def _stride(self, steps: int) -> None:
+        """Move motors, body, battery and encoders on, 1 to `MOST_STEPS` steps at a time."""
+        body, battery, left_motor, right_motor = self.body, self.battery, self._left_motor, self._right_motor
+        h, heading, supply = steps * STEP_SIZE, body.heading, battery.voltage
+        old_left, old_right = body.wheel_angles()
+        old_left_speed, old_right_speed = body.wheel_speeds()
+        left_rate, right_rate = body.wheel_accelerations()
+        half = 0.5 * h
+        way, turn = body.step(
+            h,
+            left_motor.torque(self._left_command, old_left_speed + half * left_rate, supply, steps),
+            right_motor.torque(self._right_command, old_right_speed + half * right_rate, supply, steps),
+        )
+        battery.deliver(left_motor.power + right_motor.power)
+        ahead = heading + 0.5 * turn
+        self._place_x += way * math.cos(ahead)
+        self._place_y += way * math.sin(ahead)
+        left, right = body.wheel_angles()
         left_speed, right_speed = body.wheel_speeds()
-        left = self._left_motor.torque(self._left_command, left_speed, supply)
-        right = self._right_motor.torque(self._right_command, right_speed, supply)
-        heading = body.heading
-        way, turn = body.step(STEP_SIZE, left, right)
-        self._place_x += way * math.cos(heading + 0.5 * turn)
-        self._place_y += way * math.sin(heading + 0.5 * turn)
-        self.battery.deliver(self._left_motor.power + self._right_motor.power)
-        self._sample()
-        return s
+        self._left_encoder.follow(old_left, old_left_speed, left, left_speed, steps)
+        self._right_encoder.follow(old_right, old_right_speed, right, right_speed, steps)
 
     def _disturb(self) -> None:
         disturbance = tuple(self.s)
@@ -139,15 +185,15 @@ class _Segway(SectionedModel):
         self.body.push(force)
         self.body.tilt(slope)
         self.body.load(payload, self.p["PayloadHeight"])
+        stiffness = self.body.friction_rate * STEP_SIZE
+        self._longest = next((steps for steps in range(MOST_STEPS, 1, -1) if steps * stiffness <= _MOST_STIFF), 1)
 
-    def _sample(self) -> None:
-        body = self.body
-        left_angle, right_angle = body.wheel_angles()
-        left_speed, right_speed = body.wheel_speeds()
-        self._left_encoder.sample(left_angle, left_speed)
-        self._right_encoder.sample(right_angle, right_speed)
-        motion = self._motion()
-        self._imu_sample = motion if self._imu is None else self._imu.sample(motion)
+    def _sample(self, moved: int) -> None:
+        self.body.accelerate(self._left_motor.present_torque, self._right_motor.present_torque)
+        if self._imu is None:
+            self._imu_sample = self._motion()
+        else:
+            self._imu.take(moved, self._motion())
 
     def _motion(self) -> Sequence[float]:
         b = self.body

@@ -1,8 +1,9 @@
 """The segway's motors behind their drives, and the battery they share.
 
 A motor is the equivalent DC motor (any text on electric drives): L di/dt = u - R i - K w at a shaft speed w, and torque
-K i. Over one step the speed is taken to be constant, which gives the current exactly, however short L / R is against
-the step; what the body gets is the torque's mean over the step.
+K i. While it moves on, by one or more of the plant's steps, the speed is taken to be constant, which gives the current
+exactly, however short L / R is against that; what the body gets is the torque's mean. Given the speed of the middle,
+the error is of second order.
 
 The battery is a source with a resistance, V = V0 - Rb P / V, where P = u i summed over both motors is what they take
 (or give back: V then rises). V on the right is that of the step before. It never falls below V0 / 2, where a source
@@ -15,6 +16,8 @@ from typing import Final
 from node.models.segway_parameters import SegwayParameters
 
 _LOWEST_SHARE: Final = 0.5
+MOST_STEPS: Final = 3
+"""By how many steps motors move on at a time, at most."""
 
 
 class Battery:
@@ -28,12 +31,13 @@ class Battery:
         """Charge it; nothing takes current yet."""
         self._source = parameters.supply_voltage
         self._resistance = parameters.supply_resistance
+        self._lowest = _LOWEST_SHARE * self._source
         self.voltage = self._source
 
     def deliver(self, power: float) -> None:
         """Give `power`, W; negative is taken back."""
-        sag = self._resistance * power / self.voltage
-        self.voltage = max(self._source - sag, _LOWEST_SHARE * self._source)
+        voltage = self._source - self._resistance * power / self.voltage
+        self.voltage = voltage if voltage > self._lowest else self._lowest  # noqa: FURB136 - several times a cycle
 
 
 class VoltageMotor:
@@ -41,7 +45,7 @@ class VoltageMotor:
 
     Attributes:
         value: Current, A.
-        power: What it takes from the battery, W: the mean over the last step.
+        power: What it takes from the battery, W: the mean over the last move.
     """
 
     def __init__(self, parameters: SegwayParameters, step: float) -> None:
@@ -51,21 +55,29 @@ class VoltageMotor:
         self._resistance = p.motor_resistance
         self._at_wheel = p.motor_constant * p.gear_ratio
         self._most = p.torque_limit / self._at_wheel
-        self._decay, self._mean = _lag(step, p.motor_inductance / p.motor_resistance)
+        self._lags = _lags(step, p.motor_inductance / p.motor_resistance)
 
-    def torque(self, voltage: float, speed: float, supply: float) -> float:
-        """Mean torque of one step at the wheel, N m.
+    @property
+    def present_torque(self) -> float:
+        """At the wheel now, N m."""
+        return self._at_wheel * self.value
+
+    def torque(self, voltage: float, speed: float, supply: float, steps: int = 1) -> float:
+        """Move on; returns the mean torque at the wheel, N m.
 
         Args:
             voltage: As commanded, V; no more than the supply has can come.
             speed: Of the wheel against the body, rad/s.
             supply: Of the battery, V.
+            steps: By how many steps, 1 to `MOST_STEPS`.
         """
+        decay, share = self._lags[steps]
         back_emf = self._at_wheel * speed
         current = (_clamp(voltage, supply) - back_emf) / self._resistance
         settled = _clamp(current, self._most)
-        mean = settled + (self.value - settled) * self._mean
-        self.value = settled + (self.value - settled) * self._decay
+        behind = self.value - settled
+        mean = settled + behind * share
+        self.value = settled + behind * decay
         self.power = (back_emf + self._resistance * settled) * mean
         return self._at_wheel * mean
 
@@ -75,7 +87,7 @@ class TorqueMotor:
 
     Attributes:
         value: Torque at the wheel, N m.
-        power: What it takes from the battery, W: the mean over the last step.
+        power: What it takes from the battery, W: the mean over the last move.
     """
 
     def __init__(self, parameters: SegwayParameters, step: float) -> None:
@@ -85,24 +97,36 @@ class TorqueMotor:
         self._at_wheel = p.motor_constant * p.gear_ratio
         self._resistance = p.motor_resistance
         self._limit = p.torque_limit
-        self._decay, self._mean = _lag(step, p.torque_time_constant)
+        self._lags = _lags(step, p.torque_time_constant)
 
-    def torque(self, command: float, speed: float, supply: float) -> float:
-        """Mean torque of one step at the wheel, N m; see `VoltageMotor.torque`."""
+    @property
+    def present_torque(self) -> float:
+        """At the wheel now, N m."""
+        return self.value
+
+    def torque(self, command: float, speed: float, supply: float, steps: int = 1) -> float:
+        """Move on; returns the mean torque at the wheel, N m; see `VoltageMotor.torque`."""
+        decay, share = self._lags[steps]
         back_emf = self._at_wheel * speed
         settled = _clamp(command, self._limit)
         voltage = back_emf + self._resistance * settled / self._at_wheel
         if not -supply <= voltage <= supply:
             voltage = _clamp(voltage, supply)
             settled = self._at_wheel * (voltage - back_emf) / self._resistance
-        mean = settled + (self.value - settled) * self._mean
-        self.value = settled + (self.value - settled) * self._decay
+        behind = self.value - settled
+        mean = settled + behind * share
+        self.value = settled + behind * decay
         self.power = voltage * mean / self._at_wheel
         return mean
 
 
+def _lags(step: float, time_constant: float) -> list[tuple[float, float]]:
+    """What `_lag` says of no steps, of one, and so on."""
+    return [(1.0, 1.0), *(_lag(count * step, time_constant) for count in range(1, MOST_STEPS + 1))]
+
+
 def _lag(step: float, time_constant: float) -> tuple[float, float]:
-    """What is left of a first-order lag's start value after a step, and in its mean over the step."""
+    """What is left of a first-order lag's start value after `step` s, and in its mean over them."""
     if time_constant <= 0.0:
         return 0.0, 0.0
     decay = math.exp(-step / time_constant)
@@ -110,4 +134,4 @@ def _lag(step: float, time_constant: float) -> tuple[float, float]:
 
 
 def _clamp(value: float, limit: float) -> float:
-    return max(-limit, min(value, limit))
+    return value if -limit <= value <= limit else math.copysign(limit, value)

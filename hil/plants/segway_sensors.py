@@ -1,8 +1,9 @@
 """What the segway measures: wheels by encoders with steps, and motion by an IMU with the errors of a MEMS.
 
 An IMU's errors, per axis: measured = (1 + scale) true + bias + noise. Scale and bias are drawn once, normally
-distributed; noise is drawn anew each step, its density being spread over half the sampling rate, though no further than
-`BANDWIDTH`. All come from one seed: the same seed gives the same run.
+distributed; noise is drawn anew for each sample, its density being spread over half the rate of the plant's steps,
+though no further than `BANDWIDTH`. It is white, so samples that nobody asks for need not be drawn: the others are
+distributed as ever. All come from one seed: the same seed, asked at the same times, gives the same run.
 """
 
 import math
@@ -12,11 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from hil.plants.segway_motors import MOST_STEPS
 from node.models.segway_parameters import SegwayParameters
 
 BANDWIDTH: Final = 100.0
 """Of the IMU's filter, Hz."""
 _AXES: Final = 3
+_TURN: Final = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +55,54 @@ class Encoder:
 
     def __init__(self, parameters: SegwayParameters, step: float, angle: float) -> None:
         """Start at an angle (rad), at rest; one sample each `step` s."""
-        self._per_step = 1.0 / step
         counts = parameters.encoder_counts_per_turn
         self._count = 2.0 * math.pi / counts if counts > 0.0 else 0.0
         self._gain = step / (step + parameters.encoder_filter_time)
-        self.angle = math.floor(angle / self._count) * self._count if self._count else angle
+        self._per_step = 1.0 / step
+        self._step = step
+        self._counted = math.floor(angle / self._count) if self._count else 0
+        self.angle = self._counted * self._count if self._count else angle
         self.velocity = 0.0
 
     def sample(self, angle: float, velocity: float) -> None:
         """Take the true angle (rad) and velocity (rad/s)."""
-        if not self._count:
+        self.follow(angle, velocity, angle, velocity, 1)
+
+    def follow(self, old_angle: float, old_velocity: float, angle: float, velocity: float, steps: int) -> None:
+        """Take a sample at each of the next steps, on the way from one true angle and velocity to another."""
+        count = self._count
+        if not count:
             self.angle, self.velocity = angle, velocity
             return
-        counted = math.floor(angle / self._count) * self._count
-        self.velocity += self._gain * ((counted - self.angle) * self._per_step - self.velocity)
-        self.angle = counted
+        gain, filtered, before, per_step = self._gain, self.velocity, self._counted, count * self._per_step
+        if steps > 1:
+            old_way, way = old_velocity * self._step, velocity * self._step
+            for old_share, old_slope, share, slope in _BETWEEN[steps]:
+                between = old_share * old_angle + old_slope * old_way + share * angle + slope * way
+                counted = math.floor(between / count)
+                filtered += gain * ((counted - before) * per_step - filtered)
+                before = counted
+        counted = math.floor(angle / count)
+        self.velocity = filtered + gain * ((counted - before) * per_step - filtered)
+        self.angle, self._counted = counted * count, counted
+
+
+def _between(steps: int) -> list[tuple[float, float, float, float]]:
+    """Cubic Hermite interpolation at each but the last of some steps: what old value, old rate, new ones count for.
+
+    Rates are those in one step. Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I" (2nd ed.),
+    section II.6.
+    """
+    rows = []
+    for place in range(1, steps):
+        t = place / steps
+        rest = 1.0 - t
+        slopes = (steps * t * rest * rest, -steps * t * t * rest)
+        rows.append(((1.0 + 2.0 * t) * rest * rest, slopes[0], t * t * (3.0 - 2.0 * t), slopes[1]))
+    return rows
+
+
+_BETWEEN: Final = [_between(steps) for steps in range(MOST_STEPS + 1)]
 
 
 class Motion(NamedTuple):
@@ -110,30 +146,47 @@ def measured_motion(motion: Motion, height: float, gravity: float) -> Sequence[f
 
 
 class Imu:
-    """Adds an IMU's errors and latency to what a perfect one shows."""
+    """Adds an IMU's errors and latency to what a perfect one shows.
+
+    Attributes:
+        delay: Its latency in whole steps.
+    """
 
     def __init__(self, errors: ImuErrors, step: float, seed: int, first: Sequence[float]) -> None:
-        """Switch it on: it draws its errors from `seed`, samples each `step` s, shows `first` until samples arrive."""
+        """Switch it on at step 0: it draws its errors from `seed`, and shows `first` until samples arrive."""
         e, self._random = errors, random.Random(seed)  # noqa: S311 - noise that can be had again, no secret
         spread = math.sqrt(min(0.5 / step, BANDWIDTH))
-        self._noise = (*(e.gyro_noise * spread,) * _AXES, *(e.accelerometer_noise * spread,) * _AXES)
+        noise = (*(e.gyro_noise * spread,) * _AXES, *(e.accelerometer_noise * spread,) * _AXES)
         draw = self._random.gauss
-        self._bias = [draw(0.0, s) for s in (*(e.gyro_bias,) * _AXES, *(e.accelerometer_bias,) * _AXES)]
+        bias = [draw(0.0, s) for s in (*(e.gyro_bias,) * _AXES, *(e.accelerometer_bias,) * _AXES)]
         scales = (*(e.gyro_scale,) * _AXES, *(e.accelerometer_scale,) * _AXES)
-        self._factor = [1.0 + draw(0.0, s) for s in scales]
-        delay = round(e.latency / step)
-        self._pipe = deque([self._distort(first) for _ in range(delay)])
+        factor = [1.0 + draw(0.0, s) for s in scales]
+        axes = list(zip(factor, bias, noise, strict=True))
+        self._errors = [one + other for one, other in zip(axes[::2], axes[1::2], strict=True)]
+        self.delay = round(e.latency / step)
+        self._way: deque[tuple[int, Sequence[float]]] = deque()
+        self._shown = self._distort(first)
 
-    def sample(self, motion: Sequence[float]) -> Sequence[float]:
-        """Take a sample; returns the one that arrives."""
-        if not self._pipe:
-            return self._distort(motion)
-        self._pipe.append(self._distort(motion))
-        return self._pipe.popleft()
+    def take(self, step: int, motion: Sequence[float]) -> None:
+        """Take a sample of what a perfect one shows at a step, later than those before."""
+        self._way.append((step, motion))
+
+    def show(self, step: int) -> Sequence[float]:
+        """The newest sample that has arrived by a step."""
+        way, arrived = self._way, None
+        while way and way[0][0] + self.delay <= step:
+            arrived = way.popleft()[1]
+        if arrived is not None:
+            self._shown = self._distort(arrived)
+        return self._shown
 
     def _distort(self, motion: Sequence[float]) -> Sequence[float]:
-        draw = self._random.gauss
-        return [
-            factor * x + bias + draw(0.0, noise)
-            for x, factor, bias, noise in zip(motion, self._factor, self._bias, self._noise, strict=True)
-        ]
+        """Add scale, bias, and noise, which is drawn two axes at a time (Box and Muller's method, 1958)."""
+        draw, shown = self._random.random, list[float]()
+        for x, y, (factor, bias, noise, other_factor, other_bias, other_noise) in zip(
+            motion[::2], motion[1::2], self._errors, strict=True
+        ):
+            radius, angle = math.sqrt(-2.0 * math.log(1.0 - draw())), _TURN * draw()
+            shown.append(factor * x + bias + noise * radius * math.cos(angle))
+            shown.append(other_factor * y + other_bias + other_noise * radius * math.sin(angle))
+        return shown

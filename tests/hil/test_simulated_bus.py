@@ -1,4 +1,6 @@
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_io.links.link import Frame, Link, worst_case_bits
 from hil.simulated_bus import SimulatedBus
@@ -152,3 +154,47 @@ def test_opening_and_closing_forget_what_was_not_taken(wire: Wire) -> None:
 
 def test_participants_say_which_they_are(wire: Wire) -> None:
     assert wire.a.description == "simulated bus, a"
+
+
+SENT = st.tuples(
+    st.integers(0, 600_000),
+    st.sampled_from("abc"),
+    st.sampled_from((0x100, 0x101, 0x7FF)),
+    st.integers(0, 8),
+    st.booleans(),
+)
+"""After what time (ns), by whom, with which leading bits and how many bytes, and whether it is an extended frame."""
+
+
+@given(st.lists(SENT, max_size=20), st.integers(100_000, 900_000))
+def test_the_wire_goes_to_whom_the_rules_give_it(sent: list[tuple[int, str, int, int, bool]], look_ns: int) -> None:
+    """Against the rules played out one frame at a time with all of them known beforehand."""
+    wire, at_ns, frames = Wire(), 0, []
+    for place, (after_ns, sender, leading, length, is_extended) in enumerate(sent):
+        at_ns += after_ns
+        identifier = leading << 18 | place if is_extended else leading
+        frames.append((at_ns, sender, Frame(identifier, bytes((place,)) * length, is_extended=is_extended)))
+    expected, free_ns, left = [], 0, list(frames)
+    while left:
+        start_ns = max(free_ns, left[0][0])
+        winner = min((f for f in left if f[0] <= start_ns), key=lambda f: _bits(f[2]))
+        left.remove(winner)
+        free_ns = start_ns + worst_case_bits(winner[2]) * BIT_NS
+        if winner[1] != "c":
+            expected.append(winner[2]._replace(received_ns=free_ns))
+    heard: list[Frame] = []
+    end_ns = free_ns + look_ns
+    for now_ns in sorted({at for at, _, _ in frames} | set(range(0, end_ns + look_ns, look_ns))):
+        wire.now_ns = now_ns
+        heard += wire.c.receive()
+        for at, sender, frame in frames:
+            if at == now_ns:
+                getattr(wire, sender).send(frame)
+    assert heard == expected
+
+
+def _bits(frame: Frame) -> str:
+    """What goes over the wire until arbitration is over, a dominant 0 winning (ISO 11898-1)."""
+    if frame.is_extended:
+        return f"{frame.arbitration_id >> 18:011b}11{frame.arbitration_id & 0x3FFFF:018b}"
+    return f"{frame.arbitration_id:011b}00"

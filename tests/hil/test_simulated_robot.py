@@ -39,6 +39,20 @@ class FinePlant(Plant):
     step_size = 0.001
 
 
+class AdvancingPlant(FinePlant):
+    """Makes its steps at once, and remembers how many."""
+
+    def initial(self) -> None:
+        super().initial()
+        self.strides: list[int] = []
+
+    def advance(self, u: Sequence[float], steps: int) -> list[float]:
+        self.strides.append(steps)
+        for _ in range(steps):
+            outputs = self.step(u)
+        return outputs
+
+
 class CoarsePlant(Plant):
     """A step every second tick."""
 
@@ -132,6 +146,36 @@ def test_a_fine_plant_makes_as_many_steps_as_fit_a_tick() -> None:
     bench.tick(2)
     assert len(bench.plant.given[1:]) == 10
     assert bench.drive.calls[-1] == ("tell", 2 * TICK_NS, 10.0)
+
+
+def test_a_plant_that_can_makes_all_steps_of_a_tick_at_once() -> None:
+    plant = AdvancingPlant()
+    bench = Bench(plant)
+    bench.tick(2)
+    assert plant.strides == [5, 5]
+    assert bench.drive.calls[-1] == ("tell", 2 * TICK_NS, 10.0)
+
+
+def test_a_plant_that_is_put_in_anothers_place_is_the_one_that_steps(bench: Bench) -> None:
+    other = AdvancingPlant()
+    other.initialize((0.0, 0.0, 0.0))
+    bench.robot.plant = other
+    assert bench.robot.plant is other
+    bench.tick()
+    assert bench.plant.given[1:] == []
+    assert other.given[1:] == [(1.0, 2.0, 3.0)]
+    assert other.strides == [1]
+
+
+def test_devices_find_the_newest_outputs_whoever_made_them_and_what_is_stuck(bench: Bench) -> None:
+    bench.tick()
+    bench.robot.outputs = [8.0, 40.0]
+    bench.tick()
+    bench.robot.stuck["steps"] = -1.0
+    bench.tick()
+    bench.robot.stuck.clear()
+    bench.tick()
+    assert [steps for _, _, steps in bench.drive.calls] == [0.0, 1.0, 40.0, 2.0, -1.0, -1.0, 3.0, 4.0]
 
 
 def test_a_coarse_plant_steps_only_when_its_time_has_passed() -> None:

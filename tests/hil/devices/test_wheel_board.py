@@ -212,6 +212,18 @@ def test_what_is_beyond_the_range_of_the_frames_is_told_at_its_end() -> None:
     ]
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_axis_beyond_the_range_does_not_change_the_others(axis: int, sign: float) -> None:
+    bench = Bench(WITH_IMU)
+    names = [name for name in bench.outputs if name.startswith("imu.angular")]
+    turning, told = [1.0, -2.0, 3.0], [1.0, -2.0, 3.0]
+    turning[axis], told[axis] = sign * 40.0, sign * 32.0
+    bench.outputs = {**bench.outputs, **dict(zip(names, turning, strict=True))}
+    bench.tick()
+    assert (FrameId.IMU_GYRO, AngularVelocity(*told)) in bench.heard()
+
+
 def test_starts_with_its_motors_off_and_stays_so_without_a_command(fresh: Bench) -> None:
     fresh.tick(times=100)
     assert fresh.motors() == (BoardState.DISABLED, (0.0, 0.0))

@@ -15,9 +15,18 @@ MS = 1_000_000
 class Bench:
     """The robot's end and the devices' end of a bus, both with one fault, from the beginning."""
 
-    def __init__(self, target: Target, kind: Type, amount: float | None = None, seed: int = 0) -> None:
+    def __init__(  # noqa: PLR0913, PLR0917 - a fault in full
+        self,
+        target: Target,
+        kind: Type,
+        amount: float | None = None,
+        seed: int = 0,
+        at_s: float = 0.0,
+        for_s: float | None = None,
+    ) -> None:
         self.ns = 1_000 * MS
-        faults = Injections([Fault(target=target, type=kind, at_s=0.0, amount=amount)], seed, lambda: self.ns)
+        fault = Fault(target=target, type=kind, at_s=at_s, for_s=for_s, amount=amount)
+        faults = Injections([fault], seed, lambda: self.ns)
         bus = SimulatedBus(500_000, lambda: self.ns)
         self.robot = DisturbedBus(bus.attach("robot"), faults, lambda: self.ns)
         self.devices = DisturbedDevicesLink(bus.attach("devices"), faults, {(0x50, False)})
@@ -100,6 +109,36 @@ def test_frames_are_late_both_ways_and_stamped_when_they_arrive() -> None:
     assert [frame.data for frame in bench.devices.receive()] == [b"a"]
     on_wire_ns = round((55 + 10) * 1e9 / 500_000)  # worst case of one byte, 11-bit identifier
     assert late.received_ns == 1_105 * MS + on_wire_ns + 20 * MS
+
+
+def test_no_frame_overtakes_those_that_are_still_late_when_the_fault_is_over() -> None:
+    bench = Bench("can", "delayed", 0.02, for_s=0.107)
+    assert bench.to_robot(Frame(0x11, b"a")) == []
+    assert bench.to_devices(Frame(0x10, b"c")) == []
+    assert bench.to_robot(Frame(0x11, b"b")) == []
+    assert bench.to_devices(Frame(0x10, b"d")) == []
+    bench.ns += 20 * MS
+    assert [frame.data for frame in bench.robot.receive()] == [b"a", b"b"]
+    bench.ns += 1 * MS
+    assert [frame.data for frame in bench.devices.receive()] == [b"c", b"d"]
+
+
+def test_what_waits_to_be_sent_goes_whenever_the_robot_looks_at_its_bus() -> None:
+    bench = Bench("can", "delayed", 0.02, for_s=0.101)
+    assert bench.to_devices(Frame(0x10, b"a")) == []
+    bench.ns += 20 * MS
+    assert bench.robot.receive() == []
+    bench.ns += 1 * MS
+    assert [frame.data for frame in bench.devices.receive()] == [b"a"]
+
+
+def test_the_frame_before_it_is_known_from_before_the_fault() -> None:
+    bench = Bench("can", "wrong", at_s=0.111)
+    assert bench.to_robot(Frame(0x10, b"a")) == [b"a"]
+    assert bench.to_devices(Frame(0x10, b"x")) == [b"x"]
+    bench.ns += 5 * MS
+    assert bench.to_robot(Frame(0x10, b"b")) == [b"b", b"a"]
+    assert bench.to_devices(Frame(0x10, b"y")) == [b"y", b"x"]
 
 
 def test_nothing_leaves_a_dead_process() -> None:

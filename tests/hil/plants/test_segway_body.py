@@ -183,3 +183,99 @@ def test_wheels_are_measured_against_the_body() -> None:
     body.way, body.heading = 0.4, 0.2
     assert body.wheel_speeds() == pytest.approx((20.0 - 1.524 - 2.0, 20.0 + 1.524 - 2.0))
     assert body.wheel_angles() == pytest.approx((8.0 - 0.6096 - 0.3, 8.0 + 0.6096 - 0.3))
+
+
+STATES = [
+    (0.0, 0.0, 0.0, 0.0, 0.1, -0.2),
+    (0.02, -0.01, 0.03, 0.01, 0.0, 0.0),
+    (1.5, 2.0, 3.0, -0.7, 0.5, 1.2),
+    (-0.8, -1.5, 5.0, 1.1, -1.0, 0.3),
+]
+"""v, q, w, pitch and both torques: at rest, in the reach of friction at rest, and fast."""
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("payload", [0.0, PAYLOAD])
+def test_the_equations_written_out_are_the_equations(state: tuple[float, ...], payload: float) -> None:
+    body = SegwayBody(dataclasses.replace(PUBLISHED, viscous_friction=0.01))
+    body.load(payload, PAYLOAD_HEIGHT)
+    body.v, body.q, body.w, body.pitch, left, right = state
+    by_equations = body._integrate(H, left, right)
+    last = body.dv, body.dq, body.dw
+    assert body._integrate_plain(H, left, right) == pytest.approx(by_equations, rel=1e-12, abs=1e-15)
+    assert (body.dv, body.dq, body.dw) == pytest.approx(last, rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize(("push", "slope"), [(10.0, 0.0), (0.0, 0.1), (0.0, -0.1)])
+def test_pushed_or_on_a_slope_it_is_not_on_its_own(push: float, slope: float) -> None:
+    """The way that the equations of motion say, worked out in steps so small that any method does."""
+    body, fine = _body(v=0.5, w=1.0, pitch=0.1), _body(v=0.5, w=1.0, pitch=0.1)
+    for each in (body, fine):
+        each.push(push)
+        each.tilt(slope)
+    body.step(H, 0.1, 0.2)
+    for _ in range(1000):
+        dv, dq, dw = fine.accelerations(fine.v, fine.q, fine.w, fine.pitch, 0.1, 0.2)
+        fine.pitch += 1e-3 * H * (fine.q + 0.5e-3 * H * dq)
+        fine.v, fine.q, fine.w = fine.v + 1e-3 * H * dv, fine.q + 1e-3 * H * dq, fine.w + 1e-3 * H * dw
+    assert (body.v, body.q, body.w, body.pitch) == pytest.approx((fine.v, fine.q, fine.w, fine.pitch), abs=2e-6)
+
+
+def test_accelerations_are_exact_when_asked_for_and_close_before() -> None:
+    body = SegwayBody(PUBLISHED)
+    body.v, body.w, body.pitch = 0.4, 1.0, 0.1
+    body.step(H, 0.2, 0.1)
+    close = body.dv, body.dq, body.dw
+    body.accelerate(0.2, 0.1)
+    exact = body.accelerations(body.v, body.q, body.w, body.pitch, 0.2, 0.1)
+    assert (body.dv, body.dq, body.dw) == exact
+    assert close == pytest.approx(exact, rel=1e-3)
+    speeds = [body.wheel_speeds()]
+    body.step(1e-7, 0.2, 0.1)
+    speeds.append(body.wheel_speeds())
+    rates = [(b - a) / 1e-7 for a, b in zip(*speeds, strict=True)]
+    assert body.wheel_accelerations() == pytest.approx(rates, rel=1e-4)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_however_long_the_step_it_reaches_the_stop_when_it_does(sign: int) -> None:
+    """A long step over the impact against short ones: as far apart as these find the moment, 1 ms of 1 rad/s."""
+    bodies = [_body(v=0.3, q=sign * 1.0, pitch=sign * 0.4993, stops=True) for _ in range(2)]
+    ways = [bodies[0].step(3e-3, 0.0, 0.0)[0], sum(bodies[1].step(1e-5, 0.0, 0.0)[0] for _ in range(300))]
+    for body in bodies:
+        assert (body.pitch, body.q, body.dq) == (sign * 0.5, 0.0, 0.0)
+    assert bodies[0].v == pytest.approx(bodies[1].v, abs=2e-3)
+    assert ways[0] == pytest.approx(ways[1], abs=5e-4 * abs(bodies[1].v - 0.3))
+    assert bodies[0].way == pytest.approx(ways[0])
+
+
+def test_a_step_over_the_impact_is_made_of_short_ones() -> None:
+    bodies = [_body(v=0.3, q=1.0, w=0.5, pitch=0.4993, stops=True) for _ in range(2)]
+    gained = [bodies[0].step(3e-3, 0.1, 0.2), *(bodies[1].step(1e-3, 0.1, 0.2) for _ in range(3))]
+    for name in ("v", "q", "w", "way", "pitch", "heading", "dv", "dq", "dw"):
+        assert getattr(bodies[0], name) == getattr(bodies[1], name)
+    assert gained[0] == pytest.approx([sum(column) for column in zip(*gained[1:], strict=True)])
+
+
+def test_a_short_step_onto_the_stop_leaves_nothing_that_turns_it_further() -> None:
+    body = _body(q=1.0, pitch=0.4999, stops=True)
+    body.step(1e-3, 0.1, 0.2)
+    assert (body.pitch, body.q) == (0.5, 0.0)
+    assert (body.dv, body.dq, body.dw) == body.accelerations(body.v, 0.0, body.w, 0.5, 0.1, 0.2)
+    assert body.dq == 0.0
+
+
+def test_friction_at_rest_stops_a_wheel_at_the_rate_it_says() -> None:
+    """How the wheels' acceleration changes with their speed about rest, by differences; rolling, then turning."""
+    for lever, payload in ((0.0, 0.0), (0.0, PAYLOAD), (1.0, 0.0)):
+        p = dataclasses.replace(PUBLISHED, viscous_friction=0.01, body_yaw_inertia=0.0981 if not lever else 1e-4)
+        p = dataclasses.replace(p, wheel_diameter_inertia=0.0) if lever else p
+        body = SegwayBody(p)
+        body.load(payload, PAYLOAD_HEIGHT)
+        rates = []
+        for tiny in (1e-7, -1e-7):
+            body.v, body.w = (1.0 - lever) * tiny, lever * tiny
+            body.dv, body.dq, body.dw = body.accelerations(body.v, 0.0, body.w, 0.0, 0.0, 0.0)
+            rates.append((body.wheel_accelerations()[1], body.wheel_speeds()[1]))
+        slope = (rates[0][0] - rates[1][0]) / (rates[0][1] - rates[1][1])
+        assert body.friction_rate == pytest.approx(-slope, rel=1e-4)

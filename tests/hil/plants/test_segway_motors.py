@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
+from hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
 from node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
@@ -24,6 +24,21 @@ def test_current_follows_the_motors_equation() -> None:
             current += tiny * (1.5 - 0.075 * current - 0.0251 * 20.0) / 2e-4
         assert motor.value == pytest.approx(current, rel=1e-3)
         assert torque == pytest.approx(0.0251 * mean, rel=2e-3)
+
+
+@pytest.mark.parametrize("motor", [VoltageMotor, TorqueMotor])
+@pytest.mark.parametrize("steps", range(1, MOST_STEPS + 1))
+def test_steps_at_once_are_as_good_as_one_after_the_other(motor: type[VoltageMotor | TorqueMotor], steps: int) -> None:
+    slow = dataclasses.replace(SLOW, torque_time_constant=4e-3)
+    at_once, stepwise = motor(slow, H), motor(slow, H)
+    for command in (0.2, -0.1):
+        torque = at_once.torque(command, 3.0, FULL, steps)
+        torques, powers = zip(
+            *((stepwise.torque(command, 3.0, FULL), stepwise.power) for _ in range(steps)), strict=True
+        )
+        assert torque == pytest.approx(sum(torques) / steps)
+        assert at_once.value == pytest.approx(stepwise.value)
+        assert at_once.power == pytest.approx(sum(powers) / steps)
 
 
 def test_settles_at_the_torque_the_equation_gives() -> None:

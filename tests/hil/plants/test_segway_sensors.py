@@ -1,13 +1,15 @@
 """The segway's sensors: steps, noise, bias, latency, and accelerations against a path differentiated by numbers."""
 
 import dataclasses
+import itertools
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pytest
 
 from hil.plants.segway_body import SegwayBody
+from hil.plants.segway_motors import MOST_STEPS
 from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
 from node.models.segway_parameters import PUBLISHED
 
@@ -117,9 +119,17 @@ def _turning(
     return [sum(p * q for p, q in zip(rates[(i + 1) % 3], now[(i + 2) % 3], strict=True)) for i in range(3)]
 
 
+def _seen(imu: Imu, motions: Iterable[Sequence[float]]) -> list[Sequence[float]]:
+    """What an IMU shows at each step after it has taken one motion a step."""
+    shown = []
+    for step, motion in enumerate(motions, 1):
+        imu.take(step, motion)
+        shown.append(imu.show(step))
+    return shown
+
+
 def _samples(errors: ImuErrors, seed: int, count: int = 20_000) -> list[Sequence[float]]:
-    imu = Imu(errors, H, seed, STILL)
-    return [imu.sample(STILL) for _ in range(count)]
+    return _seen(Imu(errors, H, seed, STILL), itertools.repeat(STILL, count))
 
 
 def test_noise_has_the_spread_of_its_density() -> None:
@@ -133,22 +143,41 @@ def test_noise_has_the_spread_of_its_density() -> None:
 
 def test_at_a_low_rate_half_of_it_is_the_bandwidth() -> None:
     imu = Imu(dataclasses.replace(NONE, gyro_noise=1e-3), 1 / 50, 7, STILL)
-    assert statistics.stdev(imu.sample(STILL)[0] for _ in range(20_000)) == pytest.approx(5e-3, rel=0.03)
+    values = [sample[0] for sample in _seen(imu, itertools.repeat(STILL, 20_000))]
+    assert statistics.stdev(values) == pytest.approx(5e-3, rel=0.03)
+
+
+def test_noise_is_as_large_and_as_white_where_only_some_steps_are_asked_for() -> None:
+    imu = Imu(dataclasses.replace(NONE, gyro_noise=2e-4), H, 7, STILL)
+    values = []
+    for step in range(0, 100_000, 5):
+        imu.take(step, STILL)
+        values.append(imu.show(step)[1])
+    assert statistics.stdev(values) == pytest.approx(2e-3, rel=0.03)
+    assert abs(statistics.correlation(values[1:], values[:-1])) < 0.03
+
+
+def test_noise_is_normally_distributed() -> None:
+    """Shares within one, two and three standard deviations."""
+    values = [abs(x) / 2e-3 for s in _samples(dataclasses.replace(NONE, gyro_noise=2e-4), 9) for x in s[:3]]
+    shares = [sum(value < bound for value in values) / len(values) for bound in (1.0, 2.0, 3.0)]
+    assert shares == pytest.approx([0.6827, 0.9545, 0.9973], abs=0.005)
 
 
 def test_axes_are_independent() -> None:
-    samples = _samples(dataclasses.replace(NONE, gyro_noise=1e-3), 3)
-    assert abs(statistics.correlation([s[0] for s in samples], [s[1] for s in samples])) < 0.03
+    samples = _samples(dataclasses.replace(NONE, gyro_noise=1e-3, accelerometer_noise=1e-3), 3)
+    for one, other in itertools.combinations(range(6), 2):
+        assert abs(statistics.correlation([s[one] for s in samples], [s[other] for s in samples])) < 0.03
 
 
 def test_bias_and_scale_are_drawn_once_with_their_spread() -> None:
     errors = dataclasses.replace(NONE, gyro_bias=0.01, accelerometer_scale=0.02)
-    drawn = [Imu(errors, H, seed, STILL).sample(STILL) for seed in range(2000)]
+    drawn = [_samples(errors, seed, 1)[0] for seed in range(2000)]
     assert statistics.stdev(sample[1] for sample in drawn) == pytest.approx(0.01, rel=0.06)
     assert statistics.stdev(sample[5] / G for sample in drawn) == pytest.approx(0.02, rel=0.06)
     assert all(sample[3] == 0.0 for sample in drawn)
-    one = Imu(errors, H, 5, STILL)
-    assert one.sample(STILL) == one.sample(STILL)
+    first, second = _samples(errors, 5, 2)
+    assert first == second
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
@@ -159,5 +188,36 @@ def test_the_same_seed_gives_the_same_run() -> None:
 @pytest.mark.parametrize(("latency", "steps"), [(0.0, 0), (0.001, 0), (0.0025, 1), (0.01, 4)])
 def test_samples_come_late(latency: float, steps: int) -> None:
     imu = Imu(dataclasses.replace(NONE, latency=latency), H, 1, STILL)
-    seen = [imu.sample((float(i), 0.0, 0.0, 0.0, 0.0, 0.0))[0] for i in range(1, 10)]
+    seen = [shown[0] for shown in _seen(imu, ((float(i), 0.0, 0.0, 0.0, 0.0, 0.0) for i in range(1, 10)))]
+    assert imu.delay == steps
     assert seen == [0.0] * steps + [float(i) for i in range(1, 10 - steps)]
+
+
+def test_shows_the_newest_that_has_arrived_until_another_does() -> None:
+    imu = Imu(dataclasses.replace(ImuErrors(), latency=2 * H), H, 1, STILL)
+    for step in (3, 4, 8):
+        imu.take(step, (float(step), 0.0, 0.0, 0.0, 0.0, 0.0))
+    shown = {step: imu.show(step) for step in (4, 6, 7, 9, 10)}
+    assert [round(shown[step][0]) for step in (4, 6, 7, 9, 10)] == [0, 4, 4, 4, 8]
+    assert shown[6] == shown[7] == shown[9]  # one sample, one noise
+
+
+@pytest.mark.parametrize("steps", range(1, MOST_STEPS + 1))
+def test_an_encoder_follows_a_cubic_way_as_if_sampled_at_each_step(steps: int) -> None:
+    """Hermite interpolation is exact for polynomials of third degree."""
+
+    def way(t: float) -> float:
+        return 0.3 - 4.0 * t + 900.0 * t**2 - 60_000.0 * t**3
+
+    def speed(t: float) -> float:
+        return -4.0 + 1800.0 * t - 180_000.0 * t**2
+
+    followed, sampled = Encoder(PUBLISHED, H, 0.3), Encoder(PUBLISHED, H, 0.3)
+    for start in range(0, 12, steps):
+        end = start + steps
+        followed.follow(way(start * H), speed(start * H), way(end * H), speed(end * H), steps)
+        for step in range(start + 1, end + 1):
+            sampled.sample(way(step * H), speed(step * H))
+        assert followed.angle == sampled.angle
+        assert followed.velocity == pytest.approx(sampled.velocity, rel=1e-9)
+    assert abs(sampled.velocity) > 10.0
