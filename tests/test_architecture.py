@@ -51,7 +51,7 @@ RULES = {
         ("firmware_io", "hil", "time", "socket", "subprocess", "can", *ROS),
     ),
     "the cycle knows no ROS and no rig": Rule(("node.cycle",), ("hil", "node.ros", *ROS)),
-    "ROS packages are imported in node.ros only": Rule(PACKAGES, ROS, but_not_in=("node.ros",)),
+    "ROS packages are imported in node.ros only": Rule(PACKAGES, ROS, but_not_in=("node.ros", "node.bench.programs")),
     "the rig takes of the node what it says it takes": Rule(("hil",), ("node",), allowed=tuple(HIL_MAY_IMPORT)),
     "the rig knows no safety, ROS, command line or case study": Rule(
         ("hil",), ("node.safety", "node.ros", "node.cli", "node.case_study")
@@ -59,7 +59,18 @@ RULES = {
     "the node runs without the rig": Rule(
         ("node",),
         ("hil",),
-        but_not_in=("node.cli", "node.campaign", "node.case_study", "node.drill", "node.play", "node.study"),
+        but_not_in=(
+            "node.cli",
+            "node.bench",
+            "node.campaign",
+            "node.case_study",
+            "node.drill",
+            "node.growth",
+            "node.latency",
+            "node.play",
+            "node.soak",
+            "node.study",
+        ),
     ),
     "only the command line knows deployment": Rule(
         ("firmware_io", "node", "hil"), ("deploy",), but_not_in=("node.cli",)

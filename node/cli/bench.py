@@ -1,154 +1,206 @@
-"""`segway-ecc bench`: how fast this machine runs the loop."""
+"""`segway-ecc bench`: how fast this machine runs the loop, beside what else could be run in its place."""
 
 import argparse
 import dataclasses
-import os
-import statistics
 import sys
-import tempfile
-import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from hil.kernels import uml
-from hil.processes import command
-from node.case_study.can import ROBOT, LockstepCanSeat
-from node.case_study.offline import SUBMODEL_CART, has_compiler
+from node.bench.bus_choice import choose_bus
+from node.bench.cache import own_cache
+from node.bench.campaign_speed import campaign_speed
+from node.bench.claims import Claim, claims
+from node.bench.comparison import Setup, compare
+from node.bench.conditions import held_conditions
+from node.bench.contestants import Contestant
+from node.bench.held import SEARCHED, search
+from node.bench.lock_step import lock_step
+from node.bench.model_step import model_step
+from node.bench.rig import missing
+from node.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text
 from node.cli.bench_links import links_cost, links_text
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
-from node.native.cost import step_cost
-from node.native.library import NativeModel
-from node.native.load import load_native
 from node.ros.runtime import missing_packages
-from node.sequence.manoeuvre import single_segment
 
-_REPETITIONS: Final = 5
-_SIMULATED_S: Final = 10.0
-_MARGIN_S: Final = 60.0
-_COLUMNS: Final = {"p50": "p50_s", "p99": "p99_s", "p99.9": "p999_s", "max": "max_s"}
+_FULL_HOLD_S: Final = 30.0
+_FULL_DURATION_S: Final = 20.0
+_LEAST_S: Final = 1.0
+_NOT_MET: Final = 1
+
+
+class _Part(NamedTuple):
+    """What a part of the bench found.
+
+    Attributes:
+        document: As JSON.
+        text: For people.
+        claims: What was to be judged by it.
+    """
+
+    document: object
+    text: str
+    claims: Sequence[Claim] = ()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `bench`."""
     add_json(parser)
-    parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="length of the run in real time")
+    parser.add_argument("--only", nargs="+", choices=list(_PARTS), metavar="PART", help=f"of {', '.join(_PARTS)}")
+    everyone = [str(who) for who in Contestant]
+    parser.add_argument(
+        "--programs", nargs="+", choices=everyone, default=everyone, metavar="WHO", help=f"of {', '.join(everyone)}"
+    )
+    parser.add_argument(
+        "--rate", type=float, nargs="+", default=[100.0, 1000.0], metavar="HZ", help="of the loops (default: 100 1000)"
+    )
+    parser.add_argument("--duration", type=float, default=3.0, metavar="S", help="of each of their runs (default: 3)")
+    parser.add_argument("--repeats", type=int, default=2, metavar="N", help="runs of each program (default: 2)")
+    parser.add_argument(
+        "--hold", type=float, default=1.5, metavar="S", help="how long each rate is held (default: 1.5)"
+    )
+    parser.add_argument("--full", action="store_true", help="rates held for 30 s, runs of 20 s: half an hour in all")
+    parser.add_argument("--channel", help="CAN interface of the programs (default: a virtual one, else a local bus)")
+    parser.add_argument("--plant-channel", metavar="CHANNEL", help="of the plant, where that is another controller")
+    parser.add_argument("--check", action="store_true", help="end with 1 where a ratio is not what it is to be")
 
 
 def run(options: argparse.Namespace) -> int:
     """Measure, and print what was measured."""
-    if not options.duration > 0.0:
-        raise ConfigurationError(f"--duration must be more than 0 s, not {options.duration}")
-    sys.stderr.write(f"segway-ecc: lock step, {_REPETITIONS} times\n")
-    lock_step = _lock_step()
-    sys.stderr.write(f"segway-ecc: real time, {options.duration:g} s\n")
-    real_time = _real_time(options.duration)
-    native = _native() if has_compiler() else None
-    links = _links()
+    _check(options)
+    wanted = options.only or list(_PARTS)
+    found: dict[str, _Part] = {}
+    for name in wanted:
+        _tell(name)
+        found[name] = _PARTS[name](options)
+        if not options.json:
+            sys.stdout.write(found[name].text + "\n")
+            sys.stdout.flush()
     if options.json:
-        print_json({"lock_step": lock_step, "native_model": native, "can_links": links, "real_time": real_time})
-    else:
-        _print(lock_step, real_time)
-        _print_native(native)
-        _print_links(links)
-    return 0
+        print_json({name: part.document for name, part in found.items()})
+    judged = [claim for part in found.values() for claim in part.claims]
+    return _NOT_MET if options.check and not all(claim.is_met for claim in judged) else 0
 
 
-def _lock_step() -> dict[str, float]:
-    """The 10 s cell of the case study over the simulated bus: controller, bus and plant, without a log."""
-    manoeuvre = single_segment(2.0, 2.0, _SIMULATED_S)
-    seat = LockstepCanSeat(None)
-    durations = []
-    for _ in range(_REPETITIONS):
-        start = time.perf_counter()
-        seat.run("bench", manoeuvre)
-        durations.append(time.perf_counter() - start)
-    median = statistics.median(durations)
-    return {"simulated_s": _SIMULATED_S, "median_s": median, "times_real_time": _SIMULATED_S / median}
+def _check(options: argparse.Namespace) -> None:
+    for name in ("duration", "hold"):
+        if not getattr(options, name) >= _LEAST_S:
+            raise ConfigurationError(f"--{name} must be at least {_LEAST_S:g} s, not {getattr(options, name)}")
+    for rate_hz in options.rate:
+        if not 1.0 <= rate_hz <= 1e5:  # noqa: PLR2004 - Hz, told in the message
+            raise ConfigurationError(f"--rate must be 1 to 100000 Hz, not {rate_hz:g}")
+    if options.repeats < 1:
+        raise ConfigurationError(f"--repeats must be at least 1, not {options.repeats}")
 
 
-def _real_time(duration_s: float) -> dict[str, Any]:
-    """The controller in a process of its own, with ROS where it is there, the recorder, and a plant to talk to."""
-    channel = ["--channel", f"bench_{os.getpid()}", "--interface", "local"]
-    environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
-        folder = Path(name)
-        node = ["run", ROBOT, *channel, "--duration", str(duration_s), "--json", "--namespace", f"/bench_{os.getpid()}"]
-        node += ["--log", str(folder / "bench.mcap")]
-        with (
-            command(["plant", ROBOT, *channel], folder / "plant.txt"),
-            command(node, folder / "node.txt", environment) as controller,
-        ):
-            result = controller.result(duration_s + _MARGIN_S)
-    kept = ("cycles", "late", "overrun", "skipped", "mean_rate_hz", "timing")
-    return {"ros": not missing_packages(), **{name: result[name] for name in kept}}
+def _tell(what: str) -> None:
+    sys.stderr.write(f"segway-ecc: {what}\n")
 
 
-def _native() -> dict[str, float]:
-    """The cart as a C submodel: loading it, and a step of it through our interface and from C."""
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as cache:
-        before = os.environ.get("XDG_CACHE_HOME")
-        os.environ["XDG_CACHE_HOME"] = cache
-        try:
-            first_s, model = _timed_load()
-            again_s, model = _timed_load()
-            cost = step_cost(model)
-        finally:
-            os.environ.pop("XDG_CACHE_HOME")
-            if before is not None:
-                os.environ["XDG_CACHE_HOME"] = before
-    return {"load_first_s": first_s, "load_from_cache_s": again_s, **dataclasses.asdict(cost)}
+def _contestants(options: argparse.Namespace, of: Sequence[Contestant] = tuple(Contestant)) -> list[Contestant]:
+    """Those of some programs that are wanted and run here; the user's loop is one for ROS."""
+    wanted = [who for who in of if who in options.programs]
+    lacking = missing_packages() if {Contestant.OURS, Contestant.USER} & set(wanted) else []
+    if lacking:
+        _tell(f"no ROS 2 here ({', '.join(lacking)}): ours runs without it, and the user's loop not at all")
+    return [who for who in wanted if not (lacking and who is Contestant.USER)]
 
 
-def _links() -> dict[str, float] | None:
+def _on_the_rig(options: argparse.Namespace, measure: Callable[[Setup], _Part]) -> _Part:
+    lack = missing()
+    if lack is not None:
+        return _Part(None, f"comparison: {lack}")
+    bus = choose_bus(options.channel, options.plant_channel)
+    with own_cache(), held_conditions() as conditions:
+        part = measure(Setup(bus, conditions, _tell))
+    where = f"{bus.interface} {bus.channel}"
+    document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}
+    return _Part(document, f"on {where}: {conditions.as_text()}\n{part.text}", part.claims)
+
+
+def _loops(options: argparse.Namespace) -> _Part:
+    duration_s = _FULL_DURATION_S if options.full else options.duration
+
+    def measure(setup: Setup) -> _Part:
+        parts = [_loops_at(rate_hz, duration_s, options, setup) for rate_hz in options.rate]
+        judged = [claim for part in parts for claim in part.claims]
+        return _Part({"rates": [part.document for part in parts]}, "\n".join(part.text for part in parts), judged)
+
+    return _on_the_rig(options, measure)
+
+
+def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, setup: Setup) -> _Part:
+    results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
+    judged = claims(results)
+    text = "\n".join([f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in judged)])
+    said = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in judged]
+    programs = {who: dataclasses.asdict(result) for who, result in results.items()}
+    return _Part({"rate_hz": rate_hz, "programs": programs, "claims": said}, text, judged)
+
+
+def _held(options: argparse.Namespace) -> _Part:
+    hold_s = _FULL_HOLD_S if options.full else options.hold
+
+    def measure(setup: Setup) -> _Part:
+        held = search(setup, hold_s, _contestants(options, SEARCHED))
+        document = {
+            who: {
+                "none_late_hz": one.in_time_hz,
+                "none_lost_hz": one.complete_hz,
+                "tried": _tried(one.tried),
+                "faults": {f"{rate_hz:g}": why for rate_hz, why in one.faults.items()},
+            }
+            for who, one in held.items()
+        }
+        return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
+
+    return _on_the_rig(options, measure)
+
+
+def _tried(tried: dict[float, Any]) -> dict[str, Any]:
+    return {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in tried.items()}
+
+
+def _lock_step(_options: argparse.Namespace) -> _Part:
+    measured = lock_step()
+    document = [{**dataclasses.asdict(one), "times_real_time": one.times_real_time} for one in measured]
+    return _Part(document, lock_step_text(measured))
+
+
+def _campaign(_options: argparse.Namespace) -> _Part:
+    speed = campaign_speed()
+    return _Part({**dataclasses.asdict(speed), "runs_per_s": speed.runs_per_s}, campaign_text(speed))
+
+
+def _model(_options: argparse.Namespace) -> _Part:
+    if missing() is not None:
+        return _Part(None, f"native model: {missing()}")
+    cost = model_step()
+    return _Part(cost, model_text(cost))
+
+
+def _links(_options: argparse.Namespace) -> _Part:
     """A cycle over the kernel's CAN: here where it has a virtual interface, else in a kernel that has one."""
     cost = links_cost()
-    if cost is not None or uml.available() is not None:
-        return cost
-    sys.stderr.write("segway-ecc: CAN links, in user-mode Linux\n")
-    measure = [sys.executable, "-m", "node.cli.bench_links", "--json"]
-    said = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
-    return msgspec.json.decode(said, type=dict[str, float])
+    if cost is None and uml.available() is None:
+        measure = [sys.executable, "-m", "node.cli.bench_links", "--json"]
+        said = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
+        cost = msgspec.json.decode(said, type=dict[str, float])
+    if cost is None:
+        cure = "sudo apt-get install user-mode-linux"
+        return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({cure})")
+    return _Part(cost, links_text(cost))
 
 
-def _timed_load() -> tuple[float, NativeModel]:
-    start = time.perf_counter()
-    model = load_native(Path(SUBMODEL_CART.source))
-    return time.perf_counter() - start, model
-
-
-def _print_native(native: dict[str, float] | None) -> None:
-    if native is None:
-        sys.stdout.write("native model: no C compiler here (sudo apt-get install gcc)\n")
-        return
-    ours, theirs = native["through_our_interface_s"] * 1e6, native["native_s"] * 1e6
-    sys.stdout.write(
-        f"native model: a step costs {ours:.2f} us through our interface and {theirs:.2f} us from C (medians); "
-        f"loaded in {native['load_first_s']:.2f} s the first time and "
-        f"{native['load_from_cache_s'] * 1e3:.0f} ms from the cache\n"
-    )
-
-
-def _print_links(links: dict[str, float] | None) -> None:
-    if links is None:
-        sys.stdout.write(
-            "CAN links: no SocketCAN here, and no user-mode Linux (sudo apt-get install user-mode-linux)\n"
-        )
-    else:
-        sys.stdout.write(links_text(links) + "\n")
-
-
-def _print(lock_step: dict[str, float], real_time: dict[str, Any]) -> None:
-    write = sys.stdout.write
-    write(
-        f"lock step: {lock_step['simulated_s']:g} s over the simulated bus in {lock_step['median_s']:.3f} s (median of "
-        f"{_REPETITIONS}), {lock_step['times_real_time']:.0f} times real time\n"
-    )
-    ros = "with ROS" if real_time["ros"] else "without ROS"
-    write(f"real time, {ros}: {real_time['cycles']} cycles at {real_time['mean_rate_hz']:.4f} Hz, ")
-    write(f"{real_time['late']} late, {real_time['skipped']} skipped; in microseconds:\n")
-    write(f"{'phase':<10}" + "".join(f"{column:>10}" for column in _COLUMNS) + "\n")
-    for phase, summary in real_time["timing"].items():
-        write(f"{phase:<10}" + "".join(f"{summary[key] * 1e6:>10.1f}" for key in _COLUMNS.values()) + "\n")
+_PARTS: Final[dict[str, Callable[[argparse.Namespace], _Part]]] = {
+    "loops": _loops,
+    "held": _held,
+    "lock-step": _lock_step,
+    "campaign": _campaign,
+    "model": _model,
+    "links": _links,
+}

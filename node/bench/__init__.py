@@ -1,0 +1,1 @@
+"""How fast this machine runs the loop, beside what else could be run in its place; one module per measurement."""

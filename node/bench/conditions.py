@@ -1,0 +1,79 @@
+"""Under which conditions the programs run: the same for all of them, and told."""
+
+import contextlib
+import os
+import resource
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from node.cycle.real_time import IDLE_LATENCY, PRIORITY, isolated_processors, real_time_priority
+
+PLANT_PRIORITY: Final = PRIORITY + 10
+"""Above the loops: a real board is not kept waiting by what commands it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What every program has, where this machine gives it.
+
+    Attributes:
+        priority: Of SCHED_FIFO; 0 where it is not to be had.
+        idle_states_off: Whether the processors are kept from their sleeping states while the programs run.
+        memory_locked: Whether their memory is.
+        cores: Cores that they may use.
+        isolated: Those that were set aside for them; empty where none were.
+        kernel: Its release and kind.
+    """
+
+    priority: int
+    idle_states_off: bool
+    memory_locked: bool
+    cores: int
+    isolated: tuple[int, ...]
+    kernel: str
+
+    @property
+    def plant_priority(self) -> int:
+        """Of SCHED_FIFO, for the plant."""
+        return PLANT_PRIORITY if self.priority else 0
+
+    def as_text(self) -> str:
+        """One line."""
+        facts = [
+            f"SCHED_FIFO {self.priority}" if self.priority else "ordinary scheduling (no real-time priority)",
+            "idle states off" if self.idle_states_off else f"idle states on ({IDLE_LATENCY} is not to be had)",
+            "memory locked" if self.memory_locked else "memory not locked",
+            f"{self.cores} cores",
+            f"isolated {self.isolated}" if self.isolated else "none isolated",
+            f"Linux {self.kernel}",
+        ]
+        return f"{', '.join(facts)}; the same for all programs"
+
+
+@contextlib.contextmanager
+def held_conditions() -> Iterator[Conditions]:
+    """Hold while the programs run what is held for all of them: no processor may go to sleep."""
+    with contextlib.ExitStack() as stack:
+        with real_time_priority() as refusal:
+            priority = 0 if refusal else PRIORITY
+        uname = os.uname()
+        yield Conditions(
+            priority=priority,
+            idle_states_off=_hold_idle_states_off(stack),
+            memory_locked=resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY,
+            cores=len(os.sched_getaffinity(0)),
+            isolated=tuple(sorted(isolated_processors())),
+            kernel=f"{uname.release}{' PREEMPT_RT' if 'PREEMPT_RT' in uname.version else ''}",
+        )
+
+
+def _hold_idle_states_off(stack: contextlib.ExitStack) -> bool:
+    """Ask for a wake-up latency of 0 us for as long as the file is open."""
+    try:
+        file = stack.enter_context(IDLE_LATENCY.open("wb", buffering=0))
+        file.write(struct.pack("i", 0))
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""The programs that the loop is compared with, each of which can be read and run by itself."""

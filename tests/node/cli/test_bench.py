@@ -1,0 +1,131 @@
+"""The command line of the bench, with measurements that are made up; tests/node/bench tests what is measured."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from node.bench.comparison import Result, Setup
+from node.bench.conditions import Conditions
+from node.bench.contestants import Contestant
+from node.bench.process_cost import Memory
+from node.bench.samples import Cycles, Spread
+from node.cli import bench
+from node.errors import ConfigurationError
+
+Run = Callable[..., Any]
+COSTS_US = {Contestant.OURS: 50.0, Contestant.USER: 500.0, Contestant.C: 10.0, Contestant.BARE: 5.0}
+
+
+def made_up(cost_us: float) -> Result:
+    spread = Spread(*[cost_us * 1e-6] * 5)
+    cycles = Cycles(5000, 0, 0, spread, Spread(*[40e-6] * 5), {})
+    return Result(cycles, 0.03, Memory(2_000_000, 1_000_000), 0.2)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
+    """Rate, length and repeats of each comparison that was asked for."""
+    made: list[tuple[float, float, int]] = []
+
+    def compare(
+        _: Setup, rate_hz: float, duration_s: float, repeats: int, who: list[Contestant]
+    ) -> dict[Contestant, Result]:
+        made.append((rate_hz, duration_s, repeats))
+        return {one: made_up(COSTS_US[one]) for one in who}
+
+    @contextmanager
+    def conditions() -> Iterator[Conditions]:
+        yield Conditions(
+            priority=50, idle_states_off=True, memory_locked=False, cores=2, isolated=(), kernel="6.1 PREEMPT_RT"
+        )
+
+    monkeypatch.setattr(bench, "compare", compare)
+    monkeypatch.setattr(bench, "held_conditions", conditions)
+    monkeypatch.setattr(bench, "missing", lambda: None)
+    monkeypatch.setattr(bench, "missing_packages", list)
+    return made
+
+
+def test_the_loops_are_compared_at_each_rate_and_judged(segway_ecc: Run, asked: list[tuple[float, float, int]]) -> None:
+    outcome = segway_ecc("bench", "--only", "loops", "--rate", "100", "500", "--duration", "2", "--repeats", "3")
+    assert outcome.code == 0
+    assert asked == [(100.0, 2.0, 3), (500.0, 2.0, 3)]
+    assert "SCHED_FIFO 50, idle states off" in outcome.out
+    assert "6.1 PREEMPT_RT; the same for all programs" in outcome.out
+    assert outcome.out.count("ours to the user's loop: 0.10, at most 0.25 wanted: met") == 2
+
+
+@pytest.mark.usefixtures("asked")
+def test_a_claim_that_is_not_met_is_printed_and_is_a_failure_only_where_that_is_asked_for(
+    segway_ecc: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("bench", "--only", "loops", "--rate", "100")
+    assert segway_ecc(*words, "--check").code == 0
+    monkeypatch.setitem(COSTS_US, Contestant.C, 1.0)
+    outcome = segway_ecc(*words)
+    assert outcome.code == 0
+    assert "ours to the loop in C: 50.00, at most 6 wanted: NOT met" in outcome.out
+    assert segway_ecc(*words, "--check").code == 1
+
+
+@pytest.mark.usefixtures("asked")
+def test_json_has_the_figures_and_the_claims(segway_ecc: Run) -> None:
+    found = json.loads(segway_ecc("bench", "--only", "loops", "--rate", "100", "--json").out)["loops"]
+    assert found["conditions"]["priority"] == 50
+    at = found["rates"][0]
+    assert at["rate_hz"] == 100.0
+    assert at["programs"]["ours"]["cycles"]["cost"]["p99_s"] == pytest.approx(50e-6)
+    assert at["programs"]["c"]["memory"] == {"rss": 2_000_000, "pss": 1_000_000}
+    assert [claim["met"] for claim in at["claims"]] == [True, True, True]
+
+
+@pytest.mark.usefixtures("asked")
+def test_programs_are_left_out_where_others_are_named(segway_ecc: Run) -> None:
+    outcome = segway_ecc("bench", "--only", "loops", "--rate", "100", "--programs", "bare", "c", "--json")
+    assert list(json.loads(outcome.out)["loops"]["rates"][0]["programs"]) == ["c", "bare"]
+
+
+def test_a_full_run_is_long(segway_ecc: Run, asked: list[tuple[float, float, int]]) -> None:
+    segway_ecc("bench", "--only", "loops", "--full")
+    assert asked == [(100.0, 20.0, 2), (1000.0, 20.0, 2)]
+
+
+@pytest.mark.usefixtures("asked")
+def test_without_ros_the_users_loop_is_left_out_and_that_is_said(
+    segway_ecc: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
+    outcome = segway_ecc("bench", "--only", "loops", "--rate", "100")
+    assert "user's loop" not in outcome.out
+    assert any("no ROS 2 here (rclpy)" in line for line in outcome.errors)
+
+
+@pytest.mark.parametrize("part", ["loops", "held", "model"])
+def test_without_a_compiler_the_cure_is_told(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, part: str) -> None:
+    monkeypatch.setattr(bench, "missing", lambda: "no C compiler here (sudo apt-get install gcc)")
+    outcome = segway_ecc("bench", "--only", part)
+    assert outcome.code == 0
+    assert "no C compiler here (sudo apt-get install gcc)" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--rate", "0"), "--rate must be 1 to 100000 Hz, not 0"),
+        (("--rate", "100", "nan"), "--rate must be 1 to 100000 Hz, not nan"),
+        (("--duration", "0.5"), "--duration must be at least 1 s, not 0.5"),
+        (("--hold", "nan"), "--hold must be at least 1 s, not nan"),
+        (("--repeats", "0"), "--repeats must be at least 1, not 0"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_one_line(segway_ecc: Run, words: tuple[str, ...], why: str) -> None:
+    outcome = segway_ecc("bench", *words)
+    assert outcome.code == ConfigurationError.exit_code
+    assert outcome.errors == [f"segway-ecc: {why}"]
+
+
+def test_an_unknown_part_is_refused(segway_ecc: Run) -> None:
+    assert segway_ecc("bench", "--only", "speed").code == 2
