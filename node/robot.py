@@ -58,7 +58,6 @@ class Robot:
             cycle=self.cycle(stage, recorder),
             clock=self.clock,
             stage=stage,
-            recorder=recorder,
             period_ns=self.period_ns,
             robot_name=self.file.name,
         )

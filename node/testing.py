@@ -306,7 +306,6 @@ class Bench:
             cycle=self.cycle,
             clock=self.clock,
             stage=self.stage,
-            recorder=self.recorder,
             period_ns=self.period_ns,
             robot_name="bench",
         )

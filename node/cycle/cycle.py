@@ -10,6 +10,7 @@ from firmware_io.errors import LinkLostError
 from firmware_io.hardware import Hardware, Sensors
 from node.cycle.authority import Authority
 from node.cycle.clock import Clock
+from node.cycle.expendable import ExpendableRecorder
 from node.cycle.real_time import is_real_time
 from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
@@ -44,7 +45,7 @@ class Cycle:
         histograms: Duration of each phase, by name, and of the whole cycle.
         sensors: The newest snapshot of the hardware.
         events: What happened to the links and has not been told yet; the oldest is forgotten where nobody tells it.
-        recorder: Keeps the cycles; must not raise, which the loop sees to.
+        recorder: Keeps the cycles, as long as it can.
     """
 
     def __init__(  # noqa: PLR0913 - the six seams of the robot, each named at the one place that joins them
@@ -81,7 +82,7 @@ class Cycle:
         self._wiring = wiring
         self._clock = clock
         self._stage = stage
-        self.recorder = recorder
+        self.recorder = ExpendableRecorder(recorder, self.events)
         self._immediately = actuate_immediately
         watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
         self._monitor = SafetyMonitor(watched, list(hardware.signals), wiring.sensors, period_ns)

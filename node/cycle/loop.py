@@ -10,9 +10,8 @@ from typing import Final
 from node.cycle.announcer import Announcer
 from node.cycle.clock import NS_PER_S, Clock
 from node.cycle.cycle import Cycle
-from node.cycle.expendable import ExpendableRecorder
 from node.cycle.report import DiagnosticReport
-from node.cycle.seams import Recorder, Stage
+from node.cycle.seams import Stage
 from node.cycle.status import Status
 from node.cycle.timing import Histogram, Summary
 from node.safety.modes import Modes
@@ -66,9 +65,7 @@ class Loop:
         service: Who is told that the loop runs and lives; at first nobody.
     """
 
-    def __init__(  # noqa: PLR0913 - what the loop joins
-        self, *, cycle: Cycle, clock: Clock, stage: Stage, recorder: Recorder, period_ns: int, robot_name: str
-    ) -> None:
+    def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
         """Prepare the loop; `run` runs it."""
         self.counters = LoopCounters()
         self.lateness = Histogram()
@@ -77,7 +74,7 @@ class Loop:
         self._cycle = cycle
         self._clock = clock
         self._stage = stage
-        self._recorder = cycle.recorder = ExpendableRecorder(recorder, cycle.events)
+        self._recorder = cycle.recorder
         self._period_ns = period_ns
         self._robot_name = robot_name
         self._late_ns = round(_LATE_FRACTION * period_ns)

@@ -41,11 +41,11 @@ class Disk:
 
 
 def loop_with(bench: Bench, disk: Disk) -> Loop:
+    bench.cycle.recorder = ExpendableRecorder(disk, bench.cycle.events)
     return Loop(
         cycle=bench.cycle,
         clock=bench.clock,
         stage=bench.stage,
-        recorder=disk,
         period_ns=bench.period_ns,
         robot_name="bench",
     )
