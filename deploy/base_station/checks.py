@@ -8,7 +8,7 @@ from deploy.base_station.machine import USER, Machine, Owner, acting_as
 from deploy.base_station.program import is_hidden
 from deploy.base_station.rendering import ENVIRONMENT, STATION
 from deploy.base_station.settings import Settings
-from node.errors import ConfigurationError
+from node.errors import ConfigurationError, NodeError
 from node.supervisor.web.listening import bind, tls_context
 
 
@@ -24,6 +24,20 @@ def check_machine(machine: Machine, settings: Settings) -> None:
         )
     if settings.firewall is not None and shutil.which("nft") is None:
         raise ConfigurationError("--firewall needs nft, which is not installed: apt-get install nftables")
+
+
+def check_rules(machine: Machine, rules: str) -> None:
+    """The kernel takes the firewall's rules; nothing is loaded.
+
+    Raises:
+        ConfigurationError: It does not.
+    """
+    try:
+        machine.run(["nft", "--check", "--file", "-"], rules)
+    except NodeError as error:
+        raise ConfigurationError(
+            f"--firewall: this kernel does not take the rules ({error}); it needs nf_tables with the family inet"
+        ) from None
 
 
 def check_place(machine: Machine, settings: Settings) -> None:

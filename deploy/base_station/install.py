@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from deploy.base_station.checks import check_files, check_machine, check_place
+from deploy.base_station.checks import check_files, check_machine, check_place, check_rules
 from deploy.base_station.health import wait_until_healthy
 from deploy.base_station.machine import Machine, Owner
 from deploy.base_station.program import check_environment, command_for, ros_variables
@@ -57,7 +57,10 @@ def plan(machine: Machine, settings: Settings, command: str | None) -> Plan:
         check_environment(program)
         check_place(machine, settings)
     check_files(machine, settings)
-    return Plan(machine, settings, files(settings, program, ros_variables() if machine.is_live else {}))
+    made = files(settings, program, ros_variables() if machine.is_live else {})
+    if RULES in made and machine.is_live and os.geteuid() == 0:  # the kernel tells nobody else
+        check_rules(machine, made[RULES])
+    return Plan(machine, settings, made)
 
 
 def install(made: Plan, *, new_tokens: bool, show: Show) -> list[str]:

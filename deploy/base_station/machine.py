@@ -90,16 +90,17 @@ class Machine:
         """Whether a command ends well."""
         return _run(words).returncode == 0
 
-    def run(self, words: Sequence[str]) -> None:
-        """Run a command.
+    def run(self, words: Sequence[str], text: str = "") -> None:
+        """Run a command, which reads `text`.
 
         Raises:
-            NodeError: It fails; with what it said last.
+            NodeError: It fails; with the first error that it names, or what it said last.
         """
-        done = _run(words)
+        done = _run(words, text)
         if done.returncode != 0:
             said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-            raise NodeError(f"{' '.join(words)}: {said[-1]}")
+            named = next((line for line in said if "Error: " in line), said[-1])
+            raise NodeError(f"{' '.join(words)}: {named}")
 
 
 @contextlib.contextmanager
@@ -123,12 +124,12 @@ def acting_as(owner: Owner) -> Iterator[None]:
         os.setgroups(groups)
 
 
-def _run(words: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+def _run(words: Sequence[str], text: str = "") -> "subprocess.CompletedProcess[str]":
     program = shutil.which(words[0])
     if program is None:
         raise NodeError(f"{words[0]} is not installed here")
     words = [program, *words[1:]]
-    return subprocess.run(words, check=False, capture_output=True, text=True, stdin=subprocess.DEVNULL)  # noqa: S603 - ours
+    return subprocess.run(words, check=False, capture_output=True, text=True, input=text)  # noqa: S603 - ours
 
 
 def _holds(path: Path, text: str) -> bool:

@@ -20,7 +20,7 @@ PENDING: Final = "/etc/segway-ecc/station.pending"
 ALL_FILES: Final = (SYSUSERS, ENVIRONMENT, RULES, f"{UNITS}/{STATION}", f"{UNITS}/{FIREWALL}", PENDING)
 RELEASE: Final = "/opt/segway-ecc/current/venv/bin/segway-ecc"
 
-_SHARED_ENVIRONMENT: Final = "EnvironmentFile=-/etc/segway-ecc/environment\n"
+_VARIABLES: Final = f"EnvironmentFile=-{ENVIRONMENT}\n"
 _AFTER: Final = "After=network-online.target\n"
 
 
@@ -45,9 +45,8 @@ def files(settings: Settings, command: str, ros: Mapping[str, str]) -> dict[str,
 def _station(settings: Settings, command: str) -> str:
     text = _shipped("systemd", STATION)
     text = _replaced(text, f"ExecStart={RELEASE} ", f"ExecStart={command} ")
-    if ENVIRONMENT not in text:
-        # After the robot's, where this machine is one too: what comes later counts.
-        text = _replaced(text, _SHARED_ENVIRONMENT, f"{_SHARED_ENVIRONMENT}EnvironmentFile={ENVIRONMENT}\n")
+    # After the robot's, where this machine is one too: what comes later counts.
+    text = _replaced(text, _VARIABLES, f"EnvironmentFile={ENVIRONMENT}\n")
     if settings.firewall is not None:
         # DDS does not use an interface that comes up later; of one that is not WireGuard's there is no such service.
         text = _replaced(text, _AFTER, f"{_AFTER}After=wg-quick@{settings.firewall}.service\n")

@@ -1,23 +1,26 @@
 """Whether this machine's wall clock is that of the others."""
 
 from collections.abc import Iterator
+from typing import Final
 
 from deploy.doctor.finding import Finding, good, warning
 from deploy.doctor.system import Job, Machine, NoAnswerError
+
+_INSTALL: Final = "sudo apt-get install systemd-timesyncd (in an image of ours: --package systemd-timesyncd); "
 
 
 def check_clock(machine: Machine, _job: Job) -> Iterator[Finding]:
     """Synchronised or not, as systemd or chrony says; control itself never reads the wall clock."""
     try:
-        text = machine.answer(["timedatectl", "show"])
-        synchronised = "NTPSynchronized=yes" in text.splitlines()
+        lines = machine.answer(["timedatectl", "show"]).splitlines()
+        synchronised, nobody_does = "NTPSynchronized=yes" in lines, "CanNTP=no" in lines
     except NoAnswerError:
         try:
             text = machine.answer(["chronyc", "-n", "tracking"])
         except NoAnswerError:
             yield good("time synchronisation", "not known: neither timedatectl nor chronyc answers")
             return
-        synchronised = "Leap status     : Normal" in text
+        synchronised, nobody_does = "Leap status     : Normal" in text, False
     if synchronised:
         yield good("time synchronisation", "synchronised")
     else:
@@ -25,5 +28,6 @@ def check_clock(machine: Machine, _job: Job) -> Iterator[Finding]:
             "time synchronisation",
             "not synchronised",
             "set-points stamped on another machine come early, late or are refused; logs bear wrong times",
-            "sudo timedatectl set-ntp true; or chrony with the base station as its server",
+            f"{_INSTALL if nobody_does else ''}sudo timedatectl set-ntp true; "
+            "or chrony with the base station as its server",
         )

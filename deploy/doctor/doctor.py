@@ -9,6 +9,7 @@ from deploy.doctor.clocks import check_clock
 from deploy.doctor.disk import check_disk
 from deploy.doctor.drives import check_drives
 from deploy.doctor.finding import Finding, bad
+from deploy.doctor.idle import check_idle
 from deploy.doctor.kernel import check_kernel
 from deploy.doctor.privileges import check_privileges
 from deploy.doctor.python import check_python
@@ -26,6 +27,7 @@ CHECKS: Final[Mapping[str, Check]] = {
     "serial": check_serial,
     "drives": check_drives,
     "privileges": check_privileges,
+    "idle": check_idle,
     "timing": check_timing,
     "board": check_board,
     "disk": check_disk,

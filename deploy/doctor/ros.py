@@ -11,6 +11,7 @@ from deploy.doctor.system import Job, Machine, NoAnswerError
 SERVICE_ENVIRONMENT: Final = "/etc/segway-ecc/environment"
 _TRY: Final = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
 _NOT_THERE: Final = "No module named"
+_TOO_LONG: Final = "gave no answer within"
 _INSTALL: Final = "source an installation (. /opt/ros/jazzy/setup.sh), or on x86_64: pip install 'segway-ecc[ros]'"
 _DOMAINS: Final = range(233)
 _CLEAR_DOMAINS: Final = (range(102), range(215, 233))
@@ -36,6 +37,10 @@ def _loads(machine: Machine, own: Mapping[str, str]) -> Finding:
         said = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-c", _TRY]).split()
     except NoAnswerError as error:
         reason = str(error)
+        if _TOO_LONG in reason:
+            found = f"rclpy did not load within {reason.rpartition('within ')[2]}"
+            effect = "the node takes as long to start, and its unit gives up where that is longer than it allows"
+            return warning("ROS 2", found, effect, f"see what else runs (top), then: {sys.executable} -c '{_TRY}'")
         found = f"rclpy does not load: {reason.removeprefix('env: ')}"
         if _NOT_THERE in reason:
             effect = "the robot runs alone: nobody can watch, command or stop it over the network"

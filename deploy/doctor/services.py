@@ -11,8 +11,13 @@ _UNITS: Final = {
     NODE: "the robot does not start at boot, and is not started again when it dies",
     "segway-ecc-guard.service": "when the node dies, the drives' own watchdogs alone switch the motors off",
 }
-_OPTIONAL: Final = ("segway-ecc-archive.service", "segway-ecc-station.service", "segway-ecc.target")
+_STATION: Final = "segway-ecc-station.service"
+_STATION_S: Final = "/etc/segway-ecc/station.environment"
+"""Written by `segway-ecc base-station`; without it a machine is none."""
+_OPTIONAL: Final = ("segway-ecc-archive.service", _STATION, "segway-ecc.target")
 _ASKED: Final = ("UnitFileState", "ActiveState", "SubState", "NRestarts")
+_INSTALLED: Final = ("loaded", "masked")
+"""A unit that is masked has no settings of its own any more."""
 _AT_BOOT: Final = {"enabled", "enabled-runtime", "static", "alias", "indirect", "generated", "linked"}
 
 
@@ -21,16 +26,20 @@ def has_systemd(machine: Machine) -> bool:
     return machine.path("/run/systemd/system").is_dir()
 
 
-def properties(machine: Machine, unit: str, names: Sequence[str]) -> Mapping[str, str]:
-    """Properties of a unit; empty where there is no systemd, or it does not know the unit."""
+def properties(
+    machine: Machine, unit: str, names: Sequence[str], states: Sequence[str] = ("loaded",)
+) -> Mapping[str, str]:
+    """Properties of a unit; empty where there is no systemd, or the unit is in none of these load states."""
     if not has_systemd(machine):
         return {}
     try:
         text = machine.answer(["systemctl", "show", f"--property={','.join(['LoadState', *names])}", unit])
     except NoAnswerError:
         return {}
-    found = dict(line.partition("=")[::2] for line in text.splitlines())
-    return found if found.get("LoadState") == "loaded" else {}
+    found: dict[str, str] = {}
+    for name, _, value in (line.partition("=") for line in text.splitlines()):
+        found[name] = f"{found[name]} {value}" if name in found else value  # a list is a line for each
+    return found if found.get("LoadState") in states else {}
 
 
 def check_services(machine: Machine, _job: Job) -> Iterator[Finding]:
@@ -44,14 +53,16 @@ def check_services(machine: Machine, _job: Job) -> Iterator[Finding]:
         )
         return
     for unit, effect in _UNITS.items():
-        state = properties(machine, unit, _ASKED)
+        state = properties(machine, unit, _ASKED, _INSTALLED)
         if state:
             yield _unit(unit, state)
         else:
             yield warning(unit, "not installed", effect, "from your machine: segway-ecc deploy push HOST")
     for unit in _OPTIONAL:
-        state = properties(machine, unit, _ASKED)
-        if state:
+        state = properties(machine, unit, _ASKED, _INSTALLED)
+        if unit == _STATION and state.get("UnitFileState") == "disabled" and not machine.path(_STATION_S).exists():
+            yield good(unit, "off: this machine is no base station")
+        elif state:
             yield _unit(unit, state)
 
 

@@ -17,6 +17,8 @@ from node.support.parts.commands import NoAnswerError, answer_of
 
 __all__ = ["Job", "Machine", "NoAnswerError", "Probes", "WriteSpeed"]
 
+_PATIENCE_S: Final = 60.0
+"""For a program's answer: a small computer that is busy takes half a minute to load ROS."""
 UNNAMED_PERIOD_NS: Final = 5_000_000
 """Of a robot that is not named: 200 Hz."""
 
@@ -47,6 +49,10 @@ class Probes(Protocol):
         """Write into a folder, and wait until it is on the disk; OSError."""
 
 
+def _patient_answer(words: Sequence[str]) -> str:
+    return answer_of(words, _PATIENCE_S)
+
+
 @dataclass(frozen=True, slots=True)
 class Machine:
     """What the checks may look at.
@@ -63,7 +69,7 @@ class Machine:
 
     probes: Probes
     root: Path = Path("/")
-    answer: Callable[[Sequence[str]], str] = answer_of
+    answer: Callable[[Sequence[str]], str] = _patient_answer
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     python: str = f"{platform.python_implementation()} {platform.python_version()}"
     is_debug_python: bool = hasattr(sys, "gettotalrefcount")

@@ -12,9 +12,11 @@ from deploy.image import disk, manifest, release, tree
 from deploy.image.base import base_archive, cache_folder
 from deploy.image.commands import ImageError, inside, missing
 from deploy.image.recipe import Recipe
+from deploy.image.room import room
 
-_DATA_MIB: Final = 512
 _LEAST_FREE_MIB: Final = 4096
+_PLATFORM: Final = "2"
+"""Changes where what is made of the same packages changes, so that an older archive is not taken."""
 Tell = Callable[[str], None]
 
 
@@ -44,12 +46,14 @@ class Wishes:
         wheel: Our wheel; None for that of this checkout.
         uml: Whether the modules of user-mode Linux go in.
         with_disk: Whether a disk is made.
+        data_mib: The size of the data partition, MiB; None for the least that holds what it must.
     """
 
     config: Path | None = None
     wheel: Path | None = None
     uml: bool = False
     with_disk: bool = False
+    data_mib: int | None = None
 
 
 def build(recipe: Recipe, folder: Path, wishes: Wishes, tell: Tell) -> Image:
@@ -69,11 +73,13 @@ def build(recipe: Recipe, folder: Path, wishes: Wishes, tell: Tell) -> Image:
     with tempfile.TemporaryDirectory(prefix="segway-ecc-image-") as work:
         wheel = wishes.wheel or release.build_wheel(Path(work), recipe.epoch)
         wheels = _assemble(recipe, image, wheel, wishes, tell)
+        hashes, wheel_bytes = release.hashes_of(wheels), sum(path.stat().st_size for path in wheels)
+    data_mib = _data_mib(image, wheel_bytes, wishes)
     tell("manifest")
-    manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), wheels, image.root)
+    manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), hashes, image.root)
     tell("file systems")
     disk.root_file_system(image.root, image.root_file_system, recipe.epoch)
-    disk.data_file_system(image.data_file_system, _DATA_MIB, recipe.epoch)
+    disk.data_file_system(image.data_file_system, data_mib, recipe.epoch)
     if wishes.with_disk:
         _disk(image, folder, recipe.epoch)
     return image
@@ -84,7 +90,7 @@ def image_in(folder: Path) -> Image:
     return Image(folder / "root", folder / manifest.NAME, folder / "root.ext4", folder / "data.ext4")
 
 
-def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: Tell) -> dict[str, str]:
+def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: Tell) -> list[Path]:
     version = wheel.name.split("-")[1]
     tell("Debian packages")
     base = base_archive(recipe)
@@ -101,12 +107,21 @@ def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: T
     if wishes.uml:
         tree.uml_modules(image.root)
     tree.finish(image.root, recipe.epoch)
-    return release.hashes_of([wheel, *others])
+    return [wheel, *others]
+
+
+def _data_mib(image: Image, wheel_bytes: int, wishes: Wishes) -> int:
+    """The size of the data partition: what was asked for where it holds what it must, else the least that does."""
+    own = (image.root / release.OPT / "current").readlink()
+    needed = room(image.root / release.OPT / own, wheel_bytes, image.root / tree.HELD_VAR, wishes.config)
+    if wishes.data_mib is not None:
+        needed.check(wishes.data_mib)
+    return wishes.data_mib or needed.mib
 
 
 def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
     """The archive with all that our wheel needs, kept: it changes with the dependencies only."""
-    parts = [base.name, version, *(f"{name} {digest}" for name, digest in release.hashes_of(wheels).items())]
+    parts = [_PLATFORM, base.name, version, *(f"{name} {digest}" for name, digest in release.hashes_of(wheels).items())]
     digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
     archive = cache_folder() / f"platform-{digest}.tar"
     if not archive.exists():
@@ -115,6 +130,7 @@ def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
             tree.unpack(base, root)
             release.install_wheels(root, version, wheels)
             release.compile_release(root, version)
+            release.compile_system(root)
             tree.pack(root, archive)
     return archive
 

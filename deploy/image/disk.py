@@ -66,8 +66,13 @@ def copy_sparse(source: Path, target: Path) -> None:
 
 def _copy_sparse(source: Path, target: int, at: int) -> None:
     with source.open("rb") as file:
-        offset = 0
-        while chunk := file.read(MIB):
+        offset, end = 0, source.stat().st_size
+        while offset < end:
+            try:
+                offset = os.lseek(file.fileno(), offset, os.SEEK_DATA)
+            except OSError:  # nothing but empty room is left
+                return
+            chunk = os.pread(file.fileno(), MIB, offset)
             if chunk.count(0) != len(chunk):
                 os.pwrite(target, chunk, at + offset)
             offset += len(chunk)

@@ -16,6 +16,7 @@ from deploy.image.commands import ImageError, inside, run
 from deploy.image.recipe import Recipe
 from deploy.release.agent.files import sha256_of
 from deploy.release.agent.manifest import HEALTHY, Manifest, entries_of
+from deploy.release.agent.surroundings import write_surroundings
 
 OPT: Final = "opt/segway-ecc"
 _CHECKOUT: Final = Path(deploy.__file__).parents[1]
@@ -74,13 +75,23 @@ def install_wheels(root: Path, version: str, wheels: Sequence[Path]) -> None:
 
 def compile_release(root: Path, version: str) -> None:
     """Compile its Python: nothing can be compiled later, and a start takes twice as long without."""
-    words = ["-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", f"/{OPT}/releases/{version}"]
+    _compile(root, f"/{OPT}/releases/{version}")
+
+
+def compile_system(root: Path) -> None:
+    """Compile Debian's Python again: as it comes here, each start reads every source to see that it is the same."""
+    _compile(root, *(f"/{path.relative_to(root)}" for path in sorted((root / "usr" / "lib").glob("python3*"))))
+
+
+def _compile(root: Path, *folders: str) -> None:
+    words = ["-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", *folders]
     inside(root, ["python3", *words], env={"PYTHONHASHSEED": "0"})
 
 
 def complete_release(root: Path, version: str, epoch: int) -> None:
     """Write the release's manifest, and make it the one in use."""
     folder = root / OPT / "releases" / version
+    write_surroundings(folder, Path("/", OPT, "releases", version))
     created = dt.datetime.fromtimestamp(epoch, dt.UTC).isoformat()
     manifest = Manifest(version, version, created, "image", entries_of(folder))
     dataclasses.replace(manifest, state=HEALTHY).write(folder)

@@ -11,6 +11,8 @@ from typing import Final
 from deploy.image.commands import inside, run
 from deploy.image.recipe import Recipe
 
+HELD_VAR: Final = "usr/share/segway-ecc/var"
+"""What a new data partition begins with."""
 _DEPLOY: Final = resources.files("deploy")
 _UNITS: Final = "usr/lib/systemd/system"
 _ENABLED: Final = (
@@ -27,6 +29,7 @@ _MASKED: Final = (
     "apt-daily.timer",
     "apt-daily-upgrade.timer",
     "e2scrub_all.timer",
+    "e2scrub_reap.service",
     "systemd-networkd-wait-online.service",
     "systemd-binfmt.service",
     "proc-sys-fs-binfmt_misc.automount",
@@ -98,7 +101,7 @@ def finish(root: Path, epoch: int) -> None:
     (root / "etc" / "machine-id").touch()  # empty: made at the first boot, which is none in which units are preset
     (root / "etc" / "hostname").write_text("segway\n", "ascii")
     (root / "etc" / "resolv.conf").symlink_to("/run/systemd/resolve/stub-resolv.conf")
-    held = root / "usr" / "share" / "segway-ecc" / "var"
+    held = root / HELD_VAR
     shutil.rmtree(held, ignore_errors=True)
     held.parent.mkdir(parents=True, exist_ok=True)
     (root / "var").rename(held)

@@ -1,24 +1,18 @@
 """What is pushed: our wheel, the wheels of all it needs on that robot, pip itself, and the robot file."""
 
-import contextlib
 import dataclasses
 import hashlib
 import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from deploy.release.agent.files import is_safe, sha256_of
-from deploy.release.target import Target
 from node.errors import ConfigurationError
 
-_CHECKOUT: Final = Path(__file__).parents[2]
-_WHEEL: Final = "segway_ecc-*.whl"
+WHEEL: Final = "segway_ecc-*.whl"
+"""Our own."""
 _DIGITS: Final = 8
 
 
@@ -101,71 +95,6 @@ def version_of(wheel: Path) -> str:
         ConfigurationError: It is none of ours.
     """
     parts = wheel.name.split("-")
-    if not wheel.match(_WHEEL) or len(parts) < 5 or not wheel.is_file() or not is_safe(wheel.name):  # noqa: PLR2004 - PEP 427
+    if not wheel.match(WHEEL) or len(parts) < 5 or not wheel.is_file() or not is_safe(wheel.name):  # noqa: PLR2004 - PEP 427
         raise ConfigurationError(f"{wheel} is no wheel of segway-ecc (segway_ecc-VERSION-py3-none-any.whl)")
     return parts[1]
-
-
-def build_wheel(folder: Path) -> Path:
-    """Build our wheel from this checkout.
-
-    Raises:
-        ConfigurationError: This is none, or it cannot be built.
-    """
-    if not (_CHECKOUT / "pyproject.toml").exists():
-        raise ConfigurationError("this segway-ecc is installed and no checkout: give the wheel with --wheel FILE")
-    done = _pip(["wheel", "--no-deps", "--wheel-dir", str(folder), str(_CHECKOUT)])
-    built = next(folder.glob(_WHEEL), None)
-    if done.returncode or built is None:
-        raise ConfigurationError(f"the wheel cannot be built: {_last(done.stderr)}")
-    return built
-
-
-def collect(wheel: Path, extras: Sequence[str], target: Target, folder: Path, *, refresh: bool) -> list[Path]:
-    """Have pip collect all wheels for a robot: from the cache where that has them all, else from the index.
-
-    Raises:
-        ConfigurationError: Something has no wheel for it, or the index cannot be reached.
-    """
-    cache = _cache_folder() / target.key
-    cache.mkdir(parents=True, exist_ok=True)
-    named = f"[{','.join(sorted(extras))}]" if extras else ""
-    words = ["download", *target.pip_options, "--find-links", str(cache), "--dest", str(folder)]
-    what = [f"{wheel.resolve()}{named}", "pip"]
-    done = None if refresh else _pip([*words, "--no-index", *what])
-    if done is None or done.returncode:
-        done = _pip([*words, *what])
-    if done.returncode:
-        raise ConfigurationError(
-            f"the wheels for Python {target.python} on {target.machine} cannot be collected: {_last(done.stderr)}"
-        )
-    found = sorted(folder.glob("*.whl"))
-    for path in found:
-        if not path.match(_WHEEL):
-            _keep(path, cache)
-    return found
-
-
-def _keep(path: Path, cache: Path) -> None:
-    kept = cache / path.name
-    if not kept.exists():
-        new = cache / f".{path.name}.{os.getpid()}"
-        shutil.copyfile(path, new)
-        new.replace(kept)
-
-
-def _cache_folder() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "segway-ecc" / "wheels"
-
-
-def _pip(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pip", words[0], "--quiet", "--disable-pip-version-check", *words[1:]]
-    return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - no shell is in between
-
-
-def _last(text: str) -> str:
-    lines = [line.removeprefix("ERROR: ") for line in text.splitlines() if line.startswith("ERROR")]
-    with contextlib.suppress(IndexError):
-        return (lines or text.strip().splitlines())[-1]
-    return "pip does not say why"

@@ -18,7 +18,8 @@ Event = Mapping[str, Any]
 _NO_CONNECTION: Final = 255
 _NO_COMMAND: Final = 127
 _CHUNK: Final = 2**18
-_OPTIONS: Final = ("-T", "-o", "ServerAliveInterval=5", "-o", "ServerAliveCountMax=3", "-o", "ControlMaster=auto")
+# A small computer that installs may not get round to an answer for half a minute.
+_OPTIONS: Final = ("-T", "-o", "ServerAliveInterval=10", "-o", "ServerAliveCountMax=6", "-o", "ControlMaster=auto")
 
 
 class Host:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from deploy.release.bundle import Installing, build_wheel, bundle, collect, version_of
+from deploy.release.bundle import Installing, bundle, version_of
 from deploy.release.host import Event, Host
 from deploy.release.target import Target, target_from
+from deploy.release.wheels import build_wheel, collect
 from node.errors import ConfigurationError
 
 Ros = Literal["auto", "system", "pypi", "none"]

@@ -20,7 +20,8 @@ from hil.simulation import simulated_bus, simulated_robot
 from node.case_study.driving import Driver
 from node.case_study.endurance_watch import Trip, Watch
 from node.config import RobotFile
-from node.cycle.seams import Inbox, NoStage, StampedSetpoint
+from node.cycle.seams import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
+from node.cycle.status import Status
 from node.errors import NodeError
 from node.robot import Robot, build_robot
 
@@ -67,6 +68,7 @@ def drive(  # noqa: PLR0913 - what there is to choose
     *,
     faults: Sequence[Fault] = (),
     channel: str | None = None,
+    keep: Callable[[Robot], Recorder] = lambda _: NoRecorder(),
     on_progress: OnProgress | None = None,
 ) -> Stretch:
     """Drive a robot for some time, or until it trips.
@@ -78,13 +80,14 @@ def drive(  # noqa: PLR0913 - what there is to choose
         frame_loss: Share of the frames that is lost either way, from when it is armed.
         faults: What else fails: the bus, the plant's sensors or motors.
         channel: The CAN interface of robot and plant, which must be theirs alone; None for a simulated bus.
+        keep: Makes what keeps the robot's cycles.
         on_progress: Called every ten seconds of simulated time.
 
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
     bench = _Bench(file, seed, frame_loss, faults, channel)
-    return bench.run(duration_s, on_progress or (lambda _: None))
+    return bench.run(duration_s, keep, on_progress or (lambda _: None))
 
 
 class _Bench:
@@ -107,10 +110,11 @@ class _Bench:
         self._watch = Watch(simulated, self._robot.period_ns, injections.timeline)
         rig.attach(simulated, self._watch.look)
 
-    def run(self, duration_s: float, on_progress: OnProgress) -> Stretch:
+    def run(self, duration_s: float, keep: Callable[[Robot], Recorder], on_progress: OnProgress) -> Stretch:
         robot, watch = self._robot, self._watch
         cycles = max(round(duration_s * 1e9 / robot.period_ns), 1)
-        loop = robot.loop(_Street(Driver(self._seed), watch, robot.period_ns * 1e-9, on_progress), watch)
+        street = _Street(Driver(self._seed), watch, robot.period_ns * 1e-9, on_progress)
+        loop = robot.loop(street, _Both(watch, keep(robot)))
         watch.modes = loop.modes
         with contextlib.closing(self._plant_end):
             self._plant_end.open()
@@ -142,6 +146,26 @@ def _ends(rig: LockstepRig, channel: str | None, bitrate: int) -> tuple[Link, Li
     if channel is None:
         return rig.bus.attach("node"), rig.bus.attach("plant")
     return kernel_ends(rig, (channel, channel), bitrate)
+
+
+class _Both(NoRecorder):
+    """Shows each cycle to the watch before it is kept; see `Recorder`."""
+
+    def __init__(self, watch: Watch, recorder: Recorder) -> None:
+        self._watch, self._recorder = watch, recorder
+
+    def write(self, record: CycleRecord) -> None:
+        """Look at one cycle, and keep it."""
+        self._watch.write(record)
+        self._recorder.write(record)
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Keep a set of diagnostics."""
+        self._recorder.write_diagnostics(stamp_ns, statuses)
+
+    def close(self) -> None:
+        """Finish the log."""
+        self._recorder.close()
 
 
 class CountedBus(DisturbedBus):

@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--wheel", type=Path, metavar="FILE", help="our wheel (default: built from this checkout)")
     option("--kernel", choices=sorted(KERNELS), default=default.kernel, help=f"default: {default.kernel}")
     option("--disk", action="store_true", help="also a disk that boots, disk.img, with vmlinuz and initrd.img")
+    option("--data-size", type=int, metavar="MIB", help="data partition (default: what logs and releases need)")
     option("--no-ros", action="store_true", help="without ROS 2")
     option("--extra", action="append", default=[], metavar="NAME", help="another extra of ours, such as canopen")
     option("--package", action="append", default=[], metavar="NAME", help="another Debian package")
@@ -47,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         return _as_root(recipe)
     if options.config is not None and not options.config.is_dir():
         raise ConfigurationError(f"--config {options.config} is no folder")
-    wishes = Wishes(options.config, options.wheel, uml=options.uml, with_disk=options.disk)
+    wishes = Wishes(options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size)
     image = build(recipe, options.folder, wishes, _tell)
     made = manifest.read(image.manifest)
     other = options.like or options.compare

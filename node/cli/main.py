@@ -7,7 +7,6 @@ FAULT; 11 update refused; 12 version not healthy; 130 Ctrl-C.
 
 import argparse
 import importlib
-import importlib.metadata
 import os
 import re
 import sys
@@ -43,9 +42,10 @@ VERBS: Final = {
     "base-station": "make this machine a base station: service, tokens, discovery, firewall",
     "image": "build an image for the robot: a root file system and a disk, from Debian packages and this software",
     "case-study": "the thesis' tables and figures through each seat, side by side",
-    "study": "what comes of where each part of control runs, over a whole grid of networks, in lock step",
+    "soak": "hours in lock step and half an hour in real time: memory, files and threads must not grow",
+    "study": "what comes of where each part of control runs, and what a cycle costs as robots grow",
     "doctor": "is this machine fit to run the robot, and how to mend what is not",
-    "bench": "how fast this machine runs the loop, in lock step and in real time",
+    "bench": "how fast this machine runs the loop, beside a user's loop and one in C",
 }
 _INTERRUPTED: Final = 130
 
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     words, ros_arguments = _split_ros(words)
     parser = _Parser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
-    parser.add_argument("--version", action="version", version=importlib.metadata.version("segway-ecc"))
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     chosen = next((word for word in words if word in VERBS), None)
     for verb, text in VERBS.items():
@@ -90,6 +90,15 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End with one line and the exit code for arguments."""
         self.exit(ConfigurationError.exit_code, f"segway-ecc: {message}; see {self.prog} --help\n")
+
+
+class _Version(argparse.Action):
+    """Looks for the version where it is asked for: that takes longer than all the rest of reading the command line."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        metadata = importlib.import_module("importlib.metadata")
+        sys.stdout.write(f"{metadata.version('segway-ecc')}\n")
+        parser.exit()
 
 
 def _flush() -> None:

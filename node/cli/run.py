@@ -119,7 +119,7 @@ def _ros_stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
         yield NoStage()
         return
     ros = robot.file.ros
-    with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True) as node:
+    with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True, in_loop=True) as node:
         yield RosStage(node, ros, robot.wiring, robot.model, robot.file.name)
 
 

@@ -1,4 +1,4 @@
-"""`segway-ecc study`: what comes of a choice over a whole grid of conditions, in lock step."""
+"""`segway-ecc study`: what comes of a choice over a whole grid of conditions, and what a cycle costs as robots grow."""
 
 import argparse
 import importlib.util
@@ -10,6 +10,7 @@ from typing import Final
 
 import msgspec
 
+from node.cli import study_growth
 from node.cli.design import designed
 from node.cli.options import add_json, print_json
 from node.config import load_robot
@@ -21,21 +22,30 @@ from node.study.study import conduct
 from node.study.table import text
 from node.study.verdict import network_names, overall, recommended
 
-STUDIES: Final = {"placement": "sequence, balance and supervision, each on the robot or on the base station"}
+STUDIES: Final = {
+    "placement": "sequence, balance and supervision, each on the robot or on the base station",
+    "growth": "the cost of a cycle by the number of model ports, drives, subscribers and robots on one host",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `study`."""
     which = "; ".join(f"{name}: {what}" for name, what in STUDIES.items())
     parser.add_argument("study", choices=list(STUDIES), help=which)
-    parser.add_argument("--quick", action="store_true", help="a few cells of the grid, in some seconds")
-    parser.add_argument("--jobs", type=int, default=_cores(), metavar="N", help="processes at a time (default: cores)")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write placement.html and placement.json there")
+    parser.add_argument("--quick", action="store_true", help="a part of it, in some seconds")
+    parser.add_argument(
+        "--jobs", type=int, default=_cores(), metavar="N", help="placement: processes at a time (default: cores)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and what was found as JSON")
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its tables and write its report; 1 where no placement is fit."""
+    if options.study == "growth":
+        if options.out is not None:
+            _make(options.out)
+        return study_growth.run(options)
     if options.jobs < 1:
         raise ConfigurationError(f"--jobs must be at least 1, not {options.jobs}")
     if options.out is not None:

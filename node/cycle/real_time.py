@@ -12,6 +12,8 @@ from typing import Final
 
 PRIORITY: Final = 50
 """Of SCHED_FIFO, 1 to 99: above ordinary programs, at the level of interrupt threads on a real-time kernel."""
+HELPERS_PRIORITY: Final = PRIORITY - 5
+"""Of threads whose locks the loop may wait for: no other program may hold them up, and they not the loop."""
 SWITCH_INTERVAL_S: Final = 0.0005
 """After this long, another thread of this process hands Python over to the loop."""
 
@@ -89,6 +91,21 @@ def real_time_priority(priority: int = PRIORITY) -> Iterator[str | None]:
         os.sched_setscheduler(0, *before)
 
 
+@contextlib.contextmanager
+def helping_threads() -> Iterator[None]:
+    """The threads that begin inside help the loop: a real-time priority below its own, where it is to be had."""
+    before = _threads()
+    yield
+    for thread in _threads() - before:
+        with contextlib.suppress(OSError):  # it has ended, or we may not, which is said of the loop itself
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(HELPERS_PRIORITY))
+
+
+def _threads() -> set[int]:
+    """The threads of this process, by their numbers in the kernel."""
+    return {int(path.name) for path in Path("/proc/self/task").iterdir()}
+
+
 def lock_memory() -> str | None:
     """Keep what this process uses in RAM from now on: a page that has to come from the disk takes longer than a cycle.
 
@@ -97,13 +114,24 @@ def lock_memory() -> str | None:
     Returns:
         None where it is locked, else why not and what that means.
     """
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != resource.RLIM_INFINITY:
+    if not _may_lock_any_amount():
         reason = "its amount is limited"
     elif ctypes.CDLL(None, use_errno=True).mlockall(_LOCK_CURRENT | _LOCK_FUTURE | _LOCK_ON_FAULT) != 0:
         reason = os.strerror(ctypes.get_errno())
     else:
         return None
     return f"memory is not locked ({reason}): where it runs short, cycles wait for the disk; ulimit -l unlimited"
+
+
+def _may_lock_any_amount() -> bool:
+    """Whether there is no limit, or none any more: the privileged may lift it."""
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        return True
+    try:
+        resource.setrlimit(resource.RLIMIT_MEMLOCK, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from node.cycle.real_time import helping_threads
 from node.errors import RosUnavailableError
 from node.ros.transports import udp_only
 from node.ros.untyped import RosObject
@@ -36,7 +37,7 @@ def require_ros() -> None:
 
 @contextlib.contextmanager
 def ros_node(
-    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False
+    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False, in_loop: bool = False
 ) -> Iterator[RosObject]:
     """A ROS node of its own context, without signal handlers of ROS' own.
 
@@ -45,6 +46,7 @@ def ros_node(
         namespace: Its namespace; relative topic names live in it.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         parameters: Whether it offers the parameter services; the caller has to serve them.
+        in_loop: Whether a loop uses it, which waits for locks that the threads of DDS hold.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -55,7 +57,7 @@ def ros_node(
     context = rclpy.context.Context()
     no_signals = signals.SignalHandlerOptions.NO
     try:
-        with udp_only():
+        with udp_only(), helping_threads() if in_loop else contextlib.nullcontext():
             rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=no_signals)
             node = rclpy.create_node(
                 name,

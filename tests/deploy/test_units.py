@@ -125,8 +125,8 @@ def test_each_service_reaches_what_it_needs_and_no_more() -> None:
     assert families["node"] == {"AF_UNIX", "AF_CAN", "AF_INET", "AF_INET6", "AF_NETLINK"}
     assert families["guard"] == {"AF_UNIX", "AF_CAN", "AF_NETLINK"}
     assert families["archive"] == families["station"] == {"AF_UNIX", "AF_INET", "AF_INET6", "AF_NETLINK"}
-    devices = [value.split()[0] for value in unit("node")["Service"]["DeviceAllow"]]
-    assert devices == ["char-ttyUSB", "char-ttyACM", "char-ttyAMA", "char-ttyS"]
+    serial = [f"char-{name} rw" for name in ("ttyUSB", "ttyACM", "ttyAMA", "ttyS")]
+    assert unit("node")["Service"]["DeviceAllow"] == [*serial, "/dev/cpu_dma_latency w"]
     assert "PrivateDevices" not in unit("node")["Service"]  # it would hide the serial line
 
 
@@ -135,7 +135,13 @@ def test_a_service_runs_the_release_in_use_as_its_own_user(name: str) -> None:
     service = unit(name)["Service"]
     assert service["ExecStart"][0].startswith(f"{COMMAND} ")
     assert service["User"] == ["segway"]
-    assert service["EnvironmentFile"] == ["-/etc/segway-ecc/environment"]
+    # What is read later counts: the machine's word above the release's, the station's above the robot's beside it.
+    release, robot, station = (
+        "-/opt/segway-ecc/current/environment",
+        "-/etc/segway-ecc/environment",
+        "-/etc/segway-ecc/station.environment",
+    )
+    assert service["EnvironmentFile"] == ([robot, station] if name == "station" else [release, robot])
 
 
 def test_the_archive_keeps_out_of_the_way_of_control() -> None:
@@ -189,3 +195,12 @@ def test_the_serial_line_has_the_name_that_robot_files_use() -> None:
     text = (DEPLOY / "udev" / "70-segway-serial.rules").read_text("utf-8")
     assert 'SYMLINK+="segway-serial"' in text
     assert 'GROUP="dialout"' in text
+
+
+def test_the_nodes_group_may_keep_the_processors_awake() -> None:
+    text = (DEPLOY / "udev" / "70-segway-latency.rules").read_text("utf-8")
+    rule = dict(re.findall(r'(\w+)==?"([^"]*)"', text))
+    assert f"/dev/{rule['KERNEL']} w" in unit("node")["Service"]["DeviceAllow"]
+    users = (DEPLOY / "systemd" / "segway-ecc.sysusers.conf").read_text("utf-8")
+    assert rule["GROUP"] == users.split()[1]
+    assert rule["MODE"] == "0660"

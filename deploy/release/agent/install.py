@@ -15,12 +15,15 @@ from deploy.release.agent.journal import stamp
 from deploy.release.agent.manifest import FAILED, HEALTHY, NAME, Entry, Manifest, entries_of
 from deploy.release.agent.report import Reporter
 from deploy.release.agent.store import Store
+from deploy.release.agent.surroundings import write_surroundings
 
 ROBOT_FILE: Final = "robot/robot.yaml"
 _GROWTH: Final = 4
 """How much larger wheels are once they are installed, together with themselves."""
 _SPARE_BYTES: Final = 64 * 2**20
 _CHUNK: Final = 2**18
+_MODESTLY: Final = ("nice", "-n", "10")
+"""The robot's own programs, and the connection that this is asked over, come first."""
 _INSTALL_S: Final = 1800.0
 _TEST_S: Final = 120.0
 
@@ -85,11 +88,12 @@ def receive(store: Store, wanted: Wanted, stream: BinaryIO, reporter: Reporter) 
     """
     folder = store.incoming(wanted.name)
     _reopen(store, wanted.name)
+    others = store.complete()  # once: reading a manifest of thousands of files takes a small computer a second
     for path, entry in wanted.files.items():
         place = folder / path
         place.parent.mkdir(parents=True, exist_ok=True)
         if not _is_there(place, entry):
-            _borrow(store, path, entry, place)
+            _borrow(store, others, path, entry, place)
     missing = [path for path, entry in wanted.files.items() if not _is_there(folder / path, entry)]
     reporter.event("need", files=missing)
     for path in missing:
@@ -118,6 +122,7 @@ def install(store: Store, wanted: Wanted, reporter: Reporter) -> None:
     quiet = ["--no-index", "--no-cache-dir", "--disable-pip-version-check", "--quiet", "--root-user-action=ignore"]
     _must([python, "-I", str(folder / pip / "pip"), "install", *quiet, "--find-links", wheels, what], _INSTALL_S)
     reporter.step("complete")
+    write_surroundings(folder)
     manifest = Manifest(wanted.name, wanted.version, stamp(), wanted.by, entries_of(folder))
     os.sync()
     manifest.write(folder)
@@ -178,9 +183,9 @@ def _reopen(store: Store, name: str) -> None:
     incoming.mkdir(parents=True, exist_ok=True)
 
 
-def _borrow(store: Store, path: str, entry: Entry, place: Path) -> None:
+def _borrow(store: Store, others: Sequence[Manifest], path: str, entry: Entry, place: Path) -> None:
     """Take a file from another release that has it."""
-    for manifest in store.complete():
+    for manifest in others:
         theirs = store.folder(manifest.name) / path
         if manifest.files.get(path) == entry and _is_there(theirs, entry):
             place.unlink(missing_ok=True)
@@ -220,7 +225,13 @@ def _drop_others(folder: Path, paths: set[str]) -> None:
 def _must(words: Sequence[str], within_s: float) -> str:
     try:
         done = subprocess.run(  # noqa: S603 - our own words, each an argument of its own
-            words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL, cwd="/"
+            [*_MODESTLY, *words],
+            capture_output=True,
+            text=True,
+            timeout=within_s,
+            check=False,
+            stdin=subprocess.DEVNULL,
+            cwd="/",
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise RefusedError(f"{words[0]}: {error}") from None

@@ -64,8 +64,10 @@ class Store:
 
     def before(self, name: str | None) -> str | None:
         """The newest healthy release that is older than a given one; what a rollback goes to."""
-        names = [manifest.name for manifest in self.complete()]
-        older = self.complete()[: names.index(name)] if name in names else self.complete()
+        older = self.complete()
+        names = [manifest.name for manifest in older]
+        if name in names:
+            older = older[: names.index(name)]
         return next((m.name for m in reversed(older) if m.state == HEALTHY), None)
 
     def verify(self, name: str) -> None:
@@ -91,8 +93,9 @@ class Store:
     def prune(self, newest: int, keep: set[str]) -> list[str]:
         """Remove old releases: all but the newest, the one in use, the one a rollback goes to, and those named."""
         current = self.current()
-        held = {current, self.before(current), *keep, *(m.name for m in self.complete()[-newest:])}
-        gone = [manifest.name for manifest in self.complete() if manifest.name not in held]
+        names = [manifest.name for manifest in self.complete()]
+        held = {current, self.before(current), *keep, *names[-newest:]}
+        gone = [name for name in names if name not in held]
         for name in gone:
             self.remove(name)
         return gone

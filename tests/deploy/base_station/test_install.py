@@ -1,3 +1,4 @@
+import os
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
@@ -5,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from deploy.base_station.checks import check_rules
 from deploy.base_station.install import Plan, commands, install, plan
 from deploy.base_station.machine import Machine
 from deploy.base_station.rendering import ENVIRONMENT, FIREWALL, RULES, STATION, SYSUSERS, UNITS
@@ -147,6 +149,21 @@ def test_a_firewall_without_nft_is_refused(fake: Fake, monkeypatch: pytest.Monke
     monkeypatch.setattr("shutil.which", lambda _name: None)
     with pytest.raises(ConfigurationError, match="apt-get install nftables"):
         planned(fake, firewall="eth0")
+
+
+def test_a_kernel_that_does_not_take_the_rules_is_refused_before_anything_is_written(fake: Fake) -> None:
+    """Words of nft 1.0.6 where the kernel has no family inet; what it says last is a row of carets."""
+    said = "/dev/stdin:6:1-22: Error: Could not process rule: Operation not supported"
+    (fake.bin / "nft").write_text(f'#!/bin/sh\ncat > "{fake.root}/rules"; echo "{said}" >&2; echo "^^^^" >&2; exit 1\n')
+    with pytest.raises(ConfigurationError, match=r"--firewall: this kernel .*: Operation not supported\); it needs"):
+        check_rules(fake.machine, "table inet x\n")
+    assert fake.text("rules") == "table inet x\n"
+    before = fake.files()
+    if os.geteuid() == 0:
+        with pytest.raises(ConfigurationError, match="does not take the rules"):
+            planned(fake, firewall="eth0")
+        assert 'iifname "eth0"' in fake.text("rules")
+        assert [name for name in fake.files() if name not in before] == []
 
 
 def test_a_port_that_somebody_else_has_is_refused_and_our_own_is_not(fake: Fake) -> None:

@@ -43,26 +43,15 @@ def test_the_unit_is_the_shipped_one_with_our_program_and_our_variables_after_th
         for line in made
         if line.startswith(f"ExecStart={COMMAND} supervise ") or line == f"EnvironmentFile={ENVIRONMENT}"
     ]
+    # The base station's own variables are not left out: without them it would serve without asking for a token.
     assert [line.split()[0] for line in shipped if line not in made] == [
-        "ExecStart=/opt/segway-ecc/current/venv/bin/segway-ecc"
+        f"EnvironmentFile=-{ENVIRONMENT}",
+        "ExecStart=/opt/segway-ecc/current/venv/bin/segway-ecc",
     ]
     read = [line.partition("=")[2].lstrip("-") for line in made if line.startswith("EnvironmentFile=")]
     assert read == ["/etc/segway-ecc/environment", ENVIRONMENT]  # what comes later counts
     (start,) = (line for line in made if line.startswith("ExecStart="))
     assert start.endswith("--folder /var/lib/segway-ecc/station --logs /var/log/segway-ecc/logs $STATION_OPTIONS")
-
-
-def test_a_shipped_unit_that_reads_our_variables_already_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (
-        (SHIPPED / "systemd" / STATION)
-        .read_text()
-        .replace(
-            "EnvironmentFile=-/etc/segway-ecc/environment\n",
-            f"EnvironmentFile=-/etc/segway-ecc/environment\nEnvironmentFile=-{ENVIRONMENT}\n",
-        )
-    )
-    monkeypatch.setattr("deploy.base_station.rendering._shipped", lambda _folder, _name: text)
-    assert files(Settings(), COMMAND, {})[f"{UNITS}/{STATION}"].count(ENVIRONMENT) == 1
 
 
 def test_a_new_version_of_ours_is_a_change(monkeypatch: pytest.MonkeyPatch) -> None:

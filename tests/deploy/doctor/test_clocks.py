@@ -21,3 +21,13 @@ def test_the_wall_clock(fake: FakeMachine, answers: dict[str, str], verdict: Ver
     fake.answers = answers
     (found,) = check_clock(fake.machine, job(fake.root))
     assert (found.verdict, found.found) == (verdict, text)
+
+
+def test_a_machine_that_nothing_synchronises_is_told_what_to_install(fake: FakeMachine) -> None:
+    """As timedatectl of systemd 252 says it where no service for it is installed; set-ntp alone would be refused."""
+    fake.answers = {"timedatectl": "Timezone=Etc/UTC\nLocalRTC=no\nCanNTP=no\nNTP=no\nNTPSynchronized=no\n"}
+    (found,) = check_clock(fake.machine, job(fake.root))
+    assert found.mend.startswith("sudo apt-get install systemd-timesyncd")
+    fake.answers = {"timedatectl": "CanNTP=yes\nNTP=no\nNTPSynchronized=no\n"}
+    (found,) = check_clock(fake.machine, job(fake.root))
+    assert found.mend.startswith("sudo timedatectl set-ntp true")

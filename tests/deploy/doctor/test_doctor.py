@@ -33,6 +33,7 @@ def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
         "real-time scheduling",
         "memory lock",
         "real-time throttling",
+        "processor idle states",
         "clock source",
         "processor governor",
         "processors",

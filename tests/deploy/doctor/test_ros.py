@@ -33,6 +33,12 @@ def test_a_ros_that_breaks_breaks_the_node(fake: FakeMachine) -> None:
     assert "RMW_IMPLEMENTATION" in found.mend
 
 
+def test_a_ros_that_is_slow_is_not_broken(fake: FakeMachine) -> None:
+    fake.answers["rclpy"] = "!env gave no answer within 60 s"
+    found = looked(fake)["ROS 2"]
+    assert (found.verdict, found.found) == (Verdict.WARNING, "rclpy did not load within 60 s")
+
+
 @pytest.mark.parametrize(
     ("domain", "verdict"),
     [

@@ -26,6 +26,26 @@ def test_the_others_are_looked_at_where_they_are_installed(fake: FakeMachine) ->
     assert found.mend == "sudo systemctl start segway-ecc-station.service"
 
 
+def test_a_robot_is_no_base_station_and_a_base_station_that_is_off_is_one_that_does_not_start(
+    fake: FakeMachine,
+) -> None:
+    """As the image ships it, and as `segway-ecc base-station` leaves its mark."""
+    off = "LoadState=loaded\nUnitFileState=disabled\nActiveState=inactive\nSubState=dead\nNRestarts=0\n"
+    fake.systemd(station=off)
+    found = looked(fake)["segway-ecc-station.service"]
+    assert (found.verdict, found.found) == (Verdict.GOOD, "off: this machine is no base station")
+    fake.write({"/etc/segway-ecc/station.environment": ""})
+    found = looked(fake)["segway-ecc-station.service"]
+    assert (found.verdict, found.found) == (Verdict.WARNING, "disabled, inactive (dead)")
+
+
+def test_a_list_has_a_line_for_each_of_its_values(fake: FakeMachine) -> None:
+    """As systemd 252 shows it."""
+    fake.systemd(node="LoadState=loaded\nDeviceAllow=char-ttyS rw\nDeviceAllow=char-ttyUSB rw\nUser=segway\n")
+    found = properties(fake.machine, NODE, ["DeviceAllow", "User"])
+    assert (found["DeviceAllow"], found["User"]) == ("char-ttyS rw char-ttyUSB rw", "segway")
+
+
 def test_not_installed(fake: FakeMachine) -> None:
     del fake.answers["segway-ecc-guard"]
     found = looked(fake)["segway-ecc-guard.service"]
@@ -37,7 +57,12 @@ def test_not_installed(fake: FakeMachine) -> None:
     ("old", "new", "verdict", "mend"),
     [
         ("=enabled", "=disabled", Verdict.WARNING, f"sudo systemctl enable --now {NODE}"),
-        ("=enabled", "=masked", Verdict.WARNING, f"sudo systemctl unmask {NODE}; sudo systemctl enable --now {NODE}"),
+        (
+            "=loaded\nUnitFileState=enabled",
+            "=masked\nUnitFileState=masked",
+            Verdict.WARNING,
+            f"sudo systemctl unmask {NODE}; sudo systemctl enable --now {NODE}",
+        ),
         (
             "State=active",
             "State=failed",
@@ -51,6 +76,12 @@ def test_a_unit_in_trouble(fake: FakeMachine, old: str, new: str, verdict: Verdi
     fake.systemd(node=UNIT.replace(old, new))
     found = looked(fake)[NODE]
     assert (found.verdict, found.mend) == (verdict, mend)
+
+
+def test_a_unit_that_is_masked_says_nothing_of_its_privileges(fake: FakeMachine) -> None:
+    """Systemd shows it as root's, and as nobody's: its settings are not read."""
+    fake.systemd(node="LoadState=masked\nUnitFileState=masked\nUser=\n")
+    assert properties(fake.machine, NODE, ["User"]) == {}
 
 
 def test_one_that_dies_as_it_starts(fake: FakeMachine) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hil.kernels.machine import Machine
+from tests.deploy.image.boot_report import analysis, boot_of
 from tests.deploy.image.robot import Robot, SwitchOn
 
 pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
@@ -23,6 +24,9 @@ def test_the_robot_comes_up_by_itself_comes_back_and_boots_again_after_its_power
         robot.is_patient()
         robot.wait_until_up()
         looks_as_it_should(machine, robot)
+        boot, analyzed = boot_of(robot), analysis(robot)
+        assert boot.kernel < boot.init < boot.queued < boot.first_cycle < boot.ready
+        assert "segway-ecc-node.service" in analyzed
         robot.mask_guard()
         robot.kill("SIGKILL")
         robot.wait_until_up()
@@ -40,7 +44,8 @@ def test_the_robot_comes_up_by_itself_comes_back_and_boots_again_after_its_power
         assert before < set(robot.logs()), "those of before the cut, and a new one"
         assert machine.run("ls /etc/ssh/ssh_host_*_key").strip() == "/etc/ssh/ssh_host_ed25519_key"
     with capsys.disabled():
-        print(f"\nimage under user-mode Linux: {times}")  # noqa: T201 - figures are for people
+        told = f"{boot.text()}\n{analyzed}\n{times}"
+        print(f"\nimage under user-mode Linux: {told}")  # noqa: T201 - figures are for people
 
 
 def looks_as_it_should(machine: Machine, robot: Robot) -> None:

@@ -15,7 +15,8 @@ CUTS = 10
 LEFT_OUT = ("systemd.mask=segway-ecc-guard.service", "systemd.mask=segway-ecc-archive.service")
 ZERO_WITHIN_S = 0.05
 BACK_WITHIN_S = 3.0
-TICKS_A_SECOND = 1000
+HALF_SECOND_NS = 500_000_000
+NEWEST = 200
 PLANT = """systemd-run --quiet --unit=plant --property=CPUSchedulingPolicy=fifo --property=CPUSchedulingPriority=70 \
 segway-ecc plant /etc/segway-ecc/robot.yaml --interface socketcan --channel vcan0 --trace /run/trace.csv"""
 
@@ -27,7 +28,7 @@ def ticks(machine: Machine) -> list[trace.Tick]:
 
 def wait_until_it_drives(robot: Robot) -> None:
     for _ in range(60):
-        newest = ticks(robot.machine)[-TICKS_A_SECOND // 5 :]
+        newest = ticks(robot.machine)[-NEWEST:]
         if newest and all(tick.is_driven for tick in newest):
             return
         if robot.status()["mode"] == "FAULT":
@@ -37,12 +38,13 @@ def wait_until_it_drives(robot: Robot) -> None:
 
 
 def zero_after_s(found: list[trace.Tick], at_ns: int) -> float:
-    """From a fault to the first tick of half a second without any torque, s."""
+    """From a fault to the first tick of half a second without any torque, s; a slow guest's plant leaves ticks out."""
     assert all(tick.is_driven for tick in [tick for tick in found if tick.monotonic_ns < at_ns][-20:])
-    after = [tick for tick in found if tick.monotonic_ns >= at_ns]
-    half = TICKS_A_SECOND // 2
-    first = next(i for i, _ in enumerate(after) if not any(tick.is_driven for tick in after[i : i + half]))
-    return (after[first].monotonic_ns - at_ns) * 1e-9
+    stamps = [tick.monotonic_ns for tick in found if tick.monotonic_ns >= at_ns]
+    driven = [tick.monotonic_ns for tick in found if tick.is_driven]
+    first = next(at for at in stamps if not any(at <= other < at + HALF_SECOND_NS for other in driven))
+    assert first + HALF_SECOND_NS < stamps[-1]
+    return (first - at_ns) * 1e-9
 
 
 def test_a_node_that_is_killed_leaves_no_torque_and_is_back(
@@ -58,14 +60,15 @@ def test_a_node_that_is_killed_leaves_no_torque_and_is_back(
         machine.run("sleep 4")
         zero_s = zero_after_s(ticks(machine), at_ns)
         back_s = robot.stamps(" runs at ")[-1] - at_ns * 1e-9
+        with capsys.disabled():
+            print(f"\nkilled: zero torque {zero_s * 1e3:.0f} ms, first cycle again {back_s:.2f} s")  # noqa: T201 - figures
         wait_until_it_drives(robot)
         stopped_ns = robot.kill("SIGSTOP")
         machine.run("sleep 4")
         frozen_s = zero_after_s(ticks(machine), stopped_ns)
         again_s = robot.stamps(" runs at ")[-1] - stopped_ns * 1e-9
         with capsys.disabled():
-            told = f"killed: zero torque {zero_s * 1e3:.0f} ms, first cycle again {back_s:.2f} s"
-            print(f"\n{told}; frozen: {frozen_s * 1e3:.0f} ms, {again_s:.2f} s; {robot.times()}")  # noqa: T201 - figures
+            print(f"frozen: {frozen_s * 1e3:.0f} ms, {again_s:.2f} s; {robot.times()}")  # noqa: T201 - figures
         assert zero_s <= ZERO_WITHIN_S
         assert frozen_s <= ZERO_WITHIN_S
         assert back_s <= BACK_WITHIN_S

@@ -179,3 +179,10 @@ def test_an_empty_configuration_changes_nothing(tmp_path: Path) -> None:
 def test_a_manifest_is_json_that_others_can_read(tmp_path: Path) -> None:
     path = a_manifest(tmp_path, a_tree(tmp_path / "root"), {"bash": "5.2"})
     assert set(json.loads(path.read_text("utf-8"))) == {"recipe", "packages", "wheels", "digest", "files"}
+
+
+def test_a_copy_of_nothing_is_as_long(tmp_path: Path) -> None:
+    (tmp_path / "source").touch()
+    os.truncate(tmp_path / "source", 3 * disk.MIB + 5)
+    disk.copy_sparse(tmp_path / "source", tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == bytes(3 * disk.MIB + 5)

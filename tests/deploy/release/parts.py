@@ -32,6 +32,9 @@ if "unbuildable" in wheel:
     sys.exit("ERROR: no")
 site = next(pathlib.Path(sys.prefix).glob("lib/python3*/site-packages"))
 zipfile.ZipFile(wheel).extractall(site)
+if "+ros" in wheel:
+    (site / "ros_wheels_bootstrapper").mkdir()
+    (site / "ros_rclpy.libs").mkdir()
 script = pathlib.Path(sys.prefix) / "bin" / "segway-ecc"
 head = "#!%s -IS\\nimport sys\\nsys.path.append(%r)\\n" % (sys.executable, str(site))
 script.write_text(head + "from stand_in import main\\nmain()\\n")

@@ -42,7 +42,9 @@ class Robot:
 
     def node_is(self, **properties: str) -> None:
         """What systemd shows of the node until it is restarted."""
-        (self.folder / "state" / "node").write_text("".join(f"{k}={v}\n" for k, v in properties.items()))
+        new = self.folder / "state" / "node.told"
+        new.write_text("".join(f"{k}={v}\n" for k, v in properties.items()))
+        new.replace(self.folder / "state" / "node")  # whole at any moment: a trial may be looking at it
 
     def calls(self) -> list[str]:
         return (self.folder / "state" / "calls").read_text().splitlines()

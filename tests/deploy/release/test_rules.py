@@ -146,6 +146,20 @@ def test_old_releases_are_pruned_but_not_what_a_rollback_needs(robot: Robot, loc
     assert robot.rollback(local)["current"] == robot.store.complete()[0].name
 
 
+def test_a_release_with_ros_says_where_its_libraries_are(robot: Robot, local: LocalHost) -> None:
+    """In a file that the units read, and that belongs to it like any other."""
+    name = robot.push(local, "1.0+ros")["current"]
+    text = (robot.root / "current" / "environment").read_text()
+    place = robot.store.folder(name) / "venv" / "lib"
+    (site,) = place.glob("python3*/site-packages")
+    assert text.splitlines()[-1] == f"LD_LIBRARY_PATH={place}:{site}/ros_rclpy.libs"
+    manifest = robot.store.manifest(name)
+    assert manifest is not None
+    assert "environment" in manifest.files
+    robot.push(local, "2.0")
+    assert not (robot.root / "current" / "environment").exists()
+
+
 def test_two_at_once_are_refused(robot: Robot, local: LocalHost) -> None:
     refused: list[str] = []
 

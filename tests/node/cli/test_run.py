@@ -73,7 +73,8 @@ def test_the_table_and_the_messages_keep_to_their_own_stream(segway_ecc: Run) ->
     assert outcome.code == 0
     assert [line.split()[0] for line in outcome.out.splitlines()] == ["cycles", "late", "lateness"]
     assert outcome.out.startswith("cycles    2 at ")
-    assert outcome.errors == [
+    # Before these comes what this machine does not let the loop have.
+    assert outcome.errors[-3:] == [
         "segway-ecc: robot 'cart' runs at 100 Hz",
         "segway-ecc: ARMED: asked to arm",
         "segway-ecc: stopped: 2 cycles were asked for",
@@ -271,8 +272,8 @@ def test_a_signal_ends_the_run_with_exit_code_0_and_its_result(number: signal.Si
     command = [sys.executable, "-m", "node.cli.main", "run", "cart", *QUIET, "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = [process.stderr.readline(), process.stderr.readline()]
-        assert said[1] == "segway-ecc: ARMED: asked to arm\n"
+        while process.stderr.readline() != "segway-ecc: ARMED: asked to arm\n":
+            assert process.poll() is None
         process.send_signal(number)
         out, errors = process.communicate(timeout=30)
 

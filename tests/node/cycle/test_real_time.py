@@ -2,12 +2,19 @@ import ctypes
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from node.cycle import real_time
-from node.cycle.real_time import SWITCH_INTERVAL_S, isolated_processors, real_time_loop, real_time_priority
+from node.cycle.real_time import (
+    SWITCH_INTERVAL_S,
+    helping_threads,
+    isolated_processors,
+    real_time_loop,
+    real_time_priority,
+)
 
 PR_GET_TIMERSLACK = 30
 """Of linux/prctl.h."""
@@ -17,6 +24,9 @@ import resource
 from node.cycle.real_time import lock_memory
 hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, hard))
+def refuse(*_):
+    raise ValueError("not allowed to raise maximum limit")
+resource.setrlimit = refuse
 print(lock_memory())
 held = bytearray(8 << 20)
 held[::4096] = b"x" * (len(held) // 4096)
@@ -182,3 +192,26 @@ def test_memory_of_limited_amount_is_not_locked() -> None:
         ),
         "0",
     ]
+
+
+def test_threads_that_begin_inside_get_a_priority_below_the_loops(asked: list[tuple[int, int, int]]) -> None:
+    over = threading.Event()
+    with helping_threads():
+        thread = threading.Thread(target=over.wait)
+        thread.start()
+    over.set()
+    thread.join()
+    assert asked == [(thread.native_id, os.SCHED_FIFO, 45)]
+
+
+def test_where_that_is_not_permitted_they_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    over = threading.Event()
+    with helping_threads():
+        thread = threading.Thread(target=over.wait)
+        thread.start()
+    over.set()
+    thread.join()

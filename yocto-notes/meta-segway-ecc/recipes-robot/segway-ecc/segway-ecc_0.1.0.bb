@@ -38,6 +38,7 @@ do_install:append() {
 
     for unit in ${SEGWAY_ECC_UNITS}; do
         sed -e 's:/opt/segway-ecc/current/venv/bin/:${bindir}/:g' \
+            -e '/^EnvironmentFile=-.opt.segway-ecc.current/d' \
             ${S}/deploy/systemd/$unit > ${D}${systemd_system_unitdir}/$unit
         chmod 0644 ${D}${systemd_system_unitdir}/$unit
     done

@@ -1,0 +1,60 @@
+"""`segway-ecc study growth`: what a cycle costs as the robot grows, and where that stops being linear."""
+
+import argparse
+import importlib.util
+import os
+import platform
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from node.cli.options import print_json
+from node.errors import ConfigurationError
+from node.growth.study import QUICK, SIZES, Grown, conduct
+from node.growth.table import text, verdict
+from node.progress import show_progress
+from node.ros.runtime import missing_packages
+
+
+def run(options: argparse.Namespace) -> int:
+    """Conduct the study, print its tables and write its report."""
+    begun_s = time.monotonic()
+    with show_progress("growth") as on_progress:
+        found = conduct(QUICK if options.quick else SIZES, on_progress)
+    took_s = time.monotonic() - begun_s
+    if options.out is not None:
+        _write(options.out, found, _facts(took_s))
+    if options.json:
+        print_json({"growth": msgspec.to_builtins(found), "verdicts": [verdict(grown) for grown in found]})
+    else:
+        sys.stdout.write(text(found))
+    sys.stderr.write(f"segway-ecc: the study took {took_s:.1f} s\n")
+    if missing_packages() and not options.quick:
+        sys.stderr.write("segway-ecc: ROS 2 is not available here: no subscribers, and no robots side by side\n")
+    return 0
+
+
+def _facts(took_s: float) -> dict[str, str]:
+    return {
+        "Machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Linux {platform.release()}",
+        "Python": platform.python_version(),
+        "Time": f"{took_s:.1f} s",
+    }
+
+
+def _write(folder: Path, found: Sequence[Grown], facts: Mapping[str, str]) -> None:
+    try:
+        (folder / "growth.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        if importlib.util.find_spec("matplotlib") is None:
+            sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+            return
+        from node.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+        (folder / "growth.html").write_text(render(found, facts), encoding="utf-8")
+        (folder / "growth.svg").write_bytes(figure(found))
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
+    sys.stderr.write(f"segway-ecc: report: {folder / 'growth.html'}\n")

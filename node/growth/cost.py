@@ -1,0 +1,83 @@
+"""What the cycles cost at one size."""
+
+import enum
+import statistics
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+SEGMENTS: Final = 5
+"""Parts of a run that are looked at on their own: how far apart they are is the spread of what is measured."""
+
+
+@enum.unique
+class Axis(enum.StrEnum):
+    """What grows."""
+
+    PORTS = "model ports"
+    DRIVES = "drives"
+    SUBSCRIBERS = "subscribers"
+    ROBOTS = "robots"
+
+
+class Cost(msgspec.Struct, frozen=True, kw_only=True):
+    """CPU time of the loop's thread from the end of one wait to the beginning of the next: the cycle and its slack.
+
+    Attributes:
+        p50_us: Median, us.
+        p99_us: What 99 of 100 cycles cost at most, us.
+        spread_us: Between the largest and the smallest median of the parts of the run, us.
+        notes: What else was seen, by name.
+    """
+
+    p50_us: float
+    p99_us: float
+    spread_us: float
+    notes: dict[str, str] = {}
+
+
+class Point(msgspec.Struct, frozen=True, kw_only=True):
+    """A size that was tried.
+
+    Attributes:
+        axis: What grows.
+        size: How many.
+        cost: What a cycle costs; None where it does not run.
+        refused: Why it does not run; empty where it does.
+    """
+
+    axis: Axis
+    size: int
+    cost: Cost | None
+    refused: str = ""
+
+
+def cost_of(taken_ns: Sequence[int], notes: dict[str, str] | None = None) -> Cost:
+    """The cost of cycles, from the CPU time of each, ns; in the order in which they ran.
+
+    Raises:
+        ValueError: There are fewer than `SEGMENTS`.
+    """
+    size = len(taken_ns) // SEGMENTS
+    if size == 0:
+        raise ValueError(f"{len(taken_ns)} cycles are too few")
+    medians = [statistics.median(taken_ns[size * i : size * (i + 1)]) for i in range(SEGMENTS)]
+    ordered = sorted(taken_ns)
+    return Cost(
+        p50_us=statistics.median(ordered) * 1e-3,
+        p99_us=ordered[len(ordered) * 99 // 100] * 1e-3,
+        spread_us=(max(medians) - min(medians)) * 1e-3,
+        notes=notes or {},
+    )
+
+
+def together(costs: Sequence[Cost]) -> Cost:
+    """Of several runs, or robots side by side: the medians' median, the worst p99, the spread among and within them."""
+    medians = [cost.p50_us for cost in costs]
+    return Cost(
+        p50_us=statistics.median(medians),
+        p99_us=max(cost.p99_us for cost in costs),
+        spread_us=max(max(medians) - min(medians), *(cost.spread_us for cost in costs)),
+        notes=costs[-1].notes,
+    )

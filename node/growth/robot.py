@@ -1,0 +1,101 @@
+"""`python -m node.growth.robot ROBOT --log FILE [OPTIONS]`: a robot in real time, with ROS, that tells what it costs.
+
+It is told lines on its standard input and answers each with one: `ready` once it runs; `begin` what counts from now on;
+`end` what it cost since then, as JSON, whereupon it ends.
+"""
+
+import argparse
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from node.cli.options import add_namespace, add_robot, real_time, robot_file
+from node.cycle.clock import RealClock
+from node.cycle.loop import Loop
+from node.growth.cost import Cost, cost_of
+from node.growth.meter import MeteredClock
+from node.recording.layout import layout_of
+from node.recording.recorder import ProcessRecorder
+from node.robot import build_robot
+from node.ros.runtime import ros_node
+from node.ros.stage import RosStage
+
+_LOOK_S: Final = 0.02
+
+
+class Told(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot cost.
+
+    Attributes:
+        cost: Of a cycle.
+        cpu: Share of one core that all threads of its process took.
+        late: Share of the cycles that began late.
+    """
+
+    cost: Cost
+    cpu: float
+    late: float
+
+
+class _Operator(threading.Thread):
+    """Answers lines beside the loop."""
+
+    def __init__(self, clock: MeteredClock, loop: Loop) -> None:
+        super().__init__(daemon=True)
+        self._clock, self._loop = clock, loop
+
+    def run(self) -> None:
+        """Answer until the end."""
+        while not self._clock.taken_ns:
+            time.sleep(_LOOK_S)
+        begun = self._now()
+        for line in sys.stdin:
+            match line.strip():
+                case "begin":
+                    begun = self._now()
+                case "end":
+                    _say(msgspec.json.encode(self._told(begun)).decode())
+                    break
+            _say("yes")
+        self._loop.stop("it was asked to")
+
+    def _now(self) -> tuple[int, float, float, int]:
+        return len(self._clock.taken_ns), time.process_time(), time.monotonic(), self._loop.counters.late
+
+    def _told(self, begun: tuple[int, float, float, int]) -> Told:
+        ended = self._now()
+        cycles, cpu_s, clock_s, late = (after - before for after, before in zip(ended, begun, strict=True))
+        cost = cost_of(self._clock.taken_ns[begun[0] : ended[0]])
+        return Told(cost=cost, cpu=cpu_s / clock_s, late=late / cycles)
+
+
+def main() -> int:
+    """Run it until it is told to end."""
+    parser = argparse.ArgumentParser()
+    add_robot(parser)
+    add_namespace(parser)
+    parser.add_argument("--log", type=Path, required=True)
+    options = parser.parse_args()
+    clock = MeteredClock(RealClock())
+    robot = build_robot(robot_file(options), clock)
+    recorder = ProcessRecorder(options.log, layout_of(robot))
+    ros = robot.file.ros
+    with ros_node(ros.node_name, options.namespace, parameters=True) as node:
+        loop = robot.loop(RosStage(node, ros, robot.wiring, robot.model, robot.file.name), recorder)
+        _Operator(clock, loop).start()
+        with real_time():
+            loop.run()
+    return 0
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

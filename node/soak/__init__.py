@@ -1,0 +1,1 @@
+"""Long runs that must not grow: memory, open files and threads of every process, and the room of the log."""
