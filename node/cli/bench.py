@@ -25,11 +25,17 @@ from node.bench.table import campaign_text, comparison_text, held_text, lock_ste
 from node.cli.bench_links import links_cost, links_text
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
+from node.latency.measure import measure
+from node.latency.result import Latency, Where
 from node.ros.runtime import missing_packages
 
 _FULL_HOLD_S: Final = 30.0
 _FULL_DURATION_S: Final = 20.0
 _LEAST_S: Final = 1.0
+_TRIALS: Final = 100
+_FULL_TRIALS: Final = 1000
+_AT_ONCE: Final = "immediately"
+_ACTUATE: Final = (_AT_ONCE, "next_cycle")
 _NOT_MET: Final = 1
 
 
@@ -176,6 +182,23 @@ def _campaign(_options: argparse.Namespace) -> _Part:
     return _Part({**dataclasses.asdict(speed), "runs_per_s": speed.runs_per_s}, campaign_text(speed))
 
 
+def _latency(options: argparse.Namespace) -> _Part:
+    """From a set-point that is published to the motor frame, as robot files are where they say nothing, and at once."""
+    wheres = [Where.SAME_PROCESS] if missing_packages() else [Where.SAME_PROCESS, Where.OTHER_PROCESS]
+    trials = _FULL_TRIALS if options.full else _TRIALS
+    with held_conditions():
+        measured = [measure(where, trials=trials, actuate=how) for how in _ACTUATE for where in wheres]
+    lines = [f"{one.text()}{_verdict(one)}" for one in measured]
+    return _Part(msgspec.to_builtins(measured), "\n".join(["set-point to motor frame:", *lines]))
+
+
+def _verdict(latency: Latency) -> str:
+    """Whether it is within one period and 1 ms, for a robot whose commands leave in the cycle that made them."""
+    if latency.actuate != _AT_ONCE:
+        return ""
+    return f"; at most {latency.limit_s * 1e3:g} ms wanted: {'met' if latency.is_within else 'NOT met'}"
+
+
 def _model(_options: argparse.Namespace) -> _Part:
     if missing() is not None:
         return _Part(None, f"native model: {missing()}")
@@ -201,6 +224,7 @@ _PARTS: Final[dict[str, Callable[[argparse.Namespace], _Part]]] = {
     "held": _held,
     "lock-step": _lock_step,
     "campaign": _campaign,
+    "latency": _latency,
     "model": _model,
     "links": _links,
 }

@@ -14,6 +14,7 @@ from node.bench.process_cost import Memory
 from node.bench.samples import Cycles, Spread
 from node.cli import bench
 from node.errors import ConfigurationError
+from node.latency.result import Latency, Where
 
 Run = Callable[..., Any]
 COSTS_US = {Contestant.OURS: 50.0, Contestant.USER: 500.0, Contestant.C: 10.0, Contestant.BARE: 5.0}
@@ -101,6 +102,27 @@ def test_without_ros_the_users_loop_is_left_out_and_that_is_said(
     outcome = segway_ecc("bench", "--only", "loops", "--rate", "100")
     assert "user's loop" not in outcome.out
     assert any("no ROS 2 here (rclpy)" in line for line in outcome.errors)
+
+
+@pytest.mark.usefixtures("asked")
+@pytest.mark.parametrize(("p99_s", "word"), [(0.0109, "met"), (0.0111, "NOT met")])
+def test_a_set_point_is_followed_to_the_motor_frame(
+    segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, p99_s: float, word: str
+) -> None:
+    def measure(where: Where, *, trials: int, actuate: str) -> Latency:
+        return Latency(
+            where=where, actuate=actuate, period_s=0.01, trials=trials, missed=0, p50_s=0.005, p99_s=p99_s, max_s=0.02
+        )
+
+    monkeypatch.setattr(bench, "measure", measure)
+    lines = segway_ecc("bench", "--only", "latency").out.splitlines()[1:]
+    begins = [f"{where}, actuate {how}" for how in ("immediately", "next_cycle") for where in list(Where)[:2]]
+    assert [line.partition(":")[0] for line in lines] == begins
+    assert [line.endswith(f"; at most 11 ms wanted: {word}") for line in lines] == [True, True, False, False]
+    found = json.loads(segway_ecc("bench", "--only", "latency", "--full", "--json").out)["latency"]
+    assert [one["trials"] for one in found] == [1000] * 4
+    monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
+    assert "other process" not in segway_ecc("bench", "--only", "latency").out
 
 
 @pytest.mark.parametrize("part", ["loops", "held", "model"])
