@@ -28,7 +28,7 @@ from node.errors import ConfigurationError, RobotLostError
 from node.logs import messages
 from node.recording.bounds import MB, Bounds
 from node.recording.layout import layout_of
-from node.recording.provenance import provenance_of
+from node.recording.provenance import robot_provenance
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot, build_robot
 from node.sequence.manoeuvre import load_manoeuvre
@@ -129,7 +129,7 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     path = options.log or default_log(robot.file.name)
     bounds = _bounds(options)
     _logger.info("log: %s", path)
-    return ProcessRecorder(path, layout_of(robot), provenance_of(robot.file, read_text(options.robot)), bounds)
+    return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), bounds)
 
 
 def _bounds(options: argparse.Namespace) -> Bounds:

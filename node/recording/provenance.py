@@ -1,9 +1,9 @@
 """Where a run comes from: the robot, the model by its content, the wire's description, the software and the machine."""
 
 import hashlib
-import importlib.metadata
+import importlib
 import importlib.resources
-import platform
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +22,7 @@ ROBOT_TEXT: Final = "robot.yaml"
 DBC_FILE: Final = "wheel_board.dbc"
 MODEL: Final = "model"
 """The metadata about the model: `source` and `sha256`."""
+SOFTWARE: Final = "software"
 _LIBRARIES: Final = ("msgspec", "python-can", "mcap", "numpy", "pyserial")
 
 
@@ -41,7 +42,12 @@ NO_PROVENANCE: Final = Provenance({}, {})
 
 
 def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
-    """Where a run of a robot comes from.
+    """Where a run of a robot comes from; see `robot_provenance` for the arguments."""
+    return with_surroundings(robot_provenance(file, text))
+
+
+def robot_provenance(file: RobotFile, text: str | None = None) -> Provenance:
+    """Where a run of a robot comes from, but for the software and the machine; see `with_surroundings`.
 
     Args:
         file: The robot file as it is in force.
@@ -54,17 +60,24 @@ def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
         folder = importlib.resources.files("firmware_io") / "drives" / "wheel_board"
         attachments[DBC_FILE] = (folder / DBC_FILE).read_text(encoding="utf-8")
     source = file.model.source
+    return Provenance(attachments, {MODEL: {"source": source, "sha256": model_hash(source)}})
+
+
+def with_surroundings(provenance: Provenance) -> Provenance:
+    """The same with the software and the machine; the process that writes a log adds them, since they take long."""
+    if not provenance.metadata or SOFTWARE in provenance.metadata:
+        return provenance
+    machine = os.uname()
     metadata = {
-        MODEL: {"source": source, "sha256": model_hash(source)},
-        "software": {"segway-ecc": _version("segway-ecc"), **{name: _version(name) for name in _LIBRARIES}},
+        SOFTWARE: {name: _version(name) for name in ("segway-ecc", *_LIBRARIES)},
         "machine": {
-            "host": platform.node(),
-            "system": platform.platform(),
-            "machine": platform.machine(),
+            "host": machine.nodename,
+            "system": f"{machine.sysname} {machine.release} {machine.version}",
+            "machine": machine.machine,
             "python": sys.version,
         },
     }
-    return Provenance(attachments, metadata)
+    return Provenance(provenance.attachments, {**provenance.metadata, **metadata})
 
 
 def model_hash(source: str) -> str:
@@ -122,7 +135,8 @@ def _is_of(first: str, module: ModuleType) -> bool:
 
 
 def _version(package: str) -> str:
+    metadata = importlib.import_module("importlib.metadata")
     try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
+        return str(metadata.version(package))
+    except metadata.PackageNotFoundError:
         return "not installed"

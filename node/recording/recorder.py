@@ -16,10 +16,10 @@ from node.cycle.status import Status
 from node.errors import RecordingError
 from node.recording.bounds import Bounds
 from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pack_cycle, pack_diagnostics
+from node.recording.job import Job
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
 from node.recording.ring import ROOM, RingWriter, open_ring
-from node.recording.writer import Job
 
 _CLOSE_S: Final = 10.0
 _CYCLE: Final = CYCLE[0]

@@ -13,31 +13,14 @@ import msgspec
 
 from node.errors import RecordingError
 from node.recording.bounded_log import FLUSH_NS, BoundedLog
-from node.recording.bounds import Bounds
 from node.recording.codec import CycleCodec, Message
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
+from node.recording.job import Job
+from node.recording.provenance import with_surroundings
 from node.recording.ring import RingReader
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
 _PAUSE_S: Final = 0.02
-
-
-class Job(msgspec.Struct, frozen=True):
-    """What the writer is told first, as one line of JSON.
-
-    Attributes:
-        path: The log to write.
-        layout: Names of what each cycle holds.
-        provenance: Where the run comes from.
-        bounds: How much room it may take.
-    """
-
-    path: str
-    layout: Layout
-    provenance: Provenance
-    bounds: Bounds
 
 
 def write_log(source: int, memory: int) -> None:
@@ -52,7 +35,7 @@ def write_log(source: int, memory: int) -> None:
     """
     job = msgspec.json.decode(_line(source), type=Job)
     ring, codec = RingReader(memory), CycleCodec(job.layout)
-    log = BoundedLog(Path(job.path), job.layout, job.provenance, job.bounds, _tell)
+    log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
     due_ns, damaged, is_over = time.monotonic_ns() + FLUSH_NS, 0, False
     while not is_over:
         # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.

@@ -81,6 +81,7 @@ def test_a_frame_bears_the_time_at_which_it_was_sent(link: Link, bus: can.BusABC
 @pytest.mark.parametrize(
     "datagram",
     [b"", b"ECC1", encode(1, 1, 8, bytes(8))[:-1], encode(1, 1, 8, bytes(8)) + b"x", b"ECC2" + bytes(29)],
+    ids=["empty", "short", "a byte less", "a byte more", "another mark"],
 )
 def test_what_is_no_frame_is_counted(link: Link, channel: str, datagram: bytes) -> None:
     send_raw(channel, datagram)
