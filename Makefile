@@ -2,6 +2,7 @@
 # make test    set up, lint, check types, run the tests
 # make page    of these, the base station's page in a browser, with a report of its screenshots
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
+# make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
@@ -9,7 +10,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: run test lint page boot prove coverage bench clean
+.PHONY: run test lint page boot disk prove coverage bench clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -35,6 +36,9 @@ boot: $(READY)
 	$(VENV)/bin/python -m pytest -m 'image $(PROOFS)' -s tests/deploy
 
 CARTS := cart-can cart-odrive cart-vesc cart-cia402
+
+disk: $(READY)
+	$(VENV)/bin/python -m pytest -m 'image and proof' -s --timeout 0 tests/deploy/image/test_disk.py tests/deploy/image/test_disk_station.py
 
 prove: $(READY) coverage
 	$(VENV)/bin/python -m pytest -m proof --timeout 0 -s

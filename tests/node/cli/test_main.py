@@ -84,6 +84,7 @@ def test_help_names_every_verb(segway_ecc: Run) -> None:
         "base-station",
         "image",
         "case-study",
+        "soak",
         "study",
         "doctor",
         "bench",
