@@ -56,6 +56,21 @@ class CanPort(Protocol):
         """Close it; never raises."""
 
 
+def port_error(error: OSError) -> PortError:
+    """What the system says of a socket, as a port tells it."""
+    return PortError(str(error.strerror), is_gone=error.errno in GONE)
+
+
+def wire_word(frame: Frame) -> int:
+    """The identifier that a frame bears, with its flags."""
+    return frame.arbitration_id | (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
+
+
+def wire_data(frame: Frame) -> bytes:
+    """The data that a frame carries: a remote frame none."""
+    return b"" if frame.is_remote else frame.data
+
+
 def wire_length(frame: Frame) -> int:
     """The length that a frame states: of its data; of a remote frame without any, all 8 bytes."""
     return len(frame.data) or (MAX_DATA if frame.is_remote else 0)

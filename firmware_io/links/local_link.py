@@ -8,13 +8,14 @@ from firmware_io.links.can_interfaces import cannot_open, describe
 from firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
-    GONE,
     MAX_FRAMES,
     REMOTE,
     STANDARD_IDENTIFIER,
     Arrival,
-    PortError,
+    port_error,
+    wire_data,
     wire_length,
+    wire_word,
 )
 from firmware_io.links.link import Frame, LinkCounters
 from firmware_io.links.local_datagrams import (
@@ -66,12 +67,10 @@ class LocalPort:
 
     def send(self, frame: Frame) -> None:
         """Send a frame; see `CanPort.send`."""
-        flags = (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
-        data = b"" if frame.is_remote else frame.data
         try:
-            self._socket.sendto(encode(self._sender, frame.arbitration_id | flags, wire_length(frame), data), self._to)
+            self._socket.sendto(encode(self._sender, wire_word(frame), wire_length(frame), wire_data(frame)), self._to)
         except OSError as error:
-            raise _port_error(error) from error
+            raise port_error(error) from error
 
     def drain(self) -> Iterator[Arrival]:
         """What has arrived; see `CanPort.drain`."""
@@ -82,7 +81,7 @@ class LocalPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                raise _port_error(error) from error
+                raise port_error(error) from error
             if frame is None or not _is_whole(frame.word):
                 self._counters.undecodable += 1
             elif frame.sender != own:
@@ -96,7 +95,3 @@ class LocalPort:
 def _is_whole(word: int) -> bool:
     """Whether a standard frame's identifier has 11 bits at most; an error frame's are classes of errors."""
     return bool(word & (EXTENDED | ERROR)) or word & ~REMOTE <= STANDARD_IDENTIFIER
-
-
-def _port_error(error: OSError) -> PortError:
-    return PortError(str(error.strerror), is_gone=error.errno in GONE)

@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
 from firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
-from firmware_io.links.can_port import EXTENDED, GONE, MAX_FRAMES, REMOTE, Arrival, PortError, wire_length
+from firmware_io.links.can_port import MAX_FRAMES, Arrival, port_error, wire_data, wire_length, wire_word
 from firmware_io.links.link import Frame, LinkCounters
 
 _CAN_FRAME: Final = struct.Struct("=IB3x8s")
@@ -78,12 +78,10 @@ class SocketCanPort:
 
     def send(self, frame: Frame) -> None:
         """Queue a frame; see `CanPort.send`."""
-        flags = (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
-        data = b"" if frame.is_remote else frame.data
         try:
-            self._socket.send(_CAN_FRAME.pack(frame.arbitration_id | flags, wire_length(frame), data))
+            self._socket.send(_CAN_FRAME.pack(wire_word(frame), wire_length(frame), wire_data(frame)))
         except OSError as error:
-            raise _port_error(error) from error
+            raise port_error(error) from error
 
     def drain(self) -> Iterator[Arrival]:
         """What has arrived; see `CanPort.drain`."""
@@ -94,7 +92,7 @@ class SocketCanPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                raise _port_error(error) from error
+                raise port_error(error) from error
             if len(frame) != _CAN_FRAME.size:
                 self._counters.undecodable += 1
                 continue
@@ -130,7 +128,3 @@ def _configure(sock: socket.socket) -> None:
     sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
     sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
     sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
-
-
-def _port_error(error: OSError) -> PortError:
-    return PortError(str(error.strerror), is_gone=error.errno in GONE)

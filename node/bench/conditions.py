@@ -3,12 +3,11 @@
 import contextlib
 import os
 import resource
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from node.cycle.real_time import IDLE_LATENCY, PRIORITY, isolated_processors, real_time_priority
+from node.cycle.real_time import IDLE_LATENCY, PRIORITY, isolated_processors, no_deep_idle, real_time_priority
 
 PLANT_PRIORITY: Final = PRIORITY + 10
 """Above the loops: a real board is not kept waiting by what commands it."""
@@ -61,19 +60,9 @@ def held_conditions() -> Iterator[Conditions]:
         uname = os.uname()
         yield Conditions(
             priority=priority,
-            idle_states_off=_hold_idle_states_off(stack),
+            idle_states_off=stack.enter_context(no_deep_idle()) is None,
             memory_locked=resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY,
             cores=len(os.sched_getaffinity(0)),
             isolated=tuple(sorted(isolated_processors())),
             kernel=f"{uname.release}{' PREEMPT_RT' if 'PREEMPT_RT' in uname.version else ''}",
         )
-
-
-def _hold_idle_states_off(stack: contextlib.ExitStack) -> bool:
-    """Ask for a wake-up latency of 0 us for as long as the file is open."""
-    try:
-        file = stack.enter_context(IDLE_LATENCY.open("wb", buffering=0))
-        file.write(struct.pack("i", 0))
-    except OSError:
-        return False
-    return True

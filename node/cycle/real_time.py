@@ -50,7 +50,7 @@ def real_time_loop(*, lock: bool = True) -> Iterator[tuple[str, ...]]:
     with contextlib.ExitStack() as stack:
         lacking = [
             stack.enter_context(real_time_priority()),
-            stack.enter_context(_no_deep_idle()),
+            stack.enter_context(no_deep_idle()),
             stack.enter_context(_isolated()),
             stack.enter_context(_timer_slack()),
             lock_memory() if lock else None,
@@ -135,8 +135,12 @@ def _may_lock_any_amount() -> bool:
 
 
 @contextlib.contextmanager
-def _no_deep_idle() -> Iterator[str | None]:
-    """Processors that sleep deeply take long to wake, and their caches are empty then."""
+def no_deep_idle() -> Iterator[str | None]:
+    """Keep processors out of deep idle states, which take long to leave, and leave caches empty.
+
+    Yields:
+        None while that is held, else why not and what that means.
+    """
     try:
         held = os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
     except OSError as error:

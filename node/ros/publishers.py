@@ -101,13 +101,7 @@ def _joint_states(node: RosObject, ros: RosSection, indices: Sequence[int]) -> P
     message.name = [ros.left_joint, ros.right_joint]
     message.position, message.velocity = [0.0, 0.0], [0.0, 0.0]
     template = _stamped(message, "position.0", "position.1", "velocity.0", "velocity.1")
-
-    def publish(stamp_ns: int, values: Sequence[float]) -> None:
-        measured = [values[index] for index in indices]
-        if all(map(math.isfinite, measured)):
-            publish_bytes(template.filled(*divmod(stamp_ns, NS_PER_S), *measured))
-
-    return publish
+    return _measured(publish_bytes, template, indices)
 
 
 def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
@@ -116,7 +110,11 @@ def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Publish:
     message.header.frame_id = ros.imu_frame
     message.orientation_covariance[0] = _NOT_MEASURED
     numbers = [f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
-    template = _stamped(message, *numbers)
+    return _measured(publish_bytes, _stamped(message, *numbers), indices)
+
+
+def _measured(publish_bytes: Callable[[bytes], None], template: Template, indices: Sequence[int]) -> Publish:
+    """Publishes the signals at these places with their stamp, while all of them are measured."""
 
     def publish(stamp_ns: int, values: Sequence[float]) -> None:
         measured = [values[index] for index in indices]

@@ -1,15 +1,12 @@
 """The placement study's figures, each as an image inside the page."""
 
-import base64
-import io
-from collections.abc import Callable, Sequence
-from html import escape
+from collections.abc import Sequence
 from typing import Final
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from node.figure import image
 from node.study.judging import UPRIGHT
 from node.study.results import Bound, Drive, Found, Stop
 from node.study.verdict import POSITION_M, STOP_S, Choice, choice_of, choices, network_names
@@ -32,7 +29,7 @@ def distances(found: Found) -> str:
             _draw_distance(axes, drive, found)
 
     label = "Each placement on each network: how far from the robot with all control on board, or that it fell"
-    return _image("distances", label, (11.0, 5.4), draw)
+    return image("distances", label, (11.0, 5.4), draw)
 
 
 def stops(found: Found) -> str:
@@ -52,7 +49,7 @@ def stops(found: Found) -> str:
         if axes.patches:
             axes.legend(frameon=False)
 
-    return _image("stops", "From pressing stop to zero torque on each network", (9.5, 4.2), draw)
+    return image("stops", "From pressing stop to zero torque on each network", (9.5, 4.2), draw)
 
 
 def bounds(found: Found) -> str:
@@ -67,7 +64,7 @@ def bounds(found: Found) -> str:
         axes.invert_yaxis()
         axes.set_xlabel("ms; the mark is the delay margin of the design")
 
-    return _image("bounds", "What balance control on the station bears", (9.5, 1.2 + 0.5 * len(times)), draw)
+    return image("bounds", "What balance control on the station bears", (9.5, 1.2 + 0.5 * len(times)), draw)
 
 
 def _grid(axes: Axes, networks: Sequence[str], shown: Sequence[Choice]) -> None:
@@ -118,15 +115,3 @@ def _draw_bound(axes: Axes, place: int, bound: Bound) -> None:
         va="center",
         color=_GREY,
     )
-
-
-def _image(name: str, label: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """Draw a figure of a size, inches, and return it as an image of its own, whose ids and styles touch no other."""
-    settings = {"svg.hashsalt": name, "svg.fonttype": "none", "font.family": "sans-serif", "font.size": 10.0}
-    with mpl.rc_context(settings):  # type: ignore[arg-type]  # each is one of its settings
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        data = io.BytesIO()
-        figure.savefig(data, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    address = base64.b64encode(data.getvalue()).decode("ascii")
-    return f'<img alt="{escape(label)}" src="data:image/svg+xml;base64,{address}">\n'
