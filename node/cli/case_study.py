@@ -19,6 +19,7 @@ from node.case_study.seats import SeatRunner
 from node.case_study.study import Cell, Seat, Study
 from node.case_study.table import table
 from node.cli.options import add_json, print_json
+from node.cli.report_folder import has_figures
 from node.config import load_robot
 from node.cycle.clock import RealClock
 from node.errors import ConfigurationError
@@ -126,8 +127,7 @@ def _ros_version() -> str:
 
 def _write_report(study: Study, folder: Path) -> None:
     """Write the page, where the drawing library is there."""
-    if importlib.util.find_spec("matplotlib") is None:
-        sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+    if not has_figures():
         return
     from node.case_study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
 

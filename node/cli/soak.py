@@ -12,6 +12,7 @@ from typing import Any, Final
 import msgspec
 
 from node.cli.options import add_json, print_json
+from node.cli.report_folder import make_folder, writing_to
 from node.errors import ConfigurationError
 from node.progress import OnProgress, show_progress
 from node.ros.runtime import missing_packages
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     if not simulated_s and not real_s:
         raise ConfigurationError("--simulated 0 and --real-time 0 leave nothing to run")
     if options.out is not None:
-        _make(options.out)
+        make_folder(options.out)
     document: dict[str, Any] = {}
     found: dict[str, Sequence[Series]] = {}
     for name, duration_s, soak in (("simulated", simulated_s, _simulated), ("real_time", real_s, _real_time)):
@@ -152,16 +153,8 @@ def _check(option: str, duration_s: float, least_s: float) -> None:
         raise ConfigurationError(f"{option} must be 0, or {least_s:g} s at least and four months at most")
 
 
-def _make(folder: Path) -> None:
-    """Make the folder before hours are run for nothing."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
-
-
 def _write(folder: Path, document: dict[str, Any], found: dict[str, Sequence[Series]]) -> None:
-    try:
+    with writing_to(folder):
         whole = {"found": document, "series": found}
         (folder / "soak.json").write_bytes(msgspec.json.format(msgspec.json.encode(whole)))
         if importlib.util.find_spec("matplotlib") is None:
@@ -171,5 +164,3 @@ def _write(folder: Path, document: dict[str, Any], found: dict[str, Sequence[Ser
 
         for name, series in found.items():
             (folder / f"soak-{name.replace('_', '-')}.svg").write_bytes(figure(series))
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error

@@ -1,7 +1,6 @@
 """`segway-ecc study`: what comes of a choice over a whole grid of conditions, and what a cycle costs as robots grow."""
 
 import argparse
-import importlib.util
 import os
 import sys
 import time
@@ -13,6 +12,7 @@ import msgspec
 from node.cli import study_growth
 from node.cli.design import designed
 from node.cli.options import add_json, print_json
+from node.cli.report_folder import has_figures, make_folder, writing_to
 from node.config import load_robot
 from node.errors import ConfigurationError
 from node.progress import show_progress
@@ -44,12 +44,12 @@ def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its tables and write its report; 1 where no placement is fit."""
     if options.study == "growth":
         if options.out is not None:
-            _make(options.out)
+            make_folder(options.out)
         return study_growth.run(options)
     if options.jobs < 1:
         raise ConfigurationError(f"--jobs must be at least 1, not {options.jobs}")
     if options.out is not None:
-        _make(options.out)
+        make_folder(options.out)
     margins_s = {name: designed(load_robot(name)).balance.margins.delay_s for name in (ROBOT, TORQUE_ROBOT)}
     plan = (quick if options.quick else whole)(margins_s)
     begun_s = time.monotonic()
@@ -85,25 +85,14 @@ def _facts(plan: Plan, took_s: float, jobs: int) -> dict[str, str]:
     }
 
 
-def _make(folder: Path) -> None:
-    """Make the folder before the study is run for nothing."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
-
-
 def _write(folder: Path, found: Found, document: object, facts: dict[str, str]) -> None:
-    try:
+    with writing_to(folder):
         (folder / "placement.json").write_bytes(msgspec.json.format(msgspec.json.encode(document)))
-        if importlib.util.find_spec("matplotlib") is None:
-            sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+        if not has_figures():
             return
         from node.study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
 
         (folder / "placement.html").write_text(render(found, facts), encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
     sys.stderr.write(f"segway-ecc: report: {folder / 'placement.html'}\n")
 
 

@@ -1,7 +1,6 @@
 """`segway-ecc study growth`: what a cycle costs as the robot grows, and where that stops being linear."""
 
 import argparse
-import importlib.util
 import os
 import platform
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from node.cli.options import print_json
-from node.errors import ConfigurationError
+from node.cli.report_folder import has_figures, writing_to
 from node.growth.study import QUICK, SIZES, Grown, conduct
 from node.growth.table import text, verdict
 from node.progress import show_progress
@@ -46,15 +45,12 @@ def _facts(took_s: float) -> dict[str, str]:
 
 
 def _write(folder: Path, found: Sequence[Grown], facts: Mapping[str, str]) -> None:
-    try:
+    with writing_to(folder):
         (folder / "growth.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
-        if importlib.util.find_spec("matplotlib") is None:
-            sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+        if not has_figures():
             return
         from node.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
 
         (folder / "growth.html").write_text(render(found, facts), encoding="utf-8")
         (folder / "growth.svg").write_bytes(figure(found))
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
     sys.stderr.write(f"segway-ecc: report: {folder / 'growth.html'}\n")

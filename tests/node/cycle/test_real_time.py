@@ -194,14 +194,20 @@ def test_memory_of_limited_amount_is_not_locked() -> None:
     ]
 
 
-def test_threads_that_begin_inside_get_a_priority_below_the_loops(asked: list[tuple[int, int, int]]) -> None:
+def helped() -> int | None:
+    """The number of a thread that began among the helping ones, and has ended."""
     over = threading.Event()
     with helping_threads():
         thread = threading.Thread(target=over.wait)
         thread.start()
     over.set()
     thread.join()
-    assert asked == [(thread.native_id, os.SCHED_FIFO, 45)]
+    return thread.native_id
+
+
+def test_threads_that_begin_inside_get_a_priority_below_the_loops(asked: list[tuple[int, int, int]]) -> None:
+    thread = helped()
+    assert asked == [(thread, os.SCHED_FIFO, 45)]
 
 
 def test_where_that_is_not_permitted_they_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,9 +215,4 @@ def test_where_that_is_not_permitted_they_stay_as_they_are(monkeypatch: pytest.M
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    over = threading.Event()
-    with helping_threads():
-        thread = threading.Thread(target=over.wait)
-        thread.start()
-    over.set()
-    thread.join()
+    helped()
