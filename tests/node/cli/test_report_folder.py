@@ -16,7 +16,7 @@ def test_a_folder_is_made_with_those_above_it_and_may_be_there(tmp_path: Path) -
 def test_what_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    with pytest.raises(ConfigurationError, match="cannot write to .*: Not a directory; choose another --out"):
+    with pytest.raises(ConfigurationError, match=r"cannot write to .*: Not a directory; choose another --out"):
         make_folder(file / "below")
     with pytest.raises(ConfigurationError, match="choose another --out"), writing_to(tmp_path):
         (tmp_path / "not there" / "x").touch()
