@@ -27,8 +27,8 @@ from node.play.channel import LoopEnd, channel
 from node.play.rig import FORCE, Rig
 from node.play.stage import PlayStage
 from node.robot import Robot, build_robot
-from node.ros.runtime import missing_packages, require_ros, ros_node
-from node.ros.stage import RosStage
+from node.ros.remote import RemoteStage
+from node.ros.runtime import missing_packages, require_ros
 
 _BEST: Final = "segway"
 _ELSE: Final = "cart-can"
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         plant, guard = _start(stack, options, Path(folder))
         rig = _rig(plant, guard, file, robot)
         ours, theirs = channel()
-        stage = _stage(stack, options, robot, rig, LoopEnd(ours))
+        stage = _stage(options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
         stage.watch(loop.modes)
         stack.enter_context(_terminal(ours, theirs))
@@ -105,17 +105,15 @@ def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> Rig:
     return Rig(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
 
 
-def _stage(
-    stack: contextlib.ExitStack, options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEnd
-) -> PlayStage:
+def _stage(options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEnd) -> PlayStage:
     """The keyboard's stage, with ROS behind it where it is."""
     if options.ros:
         require_ros()
     behind: Stage = NoStage()
     if options.ros is not False and not missing_packages():
-        ros = robot.file.ros
-        node = stack.enter_context(ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True))
-        behind, rig.has_ros = RosStage(node, ros, robot.wiring, robot.model, robot.file.name), True
+        remote = RemoteStage(robot, options.namespace, options.ros_arguments)
+        remote.wait_until_ready()
+        behind, rig.has_ros = remote, True
     return PlayStage(behind, terminal, rig, robot)
 
 

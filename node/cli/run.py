@@ -1,11 +1,9 @@
 """`segway-ecc run ROBOT`: the model node."""
 
 import argparse
-import contextlib
 import dataclasses
 import logging
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -31,6 +29,8 @@ from node.recording.layout import layout_of
 from node.recording.provenance import robot_provenance
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot, build_robot
+from node.ros.remote import RemoteStage
+from node.ros.runtime import missing_packages, require_ros
 from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
@@ -74,9 +74,10 @@ def run(options: argparse.Namespace) -> int:
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
     robot = build_robot(robot_file(options), RealClock())
-    with messages(), contextlib.ExitStack() as stack:
-        stage = stack.enter_context(_stage(options, robot))
+    with messages():
+        has_ros = _has_ros(options)
         recorder = _recorder(options, robot)
+        stage = _stage(options, robot, has_ros=has_ros)
         loop = robot.loop(stage, recorder)
         loop.service = service_of(os.environ, robot.period_ns)
         with stopped_by_signals(loop.stop), real_time(lock=True):
@@ -92,35 +93,26 @@ def _cycles(duration_s: float | None, robot: Robot) -> int | None:
     return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
 
 
-@contextlib.contextmanager
-def _stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
-    signals = list(robot.wiring.published)
-    if options.sequence is not None:
-        yield ManoeuvreStage(Player(load_manoeuvre(options.sequence)), signals, robot.clock)
-    elif options.ros is False:
-        yield NoStage()
-    else:
-        with _ros_stage(options, robot) as stage:
-            yield stage
-
-
-@contextlib.contextmanager
-def _ros_stage(options: argparse.Namespace, robot: Robot) -> Iterator[Stage]:
-    """The stage in ROS; where it was not asked for and ROS is missing, none."""
-    # Imported here, since a robot without ROS starts sooner without them.
-    from node.ros.runtime import missing_packages, require_ros, ros_node  # noqa: PLC0415 - see above
-    from node.ros.stage import RosStage  # noqa: PLC0415 - see above
-
+def _has_ros(options: argparse.Namespace) -> bool:
+    """Whether the robot is to be in ROS; where it was not asked for and ROS is missing, it is not."""
+    if options.sequence is not None or options.ros is False:
+        return False
     if options.ros:
         require_ros()
     missing = missing_packages()
     if missing:
         _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
-        yield NoStage()
-        return
-    ros = robot.file.ros
-    with ros_node(ros.node_name, options.namespace, options.ros_arguments, parameters=True, in_loop=True) as node:
-        yield RosStage(node, ros, robot.wiring, robot.model, robot.file.name)
+    return not missing
+
+
+def _stage(options: argparse.Namespace, robot: Robot, *, has_ros: bool) -> Stage:
+    if options.sequence is not None:
+        return ManoeuvreStage(Player(load_manoeuvre(options.sequence)), list(robot.wiring.published), robot.clock)
+    if not has_ros:
+        return NoStage()
+    stage = RemoteStage(robot, options.namespace, options.ros_arguments)
+    stage.wait_until_ready()
+    return stage
 
 
 def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:

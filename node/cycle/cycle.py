@@ -232,6 +232,7 @@ class Cycle:
             heartbeat=echo.heartbeat if echo else None,
             heartbeat_age_ns=now_ns - echo.heard_ns if echo else 0,
             set_values=tuple(self._set_values),
+            at_ns=now_ns,
         )
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:

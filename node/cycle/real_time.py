@@ -13,7 +13,7 @@ from typing import Final
 PRIORITY: Final = 50
 """Of SCHED_FIFO, 1 to 99: above ordinary programs, at the level of interrupt threads on a real-time kernel."""
 HELPERS_PRIORITY: Final = PRIORITY - 5
-"""Of threads whose locks the loop may wait for: no other program may hold them up, and they not the loop."""
+"""Of what carries the loop's words to the world: no other program may hold it up, and it not the loop."""
 SWITCH_INTERVAL_S: Final = 0.0005
 """After this long, another thread of this process hands Python over to the loop."""
 

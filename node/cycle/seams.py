@@ -82,6 +82,7 @@ class Report(NamedTuple):
             heard.
         heartbeat_age_ns: How long ago it was heard, ns.
         set_values: What anybody may set, as it is in force, in the order of the wiring.
+        at_ns: When it was made, monotonic, ns.
     """
 
     stamp_ns: int
@@ -96,6 +97,7 @@ class Report(NamedTuple):
     heartbeat: Heartbeat | None = None
     heartbeat_age_ns: int = 0
     set_values: Sequence[float] = ()
+    at_ns: int = 0
 
 
 class Stage(Protocol):

@@ -5,6 +5,7 @@ It is told lines on its standard input and answers each with one: `ready` once i
 """
 
 import argparse
+import os
 import sys
 import threading
 import time
@@ -13,6 +14,7 @@ from typing import Final
 
 import msgspec
 
+from node.bench.process_cost import cpu_s
 from node.cli.options import add_namespace, add_robot, real_time, robot_file
 from node.cycle.clock import RealClock
 from node.cycle.loop import Loop
@@ -21,8 +23,7 @@ from node.growth.meter import MeteredClock
 from node.recording.layout import layout_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import build_robot
-from node.ros.runtime import ros_node
-from node.ros.stage import RosStage
+from node.ros.remote import RemoteStage
 
 _LOOK_S: Final = 0.02
 
@@ -32,7 +33,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         cost: Of a cycle.
-        cpu: Share of one core that all threads of its process took.
+        cpu: Share of one core that its process and the one that speaks ROS for it took, with all their threads.
         late: Share of the cycles that began late.
     """
 
@@ -44,9 +45,9 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
 class _Operator(threading.Thread):
     """Answers lines beside the loop."""
 
-    def __init__(self, clock: MeteredClock, loop: Loop) -> None:
+    def __init__(self, clock: MeteredClock, loop: Loop, pids: list[int]) -> None:
         super().__init__(daemon=True)
-        self._clock, self._loop = clock, loop
+        self._clock, self._loop, self._pids = clock, loop, pids
 
     def run(self) -> None:
         """Answer until the end."""
@@ -64,7 +65,7 @@ class _Operator(threading.Thread):
         self._loop.stop("it was asked to")
 
     def _now(self) -> tuple[int, float, float, int]:
-        return len(self._clock.taken_ns), time.process_time(), time.monotonic(), self._loop.counters.late
+        return len(self._clock.taken_ns), cpu_s(self._pids), time.monotonic(), self._loop.counters.late
 
     def _told(self, begun: tuple[int, float, float, int]) -> Told:
         ended = self._now()
@@ -83,12 +84,12 @@ def main() -> int:
     clock = MeteredClock(RealClock())
     robot = build_robot(robot_file(options), clock)
     recorder = ProcessRecorder(options.log, layout_of(robot))
-    ros = robot.file.ros
-    with ros_node(ros.node_name, options.namespace, parameters=True) as node:
-        loop = robot.loop(RosStage(node, ros, robot.wiring, robot.model, robot.file.name), recorder)
-        _Operator(clock, loop).start()
-        with real_time():
-            loop.run()
+    stage = RemoteStage(robot, options.namespace)
+    stage.wait_until_ready()
+    loop = robot.loop(stage, recorder)
+    _Operator(clock, loop, [os.getpid(), stage.pid]).start()
+    with real_time():
+        loop.run()
     return 0
 
 

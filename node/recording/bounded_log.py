@@ -45,7 +45,7 @@ class BoundedLog:
         except RecordingError as error:
             self._lose(error)
 
-    def write(self, kind: bytes, body: bytes) -> None:
+    def write(self, kind: int, body: bytes) -> None:
         """Take one frame."""
         self._unflushed += 1
         if self._log is None:
@@ -118,7 +118,7 @@ class BoundedLog:
         self._tell(str(error))
 
 
-def _write(log: CycleLog, kind: bytes, body: bytes) -> None:
+def _write(log: CycleLog, kind: int, body: bytes) -> None:
     if kind == CYCLE:
         log.write_cycle(body)
     elif kind == EVENTS:

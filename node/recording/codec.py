@@ -32,14 +32,14 @@ from node.recording import cdr
 from node.recording.cycle_message import CycleMessage
 from node.recording.happenings import Piece, happenings, texts, to_nobody
 from node.recording.layout import Layout
-from node.recording.ring import ROOM
+from node.ring import ROOM
 from node.safety.modes import Action, Mode
 
-CYCLE: Final = b"C"
-EVENTS: Final = b"E"
-DIAGNOSTICS: Final = b"D"
+CYCLE: Final = ord("C")
+EVENTS: Final = ord("E")
+DIAGNOSTICS: Final = ord("D")
 
-Message = tuple[bytes, bytes]
+Message = tuple[int, bytes]
 """Its kind, and its body."""
 
 
@@ -51,7 +51,7 @@ def _known(value: Any) -> float | None:  # noqa: ANN401 - whatever MessagePack d
 _encoder: Final = msgspec.msgpack.Encoder(enc_hook=_known)
 _encode: Final = _encoder.encode
 _encode_into: Final = _encoder.encode_into
-_decode_events: Final = msgspec.msgpack.Decoder(tuple[int, int, list[list[object]], bool]).decode
+_decode_events: Final = msgspec.msgpack.Decoder(tuple[int, int, list[list[object]]]).decode
 _NOTHING: Final = Inbox()
 _INT64: Final = 2**63 - 1
 
@@ -61,7 +61,6 @@ class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
 
     stamp_ns: int
     statuses: tuple[Status, ...]
-    is_whole: bool = True
 
 
 class _Packed(NamedTuple):
@@ -205,7 +204,7 @@ def pack_apart(record: CycleRecord, buffer: bytearray) -> Iterator[Message]:
 
 def _events(stamp_ns: int, cycle: int, pieces: Sequence[Piece]) -> list[bytes]:
     """Bodies that fit a slot, unless one piece alone does not."""
-    body = _encode((stamp_ns, cycle, pieces, True))
+    body = _encode((stamp_ns, cycle, pieces))
     if len(pieces) > 1 and len(body) > ROOM:
         half = len(pieces) // 2
         return [*_events(stamp_ns, cycle, pieces[:half]), *_events(stamp_ns, cycle, pieces[half:])]
@@ -214,7 +213,7 @@ def _events(stamp_ns: int, cycle: int, pieces: Sequence[Piece]) -> list[bytes]:
 
 def events_message(body: bytes) -> bytes:
     """The message that a body of events becomes."""
-    stamp_ns, cycle, pieces, _ = _decode_events(body)
+    stamp_ns, cycle, pieces = _decode_events(body)
     return cdr.cycle_events(stamp_ns, cycle, texts(pieces))
 
 
@@ -250,7 +249,7 @@ class CycleCodec:
         events = cdr.cycle_events(record.stamp_ns, record.cycle, texts(pieces)) if pieces else None
         return events, self.message.pack(record, len(pieces))
 
-    def bodies(self, kind: bytes, body: bytes) -> list[Message]:
+    def bodies(self, kind: int, body: bytes) -> list[Message]:
         """What the log takes in place of a message of the loop: all that happened in a cycle comes before it.
 
         Raises:
@@ -267,7 +266,7 @@ class CycleCodec:
     def _cycle(self, body: bytes) -> list[Message]:
         record, told = unpack_cycle(body)
         pieces = happenings(record)
-        events = [(EVENTS, _encode((record.stamp_ns, record.cycle, pieces, True)))] if pieces else []
+        events = [(EVENTS, _encode((record.stamp_ns, record.cycle, pieces)))] if pieces else []
         return [*events, (CYCLE, self.message.pack(record, told + len(pieces)))]
 
 

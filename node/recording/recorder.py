@@ -19,10 +19,11 @@ from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pac
 from node.recording.job import Job
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.recording.ring import ROOM, RingWriter, open_ring
+from node.ring import ROOM, RingWriter, open_ring
 
 _CLOSE_S: Final = 10.0
-_CYCLE: Final = CYCLE[0]
+SLOTS: Final = 1024
+"""Room for 10 s at 100 Hz while a disk is busy."""
 _logger = logging.getLogger(__name__)
 
 
@@ -53,7 +54,7 @@ class ProcessRecorder:
             )
         _check_writable(path)
         self._buffer = bytearray(size)
-        memory = open_ring()
+        memory = open_ring(SLOTS)
         try:
             self._ring = RingWriter(memory)
             self._process = subprocess.Popen(  # noqa: S603 - our own program
@@ -73,7 +74,7 @@ class ProcessRecorder:
         """Hand over a cycle; one that finds no room is dropped and counted."""
         buffer = self._buffer
         pack_cycle(record, buffer)
-        if not self._ring.put(_CYCLE, buffer):
+        if not self._ring.put(CYCLE, buffer):
             self._put_apart(record)
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
@@ -111,8 +112,8 @@ class ProcessRecorder:
         for kind, message in pack_apart(record, self._buffer):
             self._put(kind, message)
 
-    def _put(self, kind: bytes, message: bytes) -> None:
-        if not self._ring.put(kind[0], message):
+    def _put(self, kind: int, message: bytes) -> None:
+        if not self._ring.put(kind, message):
             self.dropped += 1
 
 

@@ -16,7 +16,7 @@ from node.recording.bounded_log import FLUSH_NS, BoundedLog
 from node.recording.codec import CycleCodec, Message
 from node.recording.job import Job
 from node.recording.provenance import with_surroundings
-from node.recording.ring import RingReader
+from node.ring import RingReader
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
@@ -36,18 +36,24 @@ def write_log(source: int, memory: int) -> None:
     job = msgspec.json.decode(_line(source), type=Job)
     ring, codec = RingReader(memory), CycleCodec(job.layout)
     log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
-    due_ns, damaged, is_over = time.monotonic_ns() + FLUSH_NS, 0, False
-    while not is_over:
+    due_ns, damaged = time.monotonic_ns() + FLUSH_NS, 0
+    while not _is_over(source):
         # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
         time.sleep(_PAUSE_S)
-        is_over = _is_over(source)
-        damaged += sum(not _keep(log, codec, message) for message in ring.take(is_last=is_over))
+        damaged += _keep_all(log, codec, ring)
         if time.monotonic_ns() >= due_ns:
             log.flush()
             due_ns = time.monotonic_ns() + FLUSH_NS
+    # Twice: a ring looks twice at what did not look whole.
+    damaged += _keep_all(log, codec, ring) + _keep_all(log, codec, ring) + ring.damaged
     if damaged:
         _tell(f"{damaged} records were damaged on their way and are missing in the log {job.path}")
     log.close()
+
+
+def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> int:
+    """Log the messages that have arrived; returns how many were damaged."""
+    return sum(not _keep(log, codec, message) for message in ring.take_all())
 
 
 def _keep(log: BoundedLog, codec: CycleCodec, message: Message) -> bool:

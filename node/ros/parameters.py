@@ -1,12 +1,10 @@
-"""The model's parameters as ROS parameters: served from the slack of a cycle, so written between two steps."""
+"""The model's parameters as ROS parameters; it is the loop that writes them, between two steps."""
 
 import importlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from node.cycle.seams import Written
 from node.errors import ModelError
-from node.model.model import Model
 from node.model.variables import Variable, Write
 from node.ros.messages import message_type
 from node.ros.untyped import RosObject
@@ -23,31 +21,39 @@ class ModelParameters:
     """Declares a model's parameters on a node and serves the node's parameter services without an executor.
 
     Attributes:
-        written: What was written to the model; whoever keeps account of it clears it.
+        services: Those of the node.
     """
 
-    def __init__(self, node: RosObject, model: Model, own_services: Sequence[RosObject]) -> None:
-        """Declare them; `own_services` are served by somebody else."""
-        self._model = model
+    def __init__(
+        self,
+        node: RosObject,
+        parameters: Sequence[Variable],
+        write: Callable[[str, float], None],
+        own_services: Sequence[RosObject],
+    ) -> None:
+        """Declare them.
+
+        Args:
+            node: Whose parameters they are to be.
+            parameters: Each with the value that it has now.
+            write: Writes one by its name, or raises `ModelError`.
+            own_services: Those of the node that are served by somebody else.
+        """
+        self._write = write
         self._names: dict[str, Variable] = {}
         self._result_type = message_type("rcl_interfaces/msg/SetParametersResult")
-        for variable in model.parameters:
+        for variable in parameters:
             self._declare(node, variable)
         node.add_on_set_parameters_callback(self._set)
-        self._services = [service for service in node.services if service not in own_services]
-        self._turn = 0
-        self.written: list[Written] = []
+        self.services = [service for service in node.services if service not in own_services]
 
-    def serve_one(self) -> None:
-        """Answer one request of one service, if there is one; another service each time."""
-        if not self._services:
-            return
-        service = self._services[self._turn % len(self._services)]
-        self._turn += 1
-        request, header = service.handle.service_take_request(service.srv_type.Request)
-        if request is not None:
-            response = service.callback(request, service.srv_type.Response())
-            service.handle.service_send_response(response, header.request_id)
+    def serve(self) -> None:
+        """Answer a request of each service that has one."""
+        for service in self.services:
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+            if request is not None:
+                response = service.callback(request, service.srv_type.Response())
+                service.handle.service_send_response(response, header.request_id)
 
     def _declare(self, node: RosObject, variable: Variable) -> None:
         name = parameter_name(variable.name, self._names)
@@ -57,7 +63,7 @@ class ModelParameters:
             description=f"{variable.name}, {variable.unit}; {_EFFECT[variable.write]}{why}",
             read_only=variable.write is Write.NEVER,
         )
-        node.declare_parameter(name, self._model.read(variable.name), descriptor)
+        node.declare_parameter(name, variable.value, descriptor)
 
     def _set(self, parameters: Sequence[RosObject]) -> RosObject:
         """Write what is asked for; what ROS itself declares is let pass."""
@@ -68,8 +74,7 @@ class ModelParameters:
                 return self._result_type(successful=False, reason=f"{variable.name} takes a floating-point number")
         try:
             for variable, parameter in ours:
-                self._model.write(variable.name, parameter.value)
-                self.written.append(Written(variable.name, parameter.value))
+                self._write(variable.name, parameter.value)
         except ModelError as error:
             return self._result_type(successful=False, reason=str(error))
         return self._result_type(successful=True)

@@ -37,7 +37,7 @@ def require_ros() -> None:
 
 @contextlib.contextmanager
 def ros_node(
-    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False, in_loop: bool = False
+    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False, is_helper: bool = False
 ) -> Iterator[RosObject]:
     """A ROS node of its own context, without signal handlers of ROS' own.
 
@@ -46,7 +46,7 @@ def ros_node(
         namespace: Its namespace; relative topic names live in it.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         parameters: Whether it offers the parameter services; the caller has to serve them.
-        in_loop: Whether a loop uses it, which waits for locks that the threads of DDS hold.
+        is_helper: Whether it helps a loop: no ordinary program is to hold it up.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -57,7 +57,7 @@ def ros_node(
     context = rclpy.context.Context()
     no_signals = signals.SignalHandlerOptions.NO
     try:
-        with udp_only(), helping_threads() if in_loop else contextlib.nullcontext():
+        with udp_only(), helping_threads() if is_helper else contextlib.nullcontext():
             rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=no_signals)
             node = rclpy.create_node(
                 name,

@@ -1,17 +1,15 @@
-"""The ROS stage of the model node: takes from its own handles and publishes; no executor runs in the loop."""
+"""The robot in ROS: takes from its own handles and publishes; no executor runs."""
 
 import itertools
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from node.config import RosSection
 from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
-from node.cycle.wiring import Wiring
-from node.model.model import Model
 from node.ros.graph import mismatch
+from node.ros.job import Job
 from node.ros.messages import diagnostic_array, message_type, newest_only, set_stamp, stamp_ns
 from node.ros.mode import make_mode_publisher
 from node.ros.parameters import ModelParameters
@@ -20,7 +18,7 @@ from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
 
 _TAKEN_PER_CYCLE: Final = 100
-"""Messages taken from one topic in one cycle at most, so that a flood cannot hold up the loop."""
+"""Messages taken from one topic at once at most, so that a flood holds up none of the others."""
 _COMMAND_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
@@ -28,21 +26,27 @@ _LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _STAND: Final = "stand"
 """The value that makes a robot stand up, or sit down."""
-_LOOK_EVERY: Final = 25
 _TOLD_AT_MOST: Final = 100
 _logger = logging.getLogger(__name__)
 
 
 class RosStage:
-    """See `node.cycle.seams.Stage`."""
+    """Publishes what the loop reports, and takes what arrives for it; each may be done by a thread of its own."""
 
-    def __init__(self, node: RosObject, ros: RosSection, wiring: Wiring, model: Model, robot_name: str) -> None:
-        """Offer the robot's topics, services and parameters on `node`; `robot_name` is what its file calls it."""
+    def __init__(self, node: RosObject, job: Job, write: Callable[[str, float], None]) -> None:
+        """Offer a robot's topics, services and parameters.
+
+        Args:
+            node: Whose they are to be.
+            job: What the robot is.
+            write: Writes a parameter of the model by its name, or raises `ModelError`.
+        """
         self._node = node
-        stand = wiring.set_names.index(_STAND) if _STAND in wiring.set_names else None
-        self._publish_mode = make_mode_publisher(node, robot_name, stand=stand)
-        self._publishers = make_publishers(node, ros, list(wiring.published))
-        self._topics = make_scalar_publishers(node, list(wiring.topics))
+        ros, set_names = job.ros, job.set_names
+        stand = set_names.index(_STAND) if _STAND in set_names else None
+        self._publish_mode = make_mode_publisher(node, job.robot, stand=stand)
+        self._publishers = make_publishers(node, ros, job.published)
+        self._topics = make_scalar_publishers(node, job.topics)
         self._subscriptions = [
             self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _from_twist),
             self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _AHEAD_DEPTH, _from_twist_stamped),
@@ -52,12 +56,13 @@ class RosStage:
         self._services = [(action, node.create_service(trigger, f"~/{action}", _never_called)) for action in Action]
         self._values = [
             node.create_subscription(message_type("std_msgs/msg/Float64"), f"set/{name}", _never_called, _COMMAND_DEPTH)
-            for name in wiring.set_names
+            for name in set_names
         ]
         self._station = node.create_subscription(
             message_type("std_msgs/msg/Header"), "station", _never_called, newest_only()
         )
-        self._parameters = ModelParameters(node, model, [service for _, service in self._services])
+        own = [service for _, service in self._services]
+        self._parameters = ModelParameters(node, job.parameters, write, own)
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._setpoint = node.create_publisher(message_type("geometry_msgs/msg/TwistStamped"), "setpoint", _AHEAD_DEPTH)
@@ -66,12 +71,17 @@ class RosStage:
         self._told: set[str] = set()
 
     @property
-    def over(self) -> str | None:
-        """Whether the ROS context has shut down."""
-        return None if self._node.context.ok() else "ROS has shut down"
+    def subscriptions(self) -> Sequence[RosObject]:
+        """Where something may arrive for `take`."""
+        return [*(subscription for subscription, _ in self._subscriptions), *self._values, self._station]
+
+    @property
+    def services(self) -> Sequence[RosObject]:
+        """Where something may arrive for `take`, or for `serve_parameters`."""
+        return [*(service for _, service in self._services), *self._parameters.services]
 
     def take(self) -> Inbox:
-        """Everything that has arrived; see `Stage.take`."""
+        """Everything that has arrived but parameter requests."""
         inbox = Inbox()
         self._guarded(self._take, inbox)
         return inbox
@@ -90,24 +100,21 @@ class RosStage:
         """Publish a diagnostic_msgs/DiagnosticArray."""
         self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
 
-    def look_around(self) -> None:
-        """Serve a parameter request; now and then look for publishers that never reach us, and say each once."""
-        self._guarded(self._parameters.serve_one)
-        self._looks += 1
-        turn, rest = divmod(self._looks, _LOOK_EVERY)
-        if rest == 0:
-            self._guarded(self._look_at, self._subscriptions[turn % len(self._subscriptions)][0])
+    def serve_parameters(self) -> None:
+        """Answer the parameter requests that have arrived."""
+        self._guarded(self._parameters.serve)
 
-    def close(self) -> None:
-        """Nothing to do: who made the node destroys it."""
+    def look_around(self) -> None:
+        """Look for publishers that never reach us, on another topic each time, and say each once."""
+        self._looks += 1
+        self._guarded(self._look_at, self._subscriptions[self._looks % len(self._subscriptions)][0])
 
     def _take(self, inbox: Inbox) -> None:
-        inbox.written, self._parameters.written = self._parameters.written, []
         for subscription, convert in self._subscriptions:
             inbox.setpoints += [convert(message) for message in _taken(subscription)]
         for index, subscription in enumerate(self._values):
             inbox.values += [SetValue(index, message.data) for message in _taken(subscription)]
-        # Of heartbeats only the newest is kept, and one is taken a cycle: whoever floods them holds nothing up.
+        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
         inbox.stations += [_heartbeat(message) for message in itertools.islice(_taken(self._station), 1)]
         for action, service in self._services:
             request, header = service.handle.service_take_request(self._request_type)

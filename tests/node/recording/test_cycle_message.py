@@ -18,7 +18,7 @@ from node.recording.codec import CycleCodec
 from node.recording.cycle_log import CycleLog
 from node.recording.cycle_message import CYCLE_TYPE, CycleMessage
 from node.recording.layout import Layout, field_names, layout_of
-from node.recording.ring import ROOM
+from node.ring import ROOM
 from node.robot import build_robot
 
 

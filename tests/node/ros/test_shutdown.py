@@ -12,15 +12,8 @@ import can
 import cantools
 import pytest
 
-from firmware_io.links.link import Frame
 from firmware_io.links.local_bus import LocalBus
-from hil.lockstep import LockstepRig
-from hil.simulation import simulated_bus, simulated_robot
-from node.config import load_robot
-from node.cycle.seams import CycleRecord, NoRecorder
-from node.robot import build_robot
-from node.ros.runtime import ros_node
-from node.ros.stage import RosStage
+from node.soak.usage import children
 
 pytestmark = pytest.mark.ros
 
@@ -153,36 +146,57 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     assert [line for line in lines if not line.startswith("segway-ecc: ")] == []
 
 
-class ShutsDown(NoRecorder):
-    """Shuts ROS down from inside, once the robot is armed and well under way."""
-
-    def __init__(self, context: Any) -> None:
-        self._context = context
-
-    def write(self, record: CycleRecord) -> None:
-        if record.cycle == 50:
-            self._context.try_shutdown()
+def speaker_of(node: "subprocess.Popen[str]") -> int:
+    """The process that speaks ROS for a node."""
+    found = [child for child, words in children(node.pid) if "node.ros.process" in words]
+    assert len(found) == 1
+    return found[0]
 
 
-def test_ros_that_shuts_down_ends_the_loop_with_zero(
-    monkeypatch: pytest.MonkeyPatch, ros_environment: dict[str, str]
+def wait_for_message(path: Path, wanted: str) -> None:
+    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    while time.monotonic() < deadline_s:
+        if wanted in path.read_text():
+            return
+        time.sleep(0.05)
+    pytest.fail(f"it never said: {wanted}")
+
+
+def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
+    start: Start, messages: Path, witness: can.BusABC, channel: str
 ) -> None:
-    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR"):
-        monkeypatch.setenv(name, ros_environment[name])
-    file = load_robot("cart-can")
-    rig = LockstepRig(simulated_bus(file).bitrate)
-    rig.attach(simulated_robot(file, rig.bus.attach("plant")))
-    robot = build_robot(file, rig, rig.bus.attach("node"))
-    witness = rig.bus.attach("witness")
-    with ros_node("model", "") as node:
-        loop = robot.loop(RosStage(node, file.ros, robot.wiring, robot.model, file.name), ShutsDown(node.context))
-        # The limit only keeps a loop that goes on from going on for ever.
-        loop.run(1000)
-    rig.sleep_until_ns(rig.now_ns() + 10_000_000)
+    node = start("alone", "run", "cart-can", "--interface", "local", "--channel", channel, "--ros", "--no-log")
+    wait_for_command(witness, lambda command: command["Enable"] == 1)
+    os.kill(speaker_of(node), signal.SIGKILL)
+    wait_for_message(messages / "alone.txt", "the process that speaks ROS has ended with status -9")
+    while witness.recv(0.0) is not None:
+        pass
+    wait_for_command(witness, lambda command: command["Enable"] == 1)
 
-    frames: list[Frame] = witness.receive()
-    commands = [command for f in frames if (command := command_of(f.arbitration_id, f.data)) is not None]
-    assert loop.stop_reason == "ROS has shut down"
-    assert loop.counters.cycles == 51
-    assert [command["Enable"] for command in commands[-3:]] == [1, 0, 0]
-    assert commands[-1] == ZERO
+    assert node.poll() is None
+    node.send_signal(signal.SIGTERM)
+    assert last_command(witness, node) == ZERO
+    assert node.wait(ENDS_WITHIN_S) == 0
+
+
+def test_a_robot_whose_ros_dies_ends_where_it_is_not_armed(start: Start, messages: Path, on_request: str) -> None:
+    node = start("disarmed", "run", on_request, "--ros", "--no-log")
+    wait_for_message(messages / "disarmed.txt", "runs at")
+    os.kill(speaker_of(node), signal.SIGKILL)
+
+    assert node.wait(ENDS_WITHIN_S) == 0
+    assert (messages / "disarmed.txt").read_text().splitlines()[-1] == (
+        "segway-ecc: stopped: the process that speaks ROS has ended"
+    )
+
+
+def test_a_robot_that_is_killed_takes_its_ros_along(start: Start, messages: Path, on_request: str) -> None:
+    node = start("killed", "run", on_request, "--ros", "--no-log")
+    wait_for_message(messages / "killed.txt", "runs at")
+    speaker = Path(f"/proc/{speaker_of(node)}/cmdline")
+    node.kill()
+    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    while time.monotonic() < deadline_s and speaker.exists() and speaker.read_bytes():
+        time.sleep(0.05)
+
+    assert not speaker.exists() or not speaker.read_bytes()

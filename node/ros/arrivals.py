@@ -1,0 +1,128 @@
+"""What arrives from ROS on its way to the loop: a thread waits for it in DDS and puts it where the loop looks."""
+
+import importlib
+import queue
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from node.cycle.seams import Inbox
+from node.errors import ModelError
+from node.ring import RingWriter
+from node.ros.exchanged import Answered, Arrived, Asked, ToLoop, ToWrite, WriteDone, encoder
+from node.ros.stage import RosStage
+from node.ros.untyped import RosObject
+from node.safety.modes import Action, Answer
+
+_WAIT_NS: Final = 100_000_000
+"""At most, ns, so that the end is seen."""
+_LOOK_AROUND_S: Final = 0.25
+_ANSWER_S: Final = 1.0
+_IN_ONE_MESSAGE: Final = 50
+"""Set-points and values, so that each message fits a slot."""
+_UNANSWERED: Final = 100
+"""Requests that may wait for the loop's answer; the oldest is forgotten."""
+
+
+class Arrivals:
+    """Waits for what arrives, and hands it to the loop.
+
+    Attributes:
+        is_running: Whether it still listens, or has not begun to.
+    """
+
+    def __init__(self, inboxes: RingWriter, period_ns: int) -> None:
+        """Put it into `inboxes`, where a loop of this period looks."""
+        self.is_running = True
+        self._inboxes = inboxes
+        self._period_s = period_ns * 1e-9
+        self._number = 0
+        self._answers: dict[int, Callable[[Answer], None]] = {}
+        self._done: queue.SimpleQueue[WriteDone] = queue.SimpleQueue()
+
+    def run(self, node: RosObject, stage: RosStage) -> None:
+        """Listen until it is stopped."""
+        wait = _waiting(node, stage)
+        look_s = time.monotonic()
+        try:
+            while self.is_running:
+                wait()
+                self._hand_over(stage.take())
+                stage.serve_parameters()
+                if time.monotonic() > look_s:
+                    look_s = time.monotonic() + _LOOK_AROUND_S
+                    stage.look_around()
+        finally:
+            self.is_running = False
+
+    def stop(self) -> None:
+        """Ask it to end, which takes a moment."""
+        self.is_running = False
+
+    def answer(self, answered: Answered) -> None:
+        """Answer a request."""
+        send = self._answers.pop(answered.number, None)
+        if send is not None:
+            send(answered.answer)
+
+    def write(self, name: str, value: float) -> None:
+        """Have the loop write a parameter of the model.
+
+        Raises:
+            ModelError: The model refuses it, or the loop does not answer.
+        """
+        self._number += 1
+        self._put(ToLoop.WRITE, ToWrite(self._number, name, value))
+        deadline_s = time.monotonic() + _ANSWER_S
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            try:
+                done = self._done.get(timeout=left_s)
+            except queue.Empty:
+                break
+            if done.number == self._number:
+                if done.refusal is not None:
+                    raise ModelError(done.refusal)
+                return
+        raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether '{name}' was written is not known")
+
+    def write_done(self, done: WriteDone) -> None:
+        """Take the loop's word on a parameter."""
+        self._done.put(done)
+
+    def _hand_over(self, inbox: Inbox) -> None:
+        requests = [self._asked(request.action, request.answer) for request in inbox.requests]
+        setpoints, values, stations = inbox.setpoints, inbox.values, inbox.stations
+        while setpoints or values or stations or requests:
+            arrived = Arrived(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
+            self._put(ToLoop.ARRIVED, arrived)
+            setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
+
+    def _put(self, kind: ToLoop, what: Sequence[object]) -> None:
+        """Hand a message over; wait where there is no room: DDS keeps what is newest."""
+        body = encoder.encode(what)
+        while self.is_running and not self._inboxes.put(kind, body):
+            time.sleep(0.1 * self._period_s)
+
+    def _asked(self, action: Action, answer: Callable[[Answer], None]) -> Asked:
+        self._number += 1
+        self._answers[self._number] = answer
+        if len(self._answers) > _UNANSWERED:
+            del self._answers[next(iter(self._answers))]
+        return Asked(action, self._number)
+
+
+def _waiting(node: RosObject, stage: RosStage) -> Callable[[], None]:
+    """Waits until there is something to take, or for `_WAIT_NS`; an executor would take it by itself."""
+    core = importlib.import_module("rclpy.impl.implementation_singleton").rclpy_implementation
+    subscriptions, services = stage.subscriptions, stage.services
+    wait_set = core.WaitSet(len(subscriptions), 0, 0, 0, len(services), 0, node.context.handle)
+
+    def wait() -> None:
+        wait_set.clear_entities()
+        for subscription in subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for service in services:
+            wait_set.add_service(service.handle)
+        wait_set.wait(_WAIT_NS)
+
+    return wait

@@ -1,0 +1,38 @@
+"""What the process that speaks ROS is told when it starts: all that the robot is to the world."""
+
+import msgspec
+
+from node.config import RosSection
+from node.model.variables import Variable
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """What the process is told first, as one line of JSON.
+
+    Attributes:
+        robot: What the robot's file calls it.
+        ros: Names in ROS.
+        namespace: Where the robot lives in the ROS graph.
+        ros_arguments: What followed `--ros-args` on the command line, that flag included.
+        period_ns: Of the loop, ns.
+        published: The published signals, in the order of the wiring.
+        topics: Topics that variables are published on, in the order of the wiring.
+        set_names: Names of the values that anybody may set, in the order of the wiring.
+        parameters: The model's parameters, each with the value that it has now.
+        reports: File descriptor of the ring from the loop.
+        inboxes: That of the ring to the loop.
+        slot_bytes: Of a slot of the ring from the loop.
+    """
+
+    robot: str
+    ros: RosSection
+    namespace: str
+    ros_arguments: tuple[str, ...]
+    period_ns: int
+    published: tuple[str, ...]
+    topics: tuple[str, ...]
+    set_names: tuple[str, ...]
+    parameters: tuple[Variable, ...]
+    reports: int
+    inboxes: int
+    slot_bytes: int

@@ -1,0 +1,150 @@
+"""`python -m node.ros.process`: the process that speaks ROS for a loop. What it is to do comes through standard input.
+
+One thread publishes what the loop hands over, another waits in DDS for what arrives. Neither side waits for the other:
+what lies between them is memory (`node.ring`).
+"""
+
+import contextlib
+import logging
+import select
+import signal
+import sys
+import threading
+import time
+from typing import Final
+
+import msgspec
+
+from node.cycle.real_time import HELPERS_PRIORITY, SWITCH_INTERVAL_S, helping_threads, real_time_priority
+from node.cycle.status import Status
+from node.errors import RosUnavailableError
+from node.logs import messages
+from node.ring import RingReader, RingWriter
+from node.ros.arrivals import Arrivals
+from node.ros.exchanged import (
+    FromLoop,
+    decode_answered,
+    decode_report,
+    decode_stamp,
+    decode_status,
+    decode_write_done,
+)
+from node.ros.job import Job
+from node.ros.runtime import ros_node
+from node.ros.stage import RosStage
+
+_AFTER_NS: Final = 200_000
+"""From the time a report bears to where it is looked for: the loop hands it over within that."""
+_SHORTEST_S: Final = 0.0001
+_LONGEST_S: Final = 0.01
+"""Between two looks where none came in time; each is twice as long as the one before."""
+_LOOK_S: Final = 0.1
+"""Between two looks whether the loop's process has gone."""
+_logger = logging.getLogger(__name__)
+
+
+class Publishing:
+    """Publishes what the loop hands over until it says that it ends, or has gone."""
+
+    def __init__(self, stage: RosStage, arrivals: Arrivals, reports: RingReader, period_ns: int) -> None:
+        """Publish on `stage` what comes through `reports`, about once in `period_ns`."""
+        self._stage = stage
+        self._arrivals = arrivals
+        self._reports = reports
+        self._period_ns = period_ns
+        self._statuses: list[Status] = []
+        self._reported_ns = 0
+        self._is_over = False
+
+    def run(self, source: int) -> None:
+        """Publish; `source` is a file descriptor which ends when the loop's process has."""
+        pause_s, looked_s = _SHORTEST_S, time.monotonic()
+        while not self._is_over and self._arrivals.is_running:
+            before_ns = self._reported_ns
+            for kind, body in self._reports.take_all():
+                self._do(kind, body)
+            if self._reported_ns == before_ns:
+                time.sleep(pause_s)
+                pause_s = min(2.0 * pause_s, _LONGEST_S)
+            else:
+                # The loop wakes nobody, which would cost it more than all the rest: when it will report is known.
+                due_ns = self._reported_ns + self._period_ns + _AFTER_NS
+                time.sleep(max(due_ns - time.monotonic_ns(), 0) * 1e-9)
+                pause_s = _SHORTEST_S
+            if time.monotonic() - looked_s > _LOOK_S:
+                looked_s = time.monotonic()
+                self._is_over = self._is_over or _has_ended(source)
+
+    def _do(self, kind: int, body: bytes) -> None:
+        match kind:
+            case FromLoop.REPORT:
+                report = decode_report(body)
+                self._reported_ns = report.at_ns
+                self._stage.publish(report)
+            case FromLoop.STATUS:
+                self._statuses.append(decode_status(body))
+            case FromLoop.DIAGNOSTICS:
+                self._stage.publish_diagnostics(decode_stamp(body), self._statuses)
+                self._statuses = []
+            case FromLoop.ANSWER:
+                self._arrivals.answer(decode_answered(body))
+            case FromLoop.WRITTEN:
+                self._arrivals.write_done(decode_write_done(body))
+            case _:
+                self._is_over = True
+
+
+def _has_ended(source: int) -> bool:
+    return bool(select.select([source], [], [], 0.0)[0])
+
+
+def speak(job: Job, source: int) -> None:
+    """Be the robot in ROS until the loop ends.
+
+    Args:
+        job: What the robot is.
+        source: A file descriptor, which ends when the loop's process has.
+
+    Raises:
+        RosUnavailableError: ROS does not start.
+    """
+    arrivals = Arrivals(RingWriter(job.inboxes), job.period_ns)
+    ros = job.ros
+    with ros_node(ros.node_name, job.namespace, job.ros_arguments, parameters=True, is_helper=True) as node:
+        stage = RosStage(node, job, arrivals.write)
+        listening = threading.Thread(target=arrivals.run, args=(node, stage), name="arrivals")
+        publishing = Publishing(stage, arrivals, RingReader(job.reports, job.slot_bytes), job.period_ns)
+        with helping_threads():
+            listening.start()
+        _tell("ready")
+        try:
+            with real_time_priority(HELPERS_PRIORITY):
+                publishing.run(source)
+        finally:
+            arrivals.stop()
+            listening.join()
+
+
+def _tell(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def main() -> int:
+    """Run as a process; the signals that end the loop leave it to say what the loop says last."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
+        signal.signal(number, signal.SIG_IGN)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    job = msgspec.json.decode(sys.stdin.buffer.readline(), type=Job)
+    try:
+        with messages():
+            speak(job, sys.stdin.fileno())
+    except RosUnavailableError as error:
+        with contextlib.suppress(BrokenPipeError):
+            _tell(str(error))
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,187 @@
+"""The loop's side of ROS, which is spoken by a process of its own: nothing of DDS can hold up or end the loop."""
+
+import contextlib
+import dataclasses
+import functools
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from node.cycle.seams import Inbox, Report, Request, Written
+from node.cycle.status import Status
+from node.errors import ModelError, RosUnavailableError
+from node.model.model import Model
+from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
+from node.robot import Robot
+from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_to_write, encoder
+from node.ros.job import Job
+from node.safety.modes import ACTIVE, Answer
+
+_REPORTS: Final = 64
+"""Cycles that the process may fall behind."""
+INBOXES: Final = 8
+"""All of them are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
+_NUMBER_BYTES: Final = 9
+"""Of MessagePack, at most."""
+_LONGEST_REASON: Final = 1000
+_CLOSE_S: Final = 5.0
+_logger = logging.getLogger(__name__)
+
+
+class RemoteStage:
+    """See `node.cycle.seams.Stage`. In each cycle it reads and writes memory, and makes no system call.
+
+    Where the process has ended, the robot goes on without it while it is armed, as it does without a network, and the
+    loop ends as soon as it is not, so that a service manager may start it anew.
+
+    Attributes:
+        over: Why the world outside has ended, which ends the loop; None while it goes on.
+        dropped: Reports and other messages that were not published, because the process did not keep up.
+        pid: Of the process.
+    """
+
+    def __init__(self, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+        """Start the process, which takes a while; see `wait_until_ready`.
+
+        Args:
+            robot: The robot that is to be in ROS.
+            namespace: Where it lives in the ROS graph.
+            ros_arguments: What followed `--ros-args` on the command line, that flag included.
+        """
+        self.over: str | None = None
+        self.dropped = 0
+        self._model: Model = robot.model
+        self._buffer = bytearray()
+        self._is_gone = False
+        wiring = robot.wiring
+        numbers = len(wiring.published) + len(wiring.topics) + len(wiring.set_names)
+        slot_bytes = SLOT_BYTES + _NUMBER_BYTES * numbers
+        reports, inboxes = open_ring(_REPORTS, slot_bytes), open_ring(INBOXES)
+        try:
+            self._reports, self._inboxes = RingWriter(reports, slot_bytes), RingReader(inboxes)
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "node.ros.process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                pass_fds=(reports, inboxes),
+            )
+        finally:
+            os.close(reports)
+            os.close(inboxes)
+        self.pid = self._process.pid
+        job = Job(
+            robot=robot.file.name,
+            ros=robot.file.ros,
+            namespace=namespace,
+            ros_arguments=tuple(ros_arguments),
+            period_ns=robot.period_ns,
+            published=tuple(wiring.published),
+            topics=tuple(wiring.topics),
+            set_names=wiring.set_names,
+            parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in self._model.parameters),
+            reports=reports,
+            inboxes=inboxes,
+            slot_bytes=slot_bytes,
+        )
+        assert self._process.stdin is not None  # noqa: S101 - it was asked for above
+        with contextlib.suppress(BrokenPipeError):  # it has ended; `wait_until_ready` tells why
+            self._process.stdin.write(msgspec.json.encode(job) + b"\n")
+            self._process.stdin.flush()
+
+    def wait_until_ready(self) -> None:
+        """Wait until the robot is in ROS.
+
+        Raises:
+            RosUnavailableError: ROS does not start.
+        """
+        assert self._process.stdout is not None  # noqa: S101 - it was asked for when it was started
+        with self._process.stdout as told:
+            line = told.readline().decode(errors="replace").strip()
+        if line != "ready":
+            status = self._process.wait()
+            raise RosUnavailableError(line or f"ROS 2 does not start: its process ended with status {status}")
+
+    def take(self) -> Inbox:
+        """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
+        inbox = Inbox()
+        for _ in range(INBOXES):
+            taken = self._inboxes.take()
+            if taken is None:
+                break
+            kind, body = taken
+            if kind == ToLoop.WRITE:
+                self._write(decode_to_write(body), inbox)
+            else:
+                self._receive(body, inbox)
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Hand over what is published of the cycle."""
+        if len(report.reason) > _LONGEST_REASON:
+            report = report._replace(reason=report.reason[:_LONGEST_REASON])
+        encoder.encode_into(report, self._buffer)
+        if not self._reports.put(FromLoop.REPORT, self._buffer):
+            self.dropped += 1
+        if self._is_gone and report.mode not in ACTIVE:
+            self.over = "the process that speaks ROS has ended"
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Hand over diagnostics, one status at a time so that each fits."""
+        # Asked here, about once a second in the slack of a cycle, because handing over does not show it.
+        if not self._is_gone and self._process.poll() is not None:
+            self._is_gone = True
+            _logger.warning(
+                "the process that speaks ROS has ended with status %d: the robot goes on without ROS while it is "
+                "armed, and ends when it is not",
+                self._process.returncode,
+            )
+        for status in statuses:
+            self._put(FromLoop.STATUS, status)
+        self._put(FromLoop.DIAGNOSTICS, stamp_ns)
+
+    def look_around(self) -> None:
+        """Nothing to do: the process does it."""
+
+    def close(self) -> None:
+        """Let the robot leave ROS."""
+        self._put(FromLoop.END, None)
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
+        try:
+            self._process.wait(_CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self.dropped and not self._is_gone:
+            _logger.warning("%d messages were not published: ROS did not keep up", self.dropped)
+
+    def _receive(self, body: bytes, inbox: Inbox) -> None:
+        arrived = decode_arrived(body)
+        inbox.setpoints += arrived.setpoints
+        inbox.values += arrived.values
+        inbox.stations += arrived.stations
+        for action, number in arrived.requests:
+            inbox.requests.append(Request(action, functools.partial(self._answer, number)))
+
+    def _write(self, wanted: ToWrite, inbox: Inbox) -> None:
+        refusal = None
+        try:
+            self._model.write(wanted.name, wanted.value)
+        except ModelError as error:
+            refusal = str(error)
+        else:
+            inbox.written.append(Written(wanted.name, wanted.value))
+        self._put(FromLoop.WRITTEN, (wanted.number, refusal))
+
+    def _answer(self, number: int, answer: Answer) -> None:
+        self._put(FromLoop.ANSWER, (number, answer))
+
+    def _put(self, kind: FromLoop, what: object) -> None:
+        if not self._reports.put(kind, encoder.encode(what)):
+            self.dropped += 1
