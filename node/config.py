@@ -10,6 +10,7 @@ from firmware_io.build import HardwareSettings
 from firmware_io.section import Section
 from node.documents import decode_yaml
 from node.errors import ConfigurationError
+from node.ros.section import RosSection
 from node.safety.settings import SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
@@ -55,26 +56,6 @@ class SetpointSection(Section, frozen=True, kw_only=True):
     horizon_s: Seconds = 30.0
     max_linear_velocity: Velocity | None = None
     max_angular_velocity: Velocity | None = None
-
-
-class RosSection(Section, frozen=True, kw_only=True):
-    """Names under which ROS knows the robot.
-
-    Attributes:
-        node_name: Name of the model node.
-        odometry_frame: Frame of the pose (REP-105).
-        base_frame: Frame of the velocities (REP-105).
-        imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
-        left_joint: Name of the left wheel's joint.
-        right_joint: Name of the right wheel's joint.
-    """
-
-    node_name: str = "model"
-    odometry_frame: str = "odom"
-    base_frame: str = "base_link"
-    imu_frame: str = "imu_link"
-    left_joint: str = "left_wheel_joint"
-    right_joint: str = "right_wheel_joint"
 
 
 class SimulationSection(Section, frozen=True, kw_only=True):

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import ClassVar, Final
 
-from node.bench.samples import COLUMNS
+from node.bench.columns import COLUMNS
 from node.cli import run
 from node.cli.main import main
 from node.cycle.clock import RealClock
@@ -18,7 +18,7 @@ _UNTOLD: Final = (0,) * (len(COLUMNS) - 3)
 
 
 class SamplingClock(RealClock):
-    """The machine's clock, which keeps a sample each time it has slept; see `node.bench.samples.COLUMNS`.
+    """The machine's clock, which keeps a sample each time it has slept; see `node.bench.columns.COLUMNS`.
 
     Attributes:
         samples: All of them, one after the other.

@@ -7,10 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-COLUMNS: Final = ("deadline", "start", "cpu", "bus", "model", "ros", "cycle")
-"""Of a sample, each ns in a signed 64-bit integer of this machine: when the cycle was due and when it started
-(monotonic), the CPU time that its thread had used by then, the wall time of its parts (0 where it has none, or does not
-tell), and the wall time of all it did."""
+from node.bench.columns import COLUMNS
 
 LATE_FRACTION: Final = 0.1
 """A cycle is late that starts more than this part of a period after its deadline, as the loop itself counts."""

@@ -12,7 +12,7 @@ from node.cycle.authority import Authority
 from node.cycle.clock import Clock
 from node.cycle.expendable import ExpendableRecorder
 from node.cycle.real_time import is_real_time
-from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
+from node.cycle.seams import PHASES, CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.supervision import Supervision
 from node.cycle.time_base import TimeBase
@@ -27,7 +27,6 @@ from node.safety.monitor import SafetyMonitor
 from node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
 from node.safety.slew import Restraint
 
-PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
 WHOLE: Final = "cycle"
 _EVENTS_KEPT: Final = 64
 # As CycleRecord(...) does too, but through a function in Python: microseconds, in a loop whose caches are cold.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from firmware_io.hardware import Sensors
 from node.cycle.setpoints import Setpoint
@@ -123,10 +123,14 @@ class Stage(Protocol):
         """Leave."""
 
 
+PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
+"""The parts of a cycle, in their order."""
+
+
 class CycleRecord(NamedTuple):
     """Everything about one cycle.
 
-    Durations are in ns and in the order of `node.cycle.cycle.PHASES`; the other sequences are in the order of the
+    Durations are in ns and in the order of `PHASES`; the other sequences are in the order of the
     hardware's signals, the model's ports and the hardware's commands.
 
     Attributes:

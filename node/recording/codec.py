@@ -14,8 +14,8 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from firmware_io.hardware import Sensors
-from node.cycle.cycle import PHASES
 from node.cycle.seams import (
+    PHASES,
     CycleRecord,
     HardwareAnswer,
     Heartbeat,

@@ -10,8 +10,7 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 from firmware_io.hardware import Sensors
-from node.cycle.cycle import PHASES
-from node.cycle.seams import CycleRecord
+from node.cycle.seams import PHASES, CycleRecord
 from node.cycle.setpoints import Setpoint
 from node.recording.layout import Layout, field_names
 from node.recording.schemas import definition

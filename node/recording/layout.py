@@ -3,10 +3,12 @@
 import math
 import re
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from node.robot import Robot
+if TYPE_CHECKING:  # the process that writes needs no robot
+    from node.robot import Robot
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,7 +47,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.json.format(msgspec.json.encode(self)).decode()
 
 
-def layout_of(robot: Robot) -> Layout:
+def layout_of(robot: "Robot") -> Layout:
     """The layout of a robot's cycles."""
     ros = robot.file.ros
     return Layout(

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from node.config import RosSection
 from node.model.variables import Variable
+from node.ros.section import RosSection
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from node.config import RosSection
 from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from node.ros.messages import NS_PER_S, message_type, set_stamp
+from node.ros.section import RosSection
 from node.ros.template import STAMP, Template
 from node.ros.untyped import RosObject
 

@@ -7,12 +7,12 @@ Others on the machine need no setting: they use shared memory among themselves a
 """
 
 import contextlib
+import html
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
 from pathlib import Path
 from typing import Final
-from xml.sax.saxutils import escape
 
 PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Names the file of profiles that Fast DDS 2.14 reads when the process makes its first participant."""
@@ -100,6 +100,6 @@ def profiles_for(environment: Mapping[str, str]) -> str:
     if is_on_localhost(environment):
         named = (peer.strip() for peer in environment.get(PEERS, "").split(";"))
         addresses = ["127.0.0.1", *(peer for peer in named if peer)]
-        peers = "".join(_PEER_TEXT.format(address=escape(address)) for address in addresses)
+        peers = "".join(_PEER_TEXT.format(address=html.escape(address)) for address in addresses)
         discovery = _DISCOVERY_TEXT.format(peers=peers)
     return _PROFILES_TEXT.format(participants=_PARTICIPANTS_ON_A_HOST, discovery=discovery)

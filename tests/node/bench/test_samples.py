@@ -4,7 +4,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from node.bench.samples import COLUMNS, cycles_of, read_samples, spread
+from node.bench.columns import COLUMNS
+from node.bench.samples import cycles_of, read_samples, spread
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

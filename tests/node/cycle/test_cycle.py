@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_io.hardware import Sensors
-from node.cycle.cycle import PHASES
-from node.cycle.seams import StampedSetpoint
+from node.cycle.seams import PHASES, StampedSetpoint
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal
 from node.safety.modes import Action, Answer, Mode
 from node.testing import START_NS, WALL_START_NS, Bench

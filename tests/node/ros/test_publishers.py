@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from node.config import RosSection
 from node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
 from node.ros.publishers import make_publishers
+from node.ros.section import RosSection
 
 pytestmark = pytest.mark.ros
 
