@@ -28,6 +28,13 @@ _FIRST: Final = 1
 _NUMBERS: Final = 0xFFFFFFFF
 ROOM: Final = SLOT_BYTES - _MESSAGE
 """For a message, where nothing else is said, bytes."""
+LARGEST: Final = 0xFFFF
+"""A message in any ring, bytes."""
+
+
+def slot_for(size: int) -> int:
+    """Of what size a slot is that takes messages of `size` bytes, and such as `ROOM` has room for."""
+    return max(SLOT_BYTES, size + _MESSAGE)
 
 
 def open_ring(slots: int, slot_bytes: int = SLOT_BYTES) -> int:
@@ -35,7 +42,7 @@ def open_ring(slots: int, slot_bytes: int = SLOT_BYTES) -> int:
 
     Args:
         slots: How many messages it holds.
-        slot_bytes: Room for each with its head, 64 KiB at most.
+        slot_bytes: Room for each, as `slot_for` tells.
 
     Returns:
         Its file descriptor.

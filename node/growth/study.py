@@ -13,12 +13,12 @@ from node.ros.runtime import missing_packages
 
 Measure = Callable[[int], Point]
 SIZES: Final[Mapping[Axis, Sequence[int]]] = {
-    Axis.PORTS: (2, 16, 32, 64, 128, 256, 384, 512),
+    Axis.PORTS: (2, 16, 64, 128, 256, 512, 1024, 2048, 8192),
     Axis.DRIVES: (2, 4, 6, 8, 10, 12, 14, 16, 18),
     Axis.SUBSCRIBERS: (0, 2, 4, 8, 16),
     Axis.ROBOTS: (1, 2, 4, 8),
 }
-QUICK: Final[Mapping[Axis, Sequence[int]]] = {Axis.PORTS: (2, 64, 256, 512), Axis.DRIVES: (2, 4, 8, 16)}
+QUICK: Final[Mapping[Axis, Sequence[int]]] = {Axis.PORTS: (2, 64, 256, 1024), Axis.DRIVES: (2, 4, 8, 16)}
 """What takes some seconds, and needs no ROS."""
 MEASURES: Final[Mapping[Axis, Measure]] = {
     Axis.PORTS: ports.measure,

@@ -19,7 +19,7 @@ from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pac
 from node.recording.job import Job
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.ring import ROOM, RingWriter, open_ring
+from node.ring import LARGEST, ROOM, RingWriter, open_ring, slot_for
 
 _CLOSE_S: Final = 10.0
 SLOTS: Final = 1024
@@ -34,7 +34,7 @@ class ProcessRecorder:
         dropped: Messages that were not kept, because the writer did not keep up or is gone.
     """
 
-    __slots__ = ("_buffer", "_path", "_process", "_ring", "dropped")
+    __slots__ = ("_buffer", "_path", "_process", "_ring", "_room", "dropped")
 
     def __init__(
         self, path: Path, layout: Layout, provenance: Provenance = NO_PROVENANCE, bounds: Bounds | None = None
@@ -47,16 +47,18 @@ class ProcessRecorder:
         self.dropped = 0
         self._path = path
         size = CycleCodec(layout).size
-        if size > ROOM:
+        if size > LARGEST:
             raise RecordingError(
                 f"a cycle of robot '{layout.robot}' takes {size} bytes, and the recorder takes "
-                f"{ROOM} at most: it has too many signals and ports; run it with --no-log"
+                f"{LARGEST} at most: it has too many signals and ports; run it with --no-log"
             )
         _check_writable(path)
         self._buffer = bytearray(size)
-        memory = open_ring(SLOTS)
+        self._room = max(size, ROOM)
+        slot_bytes = slot_for(size)
+        memory = open_ring(SLOTS, slot_bytes)
         try:
-            self._ring = RingWriter(memory)
+            self._ring = RingWriter(memory, slot_bytes)
             self._process = subprocess.Popen(  # noqa: S603 - our own program
                 [sys.executable, "-m", "node.recording.writer", str(memory)],
                 stdin=subprocess.PIPE,
@@ -106,7 +108,7 @@ class ProcessRecorder:
 
     def _put_apart(self, record: CycleRecord) -> None:
         """Try again with a cycle that found no room, in pieces where it is too large for one slot."""
-        if len(self._buffer) <= ROOM:
+        if len(self._buffer) <= self._room:
             self.dropped += 1
             return
         for kind, message in pack_apart(record, self._buffer):

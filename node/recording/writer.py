@@ -16,7 +16,7 @@ from node.recording.bounded_log import FLUSH_NS, BoundedLog
 from node.recording.codec import CycleCodec, Message
 from node.recording.job import Job
 from node.recording.provenance import with_surroundings
-from node.ring import RingReader
+from node.ring import RingReader, slot_for
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
@@ -34,7 +34,8 @@ def write_log(source: int, memory: int) -> None:
         RecordingError: The log cannot be written, or its end is missing.
     """
     job = msgspec.json.decode(_line(source), type=Job)
-    ring, codec = RingReader(memory), CycleCodec(job.layout)
+    codec = CycleCodec(job.layout)
+    ring = RingReader(memory, slot_for(codec.size))
     log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
     due_ns, damaged = time.monotonic_ns() + FLUSH_NS, 0
     while not _is_over(source):

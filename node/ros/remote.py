@@ -104,6 +104,7 @@ class RemoteStage:
         with self._process.stdout as told:
             line = told.readline().decode(errors="replace").strip()
         if line != "ready":
+            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
             status = self._process.wait()
             raise RosUnavailableError(line or f"ROS 2 does not start: its process ended with status {status}")
 

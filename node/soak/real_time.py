@@ -11,7 +11,7 @@ import msgspec
 
 from hil.processes import command
 from node.recording.bounds import MB
-from node.soak.watching import LOG, Watching, recorder_of
+from node.soak.watching import LOG, Watching, helpers_of
 
 OnProgress = Callable[[float], None]
 """Called with the seconds done so far."""
@@ -89,7 +89,6 @@ def _watch(watching: Watching, processes: dict[str, int], run: Run, on_progress:
     while (turn + 1) * run.every_s < run.duration_s - _SETTLE_S:
         turn += 1
         time.sleep(max(begun_s + turn * run.every_s - time.monotonic(), 0.0))
-        if "recorder" not in processes:
-            processes |= recorder_of(processes["node"])
+        processes |= helpers_of(processes["node"])
         watching.look(time.monotonic() - begun_s, processes)
         on_progress(time.monotonic() - begun_s)

@@ -26,7 +26,7 @@ from node.recording.layout import layout_of
 from node.recording.provenance import provenance_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot
-from node.soak.watching import LOG, Counted, Watching, recorder_of
+from node.soak.watching import LOG, Counted, Watching, helpers_of
 
 OnProgress = Callable[[float], None]
 """Called with the seconds simulated so far."""
@@ -90,7 +90,7 @@ def soak(job: Job, watching: Watching, folder: Path, on_progress: OnProgress) ->
         said = _ask(driving, msgspec.json.encode(job).decode())
         while not said.is_over:
             process = driving.process.pid
-            watching.look(said.time_s, {"simulated": process, **recorder_of(process)})
+            watching.look(said.time_s, {"simulated": process, **helpers_of(process)})
             watching.count(said.time_s, "simulated", _BLOCKS, said.blocks)
             watching.count(said.time_s, "simulated", _OBJECTS, said.objects)
             watching.count(said.time_s, "simulated", _DROPPED, said.dropped)

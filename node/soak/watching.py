@@ -14,8 +14,8 @@ ALLOWED_KB: Final = 512.0
 at 200 Hz a byte and a half per cycle is more than that, in four hours a fifth of a byte."""
 LOG: Final = Bounds(total_bytes=32 * MB, file_bytes=8 * MB)
 """Room for the log of a soak: small, so that files are begun, finished and removed all the time."""
-_RECORDER: Final = "node.recording.writer"
-"""What is found in the command line of the process that writes the log."""
+_HELPERS: Final = {"recorder": "node.recording.writer", "ros": "node.ros.process"}
+"""What is found in the command lines of the processes that a node starts, by what they are."""
 _NONE: Final = 0.5
 """Of what is counted in whole numbers, one more is growth."""
 
@@ -79,10 +79,10 @@ class Watching:
         self._found[key].values.append(value)
 
 
-def recorder_of(process: int) -> dict[str, int]:
-    """The process that writes the log of a process, by its name; empty where there is none yet."""
-    found = [child for child, words in children(process) if _RECORDER in words]
-    return {"recorder": found[0]} if found else {}
+def helpers_of(process: int) -> dict[str, int]:
+    """The processes that a node has started, by what they are: `recorder` and `ros`."""
+    started = list(children(process))
+    return {name: child for name, word in _HELPERS.items() for child, words in started if word in words}
 
 
 def _sizes(folder: Path) -> list[int]:

@@ -15,7 +15,7 @@ def test_a_model_with_many_ports_runs_and_its_cost_is_positive(monkeypatch: pyte
 
 
 def test_more_ports_than_a_record_has_room_for_do_not_run() -> None:
-    point = ports.measure(512)
+    point = ports.measure(8192)
     assert point.cost is None
     assert "too many signals and ports" in point.refused
 

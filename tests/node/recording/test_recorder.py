@@ -309,9 +309,22 @@ def test_what_was_handed_over_is_on_the_disk_soon_without_closing(
     assert salvaged(path) == list(range(10))
 
 
+def test_a_robot_with_many_ports_is_recorded(
+    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+) -> None:
+    names = tuple(f"port{n}" for n in range(2000))
+    recorder = ProcessRecorder(tmp_path / "run.mcap", msgspec.structs.replace(layout, inputs=names))
+    for cycle in range(3):
+        recorder.write(record(cycle)._replace(u=[0.1] * len(names)))
+    recorder.close()
+
+    assert recorder.dropped == 0
+    assert salvaged(tmp_path / "run.mcap") == [0, 1, 2]
+
+
 def test_a_robot_whose_cycle_fits_no_slot_is_refused(tmp_path: Path, layout: Layout) -> None:
-    large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(500)))
-    with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 4\d\d\d bytes"):
+    large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(8000)))
+    with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 7\d{4} bytes"):
         ProcessRecorder(tmp_path / "run.mcap", large)
 
 

@@ -15,11 +15,11 @@ from node.soak.watching import Watching
 def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
     watching, told = Watching(tmp_path), list[float]()
     ran = soak(Run("cart-can", 14.0, 0.5, ros=True), watching, tmp_path, told.append)
-    assert {s.process for s in watching.series} == {"node", "plant", "station", "recorder", "log"}
+    assert {s.process for s in watching.series} == {"node", "plant", "station", "recorder", "ros", "log"}
     assert ran.node["cycles"] == 1400
     assert any(mode.startswith("ARMED") for mode in ran.modes)
     assert told == sorted(told)
-    assert figure(watching.series).count(b"open files") == 4
+    assert figure(watching.series).count(b"open files") == 5
 
 
 @pytest.mark.timeout(120)

@@ -11,7 +11,7 @@ import pytest
 
 from node.recording.bounds import MB
 from node.soak.usage import children, usage
-from node.soak.watching import LOG, Counted, Watching, recorder_of
+from node.soak.watching import LOG, Counted, Watching, helpers_of
 
 SIZE = 8 << 20
 
@@ -43,13 +43,13 @@ def test_children_are_found_and_those_that_ended_take_nothing() -> None:
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()  # it is the program by now, and no copy of this process
-        assert recorder_of(os.getpid()) == {"recorder": process.pid}
+        assert helpers_of(os.getpid()) == {"recorder": process.pid}
         assert process.pid in dict(children(os.getpid()))
         process.kill()
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         assert usage(process.pid) is None
     assert usage(process.pid) is None
-    assert recorder_of(process.pid) == {}
+    assert helpers_of(process.pid) == {}
 
 
 def test_samples_become_series_and_the_log_is_held_to_its_room(tmp_path: Path) -> None:

@@ -1,0 +1,203 @@
+"""What passes between the loop and the process that speaks ROS: it comes as it was, in order, or is told as lost."""
+
+import math
+import os
+import queue
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from node.cycle.setpoints import Setpoint
+from node.cycle.status import Level, Status
+from node.errors import ModelError
+from node.ring import ROOM, RingReader, RingWriter, open_ring
+from node.ros import arrivals as arrivals_module
+from node.ros.arrivals import Arrivals
+from node.ros.exchanged import (
+    Answered,
+    ToLoop,
+    WriteDone,
+    decode_answered,
+    decode_arrived,
+    decode_report,
+    decode_status,
+    decode_to_write,
+    encoder,
+)
+from node.safety.modes import Action, Answer, Mode
+
+PERIOD_NS = 1_000_000
+REPORT = Report(
+    stamp_ns=1_700_000_000_123_456_789,
+    mode=Mode.HOLD,
+    values=[0.1, -0.0, math.inf],
+    applied=StampedSetpoint(Setpoint(0.5, -0.25), 7),
+    topics=[2.0],
+    reason="set-points fell silent",
+    cycle=12,
+    drives="on",
+    is_zero=False,
+    heartbeat=Heartbeat("desk", 99),
+    heartbeat_age_ns=5,
+    set_values=(1.0,),
+    at_ns=77,
+)
+
+
+@pytest.fixture
+def memory() -> Iterator[int]:
+    descriptor = open_ring(8)
+    yield descriptor
+    os.close(descriptor)
+
+
+@pytest.fixture
+def arrivals(memory: int) -> Arrivals:
+    return Arrivals(RingWriter(memory), PERIOD_NS)
+
+
+@pytest.fixture
+def loop(memory: int, arrivals: Arrivals) -> RingReader:
+    """The loop's end."""
+    assert arrivals.is_running
+    return RingReader(memory)
+
+
+def passed(report: Report) -> Report:
+    return decode_report(encoder.encode(report))
+
+
+def test_a_report_comes_as_it_was() -> None:
+    again = passed(REPORT)
+    assert again._replace(set_values=tuple(again.set_values)) == REPORT
+    assert math.copysign(1.0, again.values[1]) == -1.0
+    assert again.mode is Mode.HOLD
+
+
+def test_a_report_of_a_robot_at_rest_comes_as_it_was() -> None:
+    again = passed(Report(1, Mode.DISARMED, [math.nan], None))
+    assert (again.applied, again.heartbeat, again.topics) == (None, None, [])
+    assert math.isnan(again.values[0])
+
+
+def test_numbers_of_another_library_are_numbers() -> None:
+    again = passed(REPORT._replace(values=[np.float64(0.5), np.float32(0.5), 2]))  # type: ignore[list-item]  # as a model may give them
+    assert again.values == [0.5, 0.5, 2.0]
+
+
+def test_a_status_comes_as_it_was() -> None:
+    status = Status(Level.WARN, "left", "hot", {"temperature": "80 \u00b0C"})
+    assert decode_status(encoder.encode(status)) == status
+
+
+def test_answers_go_to_those_who_asked(arrivals: Arrivals, loop: RingReader) -> None:
+    told: list[tuple[str, Answer]] = []
+    requests = [
+        Request(Action.STOP, lambda answer: told.append(("stop", answer))),
+        Request(Action.ARM, lambda answer: told.append(("arm", answer))),
+    ]
+    arrivals._hand_over(Inbox(requests=requests))
+    ((kind, body),) = loop.take_all()
+    asked = decode_arrived(body).requests
+    for action, number in reversed(asked):
+        answer = Answer(accepted=action is Action.STOP, message=f"{action} was asked for")
+        arrivals.answer(decode_answered(encoder.encode(Answered(number, answer))))
+
+    assert kind == ToLoop.ARRIVED
+    assert [action for action, _ in asked] == [Action.STOP, Action.ARM]
+    assert told == [
+        ("arm", Answer(accepted=False, message="arm was asked for")),
+        ("stop", Answer(accepted=True, message="stop was asked for")),
+    ]
+
+
+def test_an_answer_that_nobody_waits_for_any_more_is_nothing(arrivals: Arrivals, loop: RingReader) -> None:
+    told: list[Answer] = []
+    for _ in range(150):
+        arrivals._hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
+        assert len(list(loop.take_all())) == 1
+    for number in (0, 1, 50, 51, 151):
+        arrivals.answer(Answered(number, Answer(accepted=True, message="armed")))
+    assert len(told) == 1
+
+
+def test_what_arrives_comes_once_and_in_order_in_messages_that_fit(arrivals: Arrivals, loop: RingReader) -> None:
+    inbox = Inbox(
+        setpoints=[
+            StampedSetpoint(Setpoint(math.pi * n, -math.e * n), 1_700_000_000_000_000_000 + n) for n in range(120)
+        ],
+        values=[SetValue(n % 3, math.pi * n) for n in range(70)],
+        stations=[Heartbeat("\u00e4" * 80, 2**62)],
+    )
+    arrivals._hand_over(inbox)
+    messages = [body for _, body in loop.take_all()]
+    arrived = [decode_arrived(body) for body in messages]
+
+    assert max(map(len, messages)) <= ROOM
+    assert [setpoint for each in arrived for setpoint in each.setpoints] == inbox.setpoints
+    assert [value for each in arrived for value in each.values] == inbox.values
+    assert [station for each in arrived for station in each.stations] == inbox.stations
+
+
+def test_what_finds_no_room_waits_for_the_loop(arrivals: Arrivals, loop: RingReader) -> None:
+    inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(float(n), 0.0), None) for n in range(1000)])
+    thread = threading.Thread(target=arrivals._hand_over, args=(inbox,))
+    thread.start()
+    found: list[StampedSetpoint] = []
+    while len(found) < len(inbox.setpoints):
+        found += [setpoint for _, body in loop.take_all() for setpoint in decode_arrived(body).setpoints]
+    thread.join()
+    assert found == inbox.setpoints
+
+
+def test_at_the_end_nothing_waits_for_the_loop(arrivals: Arrivals) -> None:
+    arrivals.stop()
+    arrivals._hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
+    assert not arrivals.is_running
+
+
+def written(arrivals: Arrivals, loop: RingReader, *done: WriteDone) -> str:
+    """What came of writing a parameter where the loop answers so."""
+    told: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def write() -> None:
+        try:
+            arrivals.write("Track", 0.5)
+        except ModelError as error:
+            told.put(str(error))
+        else:
+            told.put("written")
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    while (taken := loop.take()) is None:
+        pass
+    asked = decode_to_write(taken[1])
+    assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)
+    for each in done:
+        arrivals.write_done(each._replace(number=asked.number + each.number))
+    thread.join()
+    return told.get()
+
+
+def test_a_parameter_is_written_when_the_loop_says_so(arrivals: Arrivals, loop: RingReader) -> None:
+    assert written(arrivals, loop, WriteDone(0, None)) == "written"
+
+
+def test_a_parameter_that_the_model_refuses_is_refused_in_its_words(arrivals: Arrivals, loop: RingReader) -> None:
+    assert written(arrivals, loop, WriteDone(0, "it cannot be so")) == "it cannot be so"
+
+
+def test_an_answer_to_an_earlier_write_is_not_taken_for_this_ones(arrivals: Arrivals, loop: RingReader) -> None:
+    assert written(arrivals, loop, WriteDone(-1, "too late"), WriteDone(0, None)) == "written"
+
+
+def test_a_loop_that_does_not_answer_is_told(
+    arrivals: Arrivals, loop: RingReader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrivals_module, "_ANSWER_S", 0.05)
+    told = written(arrivals, loop)
+    assert told == "the loop did not answer within 0.05 s: whether 'Track' was written is not known"

@@ -1,0 +1,92 @@
+"""The loop's side of ROS, with the process that speaks it: it never waits, and tells what was lost."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from node.config import load_robot
+from node.cycle.clock import RealClock
+from node.cycle.seams import Report
+from node.errors import RosUnavailableError
+from node.robot import build_robot
+from node.ros.remote import RemoteStage
+from node.safety.modes import Mode
+
+pytestmark = pytest.mark.ros
+
+WITHIN_S = 30.0
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch, ros_environment: dict[str, str]) -> None:
+    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOG_DIR"):
+        monkeypatch.setenv(name, ros_environment[name])
+
+
+@pytest.fixture
+def stage() -> Iterator[RemoteStage]:
+    stage = RemoteStage(build_robot(load_robot("cart"), RealClock()))
+    stage.wait_until_ready()
+    yield stage
+    stage.close()
+
+
+def report(cycle: int, reason: str = "") -> Report:
+    return Report(time.time_ns(), Mode.ARMED, [0.0] * 9, None, cycle=cycle, reason=reason, at_ns=time.monotonic_ns())
+
+
+def publish(stage: RemoteStage, count: int) -> None:
+    for cycle in range(count):
+        stage.publish(report(cycle))
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + WITHIN_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
+    stage: RemoteStage, caplog: pytest.LogCaptureFixture
+) -> None:
+    os.kill(stage.pid, signal.SIGSTOP)
+    os.waitpid(stage.pid, os.WUNTRACED)
+    publish(stage, 100)
+    assert stage.dropped == 100 - 64
+    os.kill(stage.pid, signal.SIGCONT)
+    wait_for(lambda: stage._reports.held() == 0)
+    publish(stage, 64)
+    assert stage.dropped == 36
+    wait_for(lambda: stage._reports.held() == 0)
+    stage.close()
+    assert "36 messages were not published: ROS did not keep up" in caplog.text
+
+
+def test_a_reason_of_any_length_is_told(stage: RemoteStage) -> None:
+    stage.publish(report(1, "\u00e4" * 100_000))
+    assert stage.dropped == 0
+
+
+def test_a_process_that_never_ends_is_ended(stage: RemoteStage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("node.ros.remote._CLOSE_S", 0.01)
+    os.kill(stage.pid, signal.SIGSTOP)
+    stage.close()
+    assert stage._process.returncode == -signal.SIGKILL
+
+
+def test_where_ros_does_not_start_it_is_said_why() -> None:
+    robot = build_robot(load_robot("cart"), RealClock())
+    stage = RemoteStage(robot, ros_arguments=["--ros-args", "-r", "not a rule"])
+    with pytest.raises(RosUnavailableError, match="ROS 2 does not start: "):
+        stage.wait_until_ready()
+
+
+def test_a_process_that_dies_before_it_is_ready_is_told() -> None:
+    stage = RemoteStage(build_robot(load_robot("cart"), RealClock()))
+    os.kill(stage.pid, signal.SIGKILL)
+    with pytest.raises(RosUnavailableError, match="its process ended with status -9"):
+        stage.wait_until_ready()
