@@ -16,14 +16,12 @@ from node.cycle.status import Status
 from node.errors import RecordingError
 from node.recording.bounds import Bounds
 from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pack_cycle, pack_diagnostics
-from node.recording.job import Job
+from node.recording.job import SLOTS, Job
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
 from node.ring import LARGEST, ROOM, RingWriter, open_ring, slot_for
 
 _CLOSE_S: Final = 10.0
-SLOTS: Final = 1024
-"""Room for 10 s at 100 Hz while a disk is busy."""
 _logger = logging.getLogger(__name__)
 
 

@@ -14,13 +14,17 @@ import msgspec
 from node.errors import RecordingError
 from node.recording.bounded_log import FLUSH_NS, BoundedLog
 from node.recording.codec import CycleCodec, Message
-from node.recording.job import Job
+from node.recording.job import SLOTS, Job
 from node.recording.provenance import with_surroundings
 from node.ring import RingReader, slot_for
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
-_PAUSE_S: Final = 0.02
+_PAUSE_S: Final = 0.1
+"""Between two looks: what is there is safe from all but a loss of power, and many at once cost less than each alone."""
+_SHORT_PAUSE_S: Final = 0.01
+_MANY: Final = SLOTS // 8
+"""So many at one look, and the next comes sooner."""
 
 
 def write_log(source: int, memory: int) -> None:
@@ -37,24 +41,27 @@ def write_log(source: int, memory: int) -> None:
     codec = CycleCodec(job.layout)
     ring = RingReader(memory, slot_for(codec.size))
     log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
-    due_ns, damaged = time.monotonic_ns() + FLUSH_NS, 0
+    due_ns, damaged, pause_s = time.monotonic_ns() + FLUSH_NS, 0, _SHORT_PAUSE_S
     while not _is_over(source):
         # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
-        time.sleep(_PAUSE_S)
-        damaged += _keep_all(log, codec, ring)
+        time.sleep(pause_s)
+        taken, lost = _keep_all(log, codec, ring)
+        damaged += lost
+        pause_s = _SHORT_PAUSE_S if taken > _MANY else _PAUSE_S
         if time.monotonic_ns() >= due_ns:
             log.flush()
             due_ns = time.monotonic_ns() + FLUSH_NS
     # Twice: a ring looks twice at what did not look whole.
-    damaged += _keep_all(log, codec, ring) + _keep_all(log, codec, ring) + ring.damaged
+    damaged += _keep_all(log, codec, ring)[1] + _keep_all(log, codec, ring)[1] + ring.damaged
     if damaged:
         _tell(f"{damaged} records were damaged on their way and are missing in the log {job.path}")
     log.close()
 
 
-def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> int:
-    """Log the messages that have arrived; returns how many were damaged."""
-    return sum(not _keep(log, codec, message) for message in ring.take_all())
+def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> tuple[int, int]:
+    """Log the messages that have arrived; returns how many they were, and how many of them damaged."""
+    kept = [_keep(log, codec, message) for message in ring.take_all()]
+    return len(kept), kept.count(False)
 
 
 def _keep(log: BoundedLog, codec: CycleCodec, message: Message) -> bool:

@@ -14,14 +14,39 @@ from node.ros.stage import RosStage
 from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
 
-_WAIT_NS: Final = 100_000_000
-"""At most, ns, so that the end is seen."""
-_LOOK_AROUND_S: Final = 0.25
+_LOOK_AROUND_S: Final = 0.5
 _ANSWER_S: Final = 1.0
 _IN_ONE_MESSAGE: Final = 50
 """Set-points and values, so that each message fits a slot."""
 _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is forgotten."""
+
+
+class Waiting:
+    """Waits for what arrives without taking it, as an executor would."""
+
+    def __init__(self, node: RosObject, stage: RosStage) -> None:
+        """Wait for what `stage` takes on `node`."""
+        core = importlib.import_module("rclpy.impl.implementation_singleton").rclpy_implementation
+        self._subscriptions, self._services = stage.subscriptions, stage.services
+        self._waker = core.GuardCondition(node.context.handle)
+        counts = len(self._subscriptions), 1, 0, 0, len(self._services), 0
+        self._wait_set = core.WaitSet(*counts, node.context.handle)
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until there is something to take, or somebody wakes it; at most so long."""
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        for subscription in self._subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for service in self._services:
+            wait_set.add_service(service.handle)
+        wait_set.add_guard_condition(self._waker)
+        wait_set.wait(round(timeout_s * 1e9))
+
+    def wake(self) -> None:
+        """Have it wait no longer."""
+        self._waker.trigger_guard_condition()
 
 
 class Arrivals:
@@ -40,13 +65,12 @@ class Arrivals:
         self._answers: dict[int, Callable[[Answer], None]] = {}
         self._done: queue.SimpleQueue[WriteDone] = queue.SimpleQueue()
 
-    def run(self, node: RosObject, stage: RosStage) -> None:
+    def run(self, waiting: Waiting, stage: RosStage) -> None:
         """Listen until it is stopped."""
-        wait = _waiting(node, stage)
         look_s = time.monotonic()
         try:
             while self.is_running:
-                wait()
+                waiting.wait(_LOOK_AROUND_S)
                 self._hand_over(stage.take())
                 stage.serve_parameters()
                 if time.monotonic() > look_s:
@@ -56,7 +80,7 @@ class Arrivals:
             self.is_running = False
 
     def stop(self) -> None:
-        """Ask it to end, which takes a moment."""
+        """Ask it to end; what waits for something to arrive is to be woken."""
         self.is_running = False
 
     def answer(self, answered: Answered) -> None:
@@ -109,20 +133,3 @@ class Arrivals:
         if len(self._answers) > _UNANSWERED:
             del self._answers[next(iter(self._answers))]
         return Asked(action, self._number)
-
-
-def _waiting(node: RosObject, stage: RosStage) -> Callable[[], None]:
-    """Waits until there is something to take, or for `_WAIT_NS`; an executor would take it by itself."""
-    core = importlib.import_module("rclpy.impl.implementation_singleton").rclpy_implementation
-    subscriptions, services = stage.subscriptions, stage.services
-    wait_set = core.WaitSet(len(subscriptions), 0, 0, 0, len(services), 0, node.context.handle)
-
-    def wait() -> None:
-        wait_set.clear_entities()
-        for subscription in subscriptions:
-            wait_set.add_subscription(subscription.handle)
-        for service in services:
-            wait_set.add_service(service.handle)
-        wait_set.wait(_WAIT_NS)
-
-    return wait

@@ -20,7 +20,7 @@ from node.cycle.status import Status
 from node.errors import RosUnavailableError
 from node.logs import messages
 from node.ring import RingReader, RingWriter
-from node.ros.arrivals import Arrivals
+from node.ros.arrivals import Arrivals, Waiting
 from node.ros.exchanged import (
     FromLoop,
     decode_answered,
@@ -112,7 +112,8 @@ def speak(job: Job, source: int) -> None:
     ros = job.ros
     with ros_node(ros.node_name, job.namespace, job.ros_arguments, parameters=True, is_helper=True) as node:
         stage = RosStage(node, job, arrivals.write)
-        listening = threading.Thread(target=arrivals.run, args=(node, stage), name="arrivals")
+        waiting = Waiting(node, stage)
+        listening = threading.Thread(target=arrivals.run, args=(waiting, stage), name="arrivals")
         publishing = Publishing(stage, arrivals, RingReader(job.reports, job.slot_bytes), job.period_ns)
         with helping_threads():
             listening.start()
@@ -122,6 +123,7 @@ def speak(job: Job, source: int) -> None:
                 publishing.run(source)
         finally:
             arrivals.stop()
+            waiting.wake()
             listening.join()
 
 

@@ -25,9 +25,10 @@ from node.cycle.status import Level, Status
 from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.cycle_log import EVENTS_TOPIC
+from node.recording.job import SLOTS
 from node.recording.layout import Layout, layout_of
 from node.recording.provenance import Provenance
-from node.recording.recorder import SLOTS, ProcessRecorder
+from node.recording.recorder import ProcessRecorder
 from node.recording.salvage import Salvage
 from node.robot import build_robot
 from node.safety.modes import Mode
@@ -336,7 +337,8 @@ from firmware_io.hardware import Sensors
 from node.cycle.seams import CycleRecord
 from node.cycle.setpoints import Setpoint
 from node.recording.layout import Layout
-from node.recording.recorder import SLOTS, ProcessRecorder
+from node.recording.job import SLOTS
+from node.recording.recorder import ProcessRecorder
 from node.safety.modes import Mode
 
 layout = msgspec.json.decode(sys.argv[2], type=Layout)
