@@ -3,7 +3,7 @@
 import importlib
 import queue
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from node.cycle.seams import Inbox
@@ -33,8 +33,12 @@ class Waiting:
         counts = len(self._subscriptions), 1, 0, 0, len(self._services), 0
         self._wait_set = core.WaitSet(*counts, node.context.handle)
 
-    def wait(self, timeout_s: float) -> None:
-        """Wait until there is something to take, or somebody wakes it; at most so long."""
+    def wait(self, timeout_s: float) -> Collection[int]:
+        """Wait until there is something to take, or somebody wakes it; at most so long.
+
+        Returns:
+            The pointers of the handles of what has something to take.
+        """
         wait_set = self._wait_set
         wait_set.clear_entities()
         for subscription in self._subscriptions:
@@ -43,6 +47,7 @@ class Waiting:
             wait_set.add_service(service.handle)
         wait_set.add_guard_condition(self._waker)
         wait_set.wait(round(timeout_s * 1e9))
+        return [*wait_set.get_ready_entities("subscription"), *wait_set.get_ready_entities("service")]
 
     def wake(self) -> None:
         """Have it wait no longer."""
@@ -70,9 +75,9 @@ class Arrivals:
         look_s = time.monotonic()
         try:
             while self.is_running:
-                waiting.wait(_LOOK_AROUND_S)
-                self._hand_over(stage.take())
-                stage.serve_parameters()
+                ready = waiting.wait(_LOOK_AROUND_S)
+                self._hand_over(stage.take(ready))
+                stage.serve_parameters(ready)
                 if time.monotonic() > look_s:
                     look_s = time.monotonic() + _LOOK_AROUND_S
                     stage.look_around()

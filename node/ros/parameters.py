@@ -2,7 +2,7 @@
 
 import importlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from node.errors import ModelError
 from node.model.variables import Variable, Write
@@ -47,9 +47,11 @@ class ModelParameters:
         node.add_on_set_parameters_callback(self._set)
         self.services = [service for service in node.services if service not in own_services]
 
-    def serve(self) -> None:
-        """Answer a request of each service that has one."""
+    def serve(self, ready: Collection[int]) -> None:
+        """Answer a request of each service whose handle is at one of these pointers."""
         for service in self.services:
+            if service.handle.pointer not in ready:
+                continue
             request, header = service.handle.service_take_request(service.srv_type.Request)
             if request is not None:
                 response = service.callback(request, service.srv_type.Response())

@@ -2,7 +2,7 @@
 
 import itertools
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Final
 
 from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
@@ -80,10 +80,11 @@ class RosStage:
         """Where something may arrive for `take`, or for `serve_parameters`."""
         return [*(service for _, service in self._services), *self._parameters.services]
 
-    def take(self) -> Inbox:
-        """Everything that has arrived but parameter requests."""
+    def take(self, ready: Collection[int]) -> Inbox:
+        """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
         inbox = Inbox()
-        self._guarded(self._take, inbox)
+        if ready:
+            self._guarded(self._take, inbox, ready)
         return inbox
 
     def publish(self, report: Report) -> None:
@@ -100,23 +101,26 @@ class RosStage:
         """Publish a diagnostic_msgs/DiagnosticArray."""
         self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
 
-    def serve_parameters(self) -> None:
-        """Answer the parameter requests that have arrived."""
-        self._guarded(self._parameters.serve)
+    def serve_parameters(self, ready: Collection[int]) -> None:
+        """Answer the parameter requests that have arrived where the handle is at one of these pointers."""
+        if ready:
+            self._guarded(self._parameters.serve, ready)
 
     def look_around(self) -> None:
         """Look for publishers that never reach us, on another topic each time, and say each once."""
         self._looks += 1
         self._guarded(self._look_at, self._subscriptions[self._looks % len(self._subscriptions)][0])
 
-    def _take(self, inbox: Inbox) -> None:
+    def _take(self, inbox: Inbox, ready: Collection[int]) -> None:
         for subscription, convert in self._subscriptions:
-            inbox.setpoints += [convert(message) for message in _taken(subscription)]
+            inbox.setpoints += [convert(message) for message in _taken(subscription, ready)]
         for index, subscription in enumerate(self._values):
-            inbox.values += [SetValue(index, message.data) for message in _taken(subscription)]
+            inbox.values += [SetValue(index, message.data) for message in _taken(subscription, ready)]
         # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
-        inbox.stations += [_heartbeat(message) for message in itertools.islice(_taken(self._station), 1)]
+        inbox.stations += [_heartbeat(message) for message in itertools.islice(_taken(self._station, ready), 1)]
         for action, service in self._services:
+            if service.handle.pointer not in ready:
+                continue
             request, header = service.handle.service_take_request(self._request_type)
             if request is not None:
                 inbox.requests.append(Request(action, self._answer(service, header)))
@@ -160,8 +164,10 @@ class RosStage:
         return send
 
 
-def _taken(subscription: RosObject) -> Iterator[RosObject]:
-    """The messages that wait, oldest first."""
+def _taken(subscription: RosObject, ready: Collection[int]) -> Iterator[RosObject]:
+    """The messages that wait, oldest first; none where the handle is at none of these pointers."""
+    if subscription.handle.pointer not in ready:
+        return
     handle, kind = subscription.handle, subscription.msg_type
     for _ in range(_TAKEN_PER_CYCLE):
         taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
