@@ -37,19 +37,26 @@ def slot_for(size: int) -> int:
     return max(SLOT_BYTES, size + _MESSAGE)
 
 
-def open_ring(slots: int, slot_bytes: int = SLOT_BYTES) -> int:
-    """Make the memory of a ring.
-
-    Args:
-        slots: How many messages it holds.
-        slot_bytes: Room for each, as `slot_for` tells.
+def open_ring(slots: int = 0, slot_bytes: int = SLOT_BYTES) -> int:
+    """Make the memory of a ring; see `size_ring`.
 
     Returns:
         Its file descriptor.
     """
     descriptor = os.memfd_create("segway-ecc-ring")
-    os.ftruncate(descriptor, slots * slot_bytes)
+    size_ring(descriptor, slots, slot_bytes)
     return descriptor
+
+
+def size_ring(descriptor: int, slots: int, slot_bytes: int = SLOT_BYTES) -> None:
+    """Give a ring its size, before anybody maps it.
+
+    Args:
+        descriptor: That of its memory.
+        slots: How many messages it holds.
+        slot_bytes: Room for each, as `slot_for` tells.
+    """
+    os.ftruncate(descriptor, slots * slot_bytes)
 
 
 class RingWriter:

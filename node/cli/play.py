@@ -27,7 +27,7 @@ from node.play.channel import LoopEnd, channel
 from node.play.rig import FORCE, Rig
 from node.play.stage import PlayStage
 from node.robot import Robot, build_robot
-from node.ros.remote import RemoteStage
+from node.ros.remote import RemoteStage, Speaker
 from node.ros.runtime import missing_packages, require_ros
 
 _BEST: Final = "segway"
@@ -111,9 +111,7 @@ def _stage(options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEn
         require_ros()
     behind: Stage = NoStage()
     if options.ros is not False and not missing_packages():
-        remote = RemoteStage(robot, options.namespace, options.ros_arguments)
-        remote.wait_until_ready()
-        behind, rig.has_ros = remote, True
+        behind, rig.has_ros = RemoteStage(Speaker(), robot, options.namespace, options.ros_arguments), True
     return PlayStage(behind, terminal, rig, robot)
 
 

@@ -29,7 +29,7 @@ from node.recording.layout import layout_of
 from node.recording.provenance import robot_provenance
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot, build_robot
-from node.ros.remote import RemoteStage
+from node.ros.remote import RemoteStage, Speaker
 from node.ros.runtime import missing_packages, require_ros
 from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
@@ -73,11 +73,11 @@ def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
-    robot = build_robot(robot_file(options), RealClock())
     with messages():
-        has_ros = _has_ros(options)
+        speaker = Speaker() if _has_ros(options) else None
+        robot = build_robot(robot_file(options), RealClock())
         recorder = _recorder(options, robot)
-        stage = _stage(options, robot, has_ros=has_ros)
+        stage = _stage(options, robot, speaker)
         loop = robot.loop(stage, recorder)
         loop.service = service_of(os.environ, robot.period_ns)
         with stopped_by_signals(loop.stop), real_time(lock=True):
@@ -105,14 +105,10 @@ def _has_ros(options: argparse.Namespace) -> bool:
     return not missing
 
 
-def _stage(options: argparse.Namespace, robot: Robot, *, has_ros: bool) -> Stage:
+def _stage(options: argparse.Namespace, robot: Robot, speaker: Speaker | None) -> Stage:
     if options.sequence is not None:
         return ManoeuvreStage(Player(load_manoeuvre(options.sequence)), list(robot.wiring.published), robot.clock)
-    if not has_ros:
-        return NoStage()
-    stage = RemoteStage(robot, options.namespace, options.ros_arguments)
-    stage.wait_until_ready()
-    return stage
+    return NoStage() if speaker is None else RemoteStage(speaker, robot, options.namespace, options.ros_arguments)
 
 
 def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:

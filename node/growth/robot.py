@@ -23,7 +23,7 @@ from node.growth.meter import MeteredClock
 from node.recording.layout import layout_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import build_robot
-from node.ros.remote import RemoteStage
+from node.ros.remote import RemoteStage, Speaker
 
 _LOOK_S: Final = 0.02
 
@@ -84,10 +84,9 @@ def main() -> int:
     clock = MeteredClock(RealClock())
     robot = build_robot(robot_file(options), clock)
     recorder = ProcessRecorder(options.log, layout_of(robot))
-    stage = RemoteStage(robot, options.namespace)
-    stage.wait_until_ready()
-    loop = robot.loop(stage, recorder)
-    _Operator(clock, loop, [os.getpid(), stage.pid]).start()
+    speaker = Speaker()
+    loop = robot.loop(RemoteStage(speaker, robot, options.namespace), recorder)
+    _Operator(clock, loop, [os.getpid(), speaker.pid]).start()
     with real_time():
         loop.run()
     return 0

@@ -30,7 +30,7 @@ from node.ros.exchanged import (
     decode_write_done,
 )
 from node.ros.job import Job
-from node.ros.runtime import ros_node
+from node.ros.runtime import preload, ros_node
 from node.ros.stage import RosStage
 
 _AFTER_NS: Final = 200_000
@@ -137,10 +137,12 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGABRT):
         signal.signal(number, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    job = msgspec.json.decode(sys.stdin.buffer.readline(), type=Job)
     try:
-        with messages():
-            speak(job, sys.stdin.fileno())
+        preload()
+        line = sys.stdin.buffer.readline()  # empty where the loop's process has ended before it had a robot
+        if line:
+            with messages():
+                speak(msgspec.json.decode(line, type=Job), sys.stdin.fileno())
     except RosUnavailableError as error:
         with contextlib.suppress(BrokenPipeError):
             _tell(str(error))

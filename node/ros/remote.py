@@ -16,7 +16,7 @@ from node.cycle.seams import Inbox, Report, Request, Written
 from node.cycle.status import Status
 from node.errors import ModelError, RosUnavailableError
 from node.model.model import Model
-from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
+from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring, size_ring
 from node.robot import Robot
 from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_to_write, encoder
 from node.ros.job import Job
@@ -33,6 +33,61 @@ _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
 
 
+class Speaker:
+    """The process that speaks ROS, which imports what it needs while the robot is built, and waits to be told of it.
+
+    Attributes:
+        pid: Of the process.
+        reports: File descriptor of the ring to it.
+        inboxes: That of the ring from it.
+    """
+
+    def __init__(self) -> None:
+        """Start it."""
+        self.reports, self.inboxes = open_ring(), open_ring()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "node.ros.process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            pass_fds=(self.reports, self.inboxes),
+        )
+        self.pid = self._process.pid
+
+    def tell(self, job: Job) -> None:
+        """Say what it is to do, and wait until the robot is in ROS.
+
+        Raises:
+            RosUnavailableError: ROS does not start.
+        """
+        assert self._process.stdin is not None  # noqa: S101 - it was asked for
+        assert self._process.stdout is not None  # noqa: S101 - it was asked for
+        os.close(self.reports)  # both are mapped by now, here and, by the same numbers, open there
+        os.close(self.inboxes)
+        with contextlib.suppress(BrokenPipeError):  # it has ended, and has said why
+            self._process.stdin.write(msgspec.json.encode(job) + b"\n")
+            self._process.stdin.flush()
+        with self._process.stdout as told:
+            line = told.readline().decode(errors="replace").strip()
+        if line != "ready":
+            raise RosUnavailableError(line or f"ROS 2 does not start: its process ended with status {self.close()}")
+
+    @property
+    def status(self) -> int | None:
+        """With what the process has ended; None while it runs."""
+        return self._process.poll()
+
+    def close(self) -> int:
+        """Let the process end, and return with what it did; see `status`."""
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for
+        try:
+            return self._process.wait(_CLOSE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+
 class RemoteStage:
     """See `node.cycle.seams.Stage`. In each cycle it reads and writes memory, and makes no system call.
 
@@ -42,39 +97,32 @@ class RemoteStage:
     Attributes:
         over: Why the world outside has ended, which ends the loop; None while it goes on.
         dropped: Reports and other messages that were not published, because the process did not keep up.
-        pid: Of the process.
     """
 
-    def __init__(self, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
-        """Start the process, which takes a while; see `wait_until_ready`.
+    def __init__(self, speaker: Speaker, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+        """Bring a robot into ROS.
 
         Args:
+            speaker: The process that is to speak for it.
             robot: The robot that is to be in ROS.
             namespace: Where it lives in the ROS graph.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
+
+        Raises:
+            RosUnavailableError: ROS does not start.
         """
         self.over: str | None = None
         self.dropped = 0
         self._model: Model = robot.model
+        self._speaker = speaker
         self._buffer = bytearray()
         self._is_gone = False
         wiring = robot.wiring
         numbers = len(wiring.published) + len(wiring.topics) + len(wiring.set_names)
         slot_bytes = SLOT_BYTES + _NUMBER_BYTES * numbers
-        reports, inboxes = open_ring(_REPORTS, slot_bytes), open_ring(INBOXES)
-        try:
-            self._reports, self._inboxes = RingWriter(reports, slot_bytes), RingReader(inboxes)
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "node.ros.process"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                start_new_session=True,
-                pass_fds=(reports, inboxes),
-            )
-        finally:
-            os.close(reports)
-            os.close(inboxes)
-        self.pid = self._process.pid
+        size_ring(speaker.reports, _REPORTS, slot_bytes)
+        size_ring(speaker.inboxes, INBOXES)
+        self._reports, self._inboxes = RingWriter(speaker.reports, slot_bytes), RingReader(speaker.inboxes)
         job = Job(
             robot=robot.file.name,
             ros=robot.file.ros,
@@ -85,28 +133,11 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in self._model.parameters),
-            reports=reports,
-            inboxes=inboxes,
+            reports=speaker.reports,
+            inboxes=speaker.inboxes,
             slot_bytes=slot_bytes,
         )
-        assert self._process.stdin is not None  # noqa: S101 - it was asked for above
-        with contextlib.suppress(BrokenPipeError):  # it has ended; `wait_until_ready` tells why
-            self._process.stdin.write(msgspec.json.encode(job) + b"\n")
-            self._process.stdin.flush()
-
-    def wait_until_ready(self) -> None:
-        """Wait until the robot is in ROS.
-
-        Raises:
-            RosUnavailableError: ROS does not start.
-        """
-        assert self._process.stdout is not None  # noqa: S101 - it was asked for when it was started
-        with self._process.stdout as told:
-            line = told.readline().decode(errors="replace").strip()
-        if line != "ready":
-            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
-            status = self._process.wait()
-            raise RosUnavailableError(line or f"ROS 2 does not start: its process ended with status {status}")
+        speaker.tell(job)
 
     def take(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
@@ -135,15 +166,15 @@ class RemoteStage:
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
         """Hand over diagnostics, one status at a time so that each fits."""
         # Asked here, about once a second in the slack of a cycle, because handing over does not show it.
-        if not self._is_gone and self._process.poll() is not None:
+        if not self._is_gone and (status := self._speaker.status) is not None:
             self._is_gone = True
             _logger.warning(
                 "the process that speaks ROS has ended with status %d: the robot goes on without ROS while it is "
                 "armed, and ends when it is not",
-                self._process.returncode,
+                status,
             )
-        for status in statuses:
-            self._put(FromLoop.STATUS, status)
+        for each in statuses:
+            self._put(FromLoop.STATUS, each)
         self._put(FromLoop.DIAGNOSTICS, stamp_ns)
 
     def look_around(self) -> None:
@@ -152,13 +183,7 @@ class RemoteStage:
     def close(self) -> None:
         """Let the robot leave ROS."""
         self._put(FromLoop.END, None)
-        with contextlib.suppress(OSError):
-            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
-        try:
-            self._process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._speaker.close()
         if self.dropped and not self._is_gone:
             _logger.warning("%d messages were not published: ROS did not keep up", self.dropped)
 

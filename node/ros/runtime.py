@@ -12,7 +12,16 @@ from node.errors import RosUnavailableError
 from node.ros.transports import udp_only
 from node.ros.untyped import RosObject
 
-_NEEDED: Final = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs")
+_MODULES: Final = (
+    "rclpy.node",
+    "geometry_msgs.msg",
+    "nav_msgs.msg",
+    "sensor_msgs.msg",
+    "std_msgs.msg",
+    "std_srvs.srv",
+    "diagnostic_msgs.msg",
+)
+_NEEDED: Final = tuple(name.partition(".")[0] for name in _MODULES)
 
 
 def missing_packages() -> list[str]:
@@ -33,6 +42,20 @@ def require_ros() -> None:
             "(. /opt/ros/jazzy/setup.sh), or on x86_64 install 'segway-ecc[ros]'. Everything but the ROS stage "
             "works without it: run with --no-ros"
         )
+
+
+def preload() -> None:
+    """Import ROS, which takes longer than all else that starts.
+
+    Raises:
+        RosUnavailableError: ROS is not there or cannot be imported.
+    """
+    require_ros()
+    try:
+        for name in _MODULES:
+            importlib.import_module(name)
+    except ImportError as error:
+        raise RosUnavailableError(f"ROS 2 does not start: {error}") from error
 
 
 @contextlib.contextmanager

@@ -11,8 +11,8 @@ from node.config import load_robot
 from node.cycle.clock import RealClock
 from node.cycle.seams import Report
 from node.errors import RosUnavailableError
-from node.robot import build_robot
-from node.ros.remote import RemoteStage
+from node.robot import Robot, build_robot
+from node.ros.remote import RemoteStage, Speaker
 from node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
@@ -27,9 +27,20 @@ def alone(monkeypatch: pytest.MonkeyPatch, ros_environment: dict[str, str]) -> N
 
 
 @pytest.fixture
-def stage() -> Iterator[RemoteStage]:
-    stage = RemoteStage(build_robot(load_robot("cart"), RealClock()))
-    stage.wait_until_ready()
+def speaker() -> Iterator[Speaker]:
+    speaker = Speaker()
+    yield speaker
+    speaker.close()
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return build_robot(load_robot("cart"), RealClock())
+
+
+@pytest.fixture
+def stage(speaker: Speaker, robot: Robot) -> Iterator[RemoteStage]:
+    stage = RemoteStage(speaker, robot)
     yield stage
     stage.close()
 
@@ -51,13 +62,13 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
-    stage: RemoteStage, caplog: pytest.LogCaptureFixture
+    stage: RemoteStage, speaker: Speaker, caplog: pytest.LogCaptureFixture
 ) -> None:
-    os.kill(stage.pid, signal.SIGSTOP)
-    os.waitpid(stage.pid, os.WUNTRACED)
+    os.kill(speaker.pid, signal.SIGSTOP)
+    os.waitpid(speaker.pid, os.WUNTRACED)
     publish(stage, 100)
     assert stage.dropped == 100 - 64
-    os.kill(stage.pid, signal.SIGCONT)
+    os.kill(speaker.pid, signal.SIGCONT)
     wait_for(lambda: stage._reports.held() == 0)
     publish(stage, 64)
     assert stage.dropped == 36
@@ -71,22 +82,25 @@ def test_a_reason_of_any_length_is_told(stage: RemoteStage) -> None:
     assert stage.dropped == 0
 
 
-def test_a_process_that_never_ends_is_ended(stage: RemoteStage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_never_ends_is_ended(
+    stage: RemoteStage, speaker: Speaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("node.ros.remote._CLOSE_S", 0.01)
-    os.kill(stage.pid, signal.SIGSTOP)
+    os.kill(speaker.pid, signal.SIGSTOP)
     stage.close()
-    assert stage._process.returncode == -signal.SIGKILL
+    assert speaker.status == -signal.SIGKILL
 
 
-def test_where_ros_does_not_start_it_is_said_why() -> None:
-    robot = build_robot(load_robot("cart"), RealClock())
-    stage = RemoteStage(robot, ros_arguments=["--ros-args", "-r", "not a rule"])
+def test_where_ros_does_not_start_it_is_said_why(speaker: Speaker, robot: Robot) -> None:
     with pytest.raises(RosUnavailableError, match="ROS 2 does not start: "):
-        stage.wait_until_ready()
+        RemoteStage(speaker, robot, ros_arguments=["--ros-args", "-r", "not a rule"])
 
 
-def test_a_process_that_dies_before_it_is_ready_is_told() -> None:
-    stage = RemoteStage(build_robot(load_robot("cart"), RealClock()))
-    os.kill(stage.pid, signal.SIGKILL)
+def test_a_process_that_dies_before_it_is_ready_is_told(speaker: Speaker, robot: Robot) -> None:
+    os.kill(speaker.pid, signal.SIGKILL)
     with pytest.raises(RosUnavailableError, match="its process ended with status -9"):
-        stage.wait_until_ready()
+        RemoteStage(speaker, robot)
+
+
+def test_a_process_that_is_told_of_no_robot_ends(speaker: Speaker) -> None:
+    assert speaker.close() == 0
