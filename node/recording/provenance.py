@@ -8,12 +8,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from node.config import RobotFile
+
+if TYPE_CHECKING:  # the process that writes needs no robot
+    from node.config import RobotFile
 
 ROBOT_FILE: Final = "robot.json"
 """The attachment that a replay builds the robot from: the robot file as it was in force, options included."""
@@ -41,12 +43,12 @@ class Provenance(msgspec.Struct, frozen=True):
 NO_PROVENANCE: Final = Provenance({}, {})
 
 
-def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
+def provenance_of(file: "RobotFile", text: str | None = None) -> Provenance:
     """Where a run of a robot comes from; see `robot_provenance` for the arguments."""
     return with_surroundings(robot_provenance(file, text))
 
 
-def robot_provenance(file: RobotFile, text: str | None = None) -> Provenance:
+def robot_provenance(file: "RobotFile", text: str | None = None) -> Provenance:
     """Where a run of a robot comes from, but for the software and the machine; see `with_surroundings`.
 
     Args:
