@@ -1,5 +1,6 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
+# make test-compiled  the tests of the loop and of the rig against a compiled install (docs/performance.md)
 # make page    of these, the base station's page in a browser, with a report of its screenshots
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
@@ -10,7 +11,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: run test lint page boot disk prove coverage bench clean
+.PHONY: run test test-compiled lint page boot disk prove coverage bench clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -20,6 +21,23 @@ run: $(READY)
 test: $(READY) lint
 	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros and not real_time' -n 3 --dist loadfile
 	$(VENV)/bin/python -m pytest -m '(ros or real_time) and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
+
+# A wheel of a copy, since the build leaves its results among the sources; and run from where no sources are.
+COMPILED := .venv-compiled
+COPY := build/compiled
+SOURCES := firmware_io node hil deploy
+
+test-compiled: $(COMPILED)/.ready
+	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/python -m pytest -n 1 --dist loadfile tests/compiled_build.py \
+	    tests/node/cycle tests/node/safety tests/node/model tests/node/models tests/node/recording tests/firmware_io tests/hil
+
+$(COMPILED)/.ready: pyproject.toml deploy/setup.sh $(shell find $(SOURCES) -name '*.py')
+	deploy/setup.sh $(COMPILED)
+	rm -rf $(COPY) && mkdir -p $(COPY)/source $(COPY)/away
+	git ls-files -z --cached --others --exclude-standard | xargs -0 cp --parents -t $(COPY)/source
+	HATCH_BUILD_HOOKS_ENABLE=1 $(COMPILED)/bin/pip install --quiet --no-deps --force-reinstall $(COPY)/source
+	cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES),$(wildcard *))) .
+	touch $@
 
 lint: $(READY)
 	$(VENV)/bin/ruff check
@@ -64,4 +82,4 @@ $(READY): pyproject.toml deploy/setup.sh
 	touch $@
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) $(COMPILED) build out

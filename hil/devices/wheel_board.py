@@ -31,7 +31,7 @@ TICK_NS: Final = 5_000_000
 """Period of the firmware's loop, and of the wheel and IMU frames."""
 _DEFAULT_WATCHDOG_S: Final = 0.05
 _STATUS_TICKS: Final = round(CYCLE_TIME_S[FrameId.BOARD_STATUS] * 1e9 / TICK_NS)
-_OFF: Final = (0.0, 0.0)
+_OFF: Final[Sequence[float]] = (0.0, 0.0)
 _COMMANDS: Final = frozenset({FrameId.WHEEL_COMMAND, FrameId.BOARD_SETUP})
 _WHEELS: Final = ("left.angle", "left.velocity", "right.angle", "right.velocity")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")

@@ -1,5 +1,6 @@
 """How long things take, in bounded memory: a histogram with logarithmic buckets."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -7,7 +8,7 @@ _SUB_BITS: Final = 5
 _SUB_BUCKETS: Final = 1 << _SUB_BITS
 _MAX_BITS: Final = 40
 _BUCKETS: Final = (_MAX_BITS - _SUB_BITS + 1) * _SUB_BUCKETS
-_FRACTIONS: Final = (0.5, 0.99, 0.999)
+_FRACTIONS: Final[Sequence[float]] = (0.5, 0.99, 0.999)
 
 
 @dataclass(frozen=True, slots=True)

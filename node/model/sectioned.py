@@ -4,11 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from mypy_extensions import mypyc_attr
+
 from node.errors import ModelError, UnknownNameError
 from node.model.methods import ADVANCE, Method
 from node.model.variables import Variable, Write
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # where this is compiled, models in plain Python still build on it
 class SectionedModel:
     """A model as initial, static, input, dynamic, output and final equations.
 

@@ -8,6 +8,7 @@ from firmware_io.drives.wheel_board.driver import WheelBoard
 from firmware_io.drives.wheel_board.frames import BoardState, FrameId
 from firmware_io.links.link import Frame
 from hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
+from hil.link_front import LinkFront
 from hil.lockstep import LockstepRig
 from hil.plants.cart import CartPlant
 from hil.simulated_bus import SimulatedLink
@@ -73,19 +74,21 @@ def test_without_a_device_time_passes_all_the_same(rig: LockstepRig) -> None:
     assert rig.now_ns() == 20 * MS
 
 
-def _drive(rig: LockstepRig, lost: Collection[int], monkeypatch: pytest.MonkeyPatch) -> Drive:
+class LosingLink(LinkFront):
+    """Loses commands while it is told to."""
+
+    loses = False
+
+    def send(self, frame: Frame) -> bool:
+        return (self.loses and frame.arbitration_id == FrameId.WHEEL_COMMAND) or super().send(frame)
+
+
+def _drive(rig: LockstepRig, lost: Collection[int]) -> Drive:
     """Drive for 300 ms, some of the commands lost on the bus."""
-    link = rig.bus.attach("node")
+    link = LosingLink(rig.bus.attach("node"))
     driver = Assembly(link, [WheelBoard(link, 0.05, loop_period_s=0.01, now_ns=rig.now_ns)], now_ns=rig.now_ns)
     board = SimulatedWheelBoard(board_link := rig.bus.attach("board"))
     rig.attach(robot(board, board_link))
-    cycle = -1
-    carry = link.send
-
-    def send(frame: Frame) -> bool:
-        return True if cycle in lost and frame.arbitration_id == FrameId.WHEEL_COMMAND else carry(frame)
-
-    monkeypatch.setattr(link, "send", send)
     driver.open()
     rig.sleep_until_ns(100 * MS)
     driver.exchange((0.0, 0.0))
@@ -95,23 +98,22 @@ def _drive(rig: LockstepRig, lost: Collection[int], monkeypatch: pytest.MonkeyPa
         rig.sleep_until_ns(rig.now_ns() + 10 * MS)
     assert ready
     seen = []
-    for cycle in range(30):  # noqa: B007 - the closure looks at it
+    for cycle in range(30):
+        link.loses = cycle in lost
         sensors = driver.exchange((1.0, 1.0))
         rig.sleep_until_ns(rig.now_ns() + 10 * MS)
         seen.append((board.state, bool(sensors.faults)))
     return Drive(board, seen)
 
 
-def test_a_single_lost_command_does_not_stop_the_robot(rig: LockstepRig, monkeypatch: pytest.MonkeyPatch) -> None:
-    board, seen = _drive(rig, {5, 9, 14}, monkeypatch)
+def test_a_single_lost_command_does_not_stop_the_robot(rig: LockstepRig) -> None:
+    board, seen = _drive(rig, {5, 9, 14})
     assert set(seen) == {(BoardState.ENABLED, False)}
     assert board.refused_frames == 0
 
 
-def test_commands_lost_for_longer_than_the_watchdog_stop_the_motors_for_good(
-    rig: LockstepRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    board, seen = _drive(rig, range(10, 17), monkeypatch)
+def test_commands_lost_for_longer_than_the_watchdog_stop_the_motors_for_good(rig: LockstepRig) -> None:
+    board, seen = _drive(rig, range(10, 17))
     states = [state for state, _ in seen]
     # The last command, of the tenth cycle, is read at 245 ms; 50 ms are over at the tick at 300 ms, in the 16th cycle.
     assert set(states[:15]) == {BoardState.ENABLED}

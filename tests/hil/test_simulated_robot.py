@@ -7,6 +7,7 @@ from firmware_io.errors import LinkLostError
 from firmware_io.links.link import Frame
 from hil.devices.device import Device
 from hil.errors import PlantMismatchError
+from hil.link_front import LinkFront
 from hil.simulated_bus import SimulatedBus, SimulatedLink
 from hil.simulated_robot import SimulatedRobot
 from node.model.sectioned import SectionedModel
@@ -92,6 +93,17 @@ class Motors:
         self.calls.append(("tell", now_ns, outputs["steps"]))
 
 
+class LosableLink(LinkFront):
+    """A link that is lost while it is told to be."""
+
+    is_lost = False
+
+    def receive(self) -> list[Frame]:
+        if self.is_lost:
+            raise LinkLostError("gone")
+        return super().receive()
+
+
 class Bench:
     """Two devices before a plant, on a bus so fast that what is sent has arrived before the next tick."""
 
@@ -99,7 +111,7 @@ class Bench:
         self.now_ns = 0
         bus = SimulatedBus(1_000_000_000, lambda: self.now_ns)
         self.host: SimulatedLink = bus.attach("host")
-        self.link: SimulatedLink = bus.attach("devices")
+        self.link = LosableLink(bus.attach("devices"))
         self.plant = plant or Plant()
         self.drive = Motors(["right", "left"], (2.0, 1.0), ["steps"])
         self.lift = Motors(["lift"], (3.0,), ["height"])
@@ -205,16 +217,11 @@ def test_refused_frames_are_those_of_all_devices(bench: Bench) -> None:
     assert bench.robot.refused_frames == 7
 
 
-def test_a_link_that_is_lost_carries_nothing_and_stops_neither_plant_nor_devices(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def receive() -> list[Frame]:
-        raise LinkLostError("gone")
-
+def test_a_link_that_is_lost_carries_nothing_and_stops_neither_plant_nor_devices(bench: Bench) -> None:
     bench.host.send(Frame(0x100, b"x"))
-    with monkeypatch.context() as lost:
-        lost.setattr(bench.link, "receive", receive)
-        bench.tick(2)
+    bench.link.is_lost = True
+    bench.tick(2)
+    bench.link.is_lost = False
     assert [list(frames) for frames in bench.drive.heard] == [[], []]
     assert [call for call, _, _ in bench.drive.calls] == ["obey", "tell"] * 2
     assert bench.robot.outputs == [7.0, 2.0]

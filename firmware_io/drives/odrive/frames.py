@@ -254,5 +254,5 @@ def decode(firmware: Firmware, identifier: int, data: bytes) -> Message:
     return message
 
 
-def _is_finite(message: Message) -> bool:
+def _is_finite(message: tuple[object, ...]) -> bool:
     return all(math.isfinite(value) for value in message if isinstance(value, float))

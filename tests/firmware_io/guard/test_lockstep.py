@@ -164,9 +164,9 @@ def test_a_node_that_was_stopped_and_goes_on_moves_nothing(guarded: Any, robot: 
     g.bus.fault = None
     g.moments.clear()
     # As after SIGCONT: the first exchange still sends the old command.
-    g.robot._drives[0]._endpoint.send(0x110, WheelCommand(1.0, 1.0, enable=True))
+    g.robot._drives[0]._endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(1.0, 1.0, enable=True))
     g.wait(5)
-    g.robot._drives[0]._endpoint.send(0x110, WheelCommand(1.0, 1.0, enable=True))
+    g.robot._drives[0]._endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(1.0, 1.0, enable=True))
     g.wait(50)
 
     # The guard's frames have moved the board's counter on, so that it refuses even the first of these.

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import typing
 from collections.abc import Sequence
 from importlib.resources import as_file, files
 from typing import Any
@@ -106,6 +107,8 @@ def _ours(firmware: Firmware, message: Any, values: dict[str, float]) -> Message
     command = message.frame_id % 32
     if firmware is Firmware.V0_5 and any((command, s.name) in WRONG_SIGN for s, _ in ordered):
         fields = [value - (1 << 32) if value >= 1 << 31 else value for value in fields]
+    hints = typing.get_type_hints(kind).values()
+    fields = [bool(value) if hint is bool else value for value, hint in zip(fields, hints, strict=False)]
     if kind in (c.RxSdo, t.TxSdo):
         fields[-1] = int(fields[-1]).to_bytes(4, "little")
     if kind is c.Address:

@@ -37,8 +37,8 @@ def driver(link: Link) -> WheelBoard:
 def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:
     units = {f"{m.name}.{s.name}": s.unit for m in DBC.messages for s in m.signals if s.unit}
     assert units == {
-        "WHEEL_COMMAND.LeftVoltage": WheelBoard.commands["left.voltage"],
-        "WHEEL_COMMAND.RightVoltage": WheelBoard.commands["right.voltage"],
+        "WHEEL_COMMAND.LeftVoltage": driver.commands["left.voltage"],
+        "WHEEL_COMMAND.RightVoltage": driver.commands["right.voltage"],
         "BOARD_SETUP.Watchdog": "s",
         "LEFT_WHEEL.Angle": driver.signals["left.angle"],
         "LEFT_WHEEL.Velocity": driver.signals["left.velocity"],
@@ -52,7 +52,7 @@ def test_units_are_si_and_the_drivers(driver: WheelBoard) -> None:
     assert set(units.values()) == {"V", "rad", "rad/s", "m/s2", "s"}
 
 
-def test_the_drivers_limits_are_the_dbcs() -> None:
+def test_the_drivers_limits_are_the_dbcs(driver: WheelBoard) -> None:
     command = DBC.get_message_by_name("WHEEL_COMMAND")
     names = {"left.voltage": "LeftVoltage", "right.voltage": "RightVoltage"}
-    assert [command.get_signal_by_name(names[name]).maximum for name in WheelBoard.commands] == list(WheelBoard.limits)
+    assert [command.get_signal_by_name(names[name]).maximum for name in driver.commands] == list(driver.limits)

@@ -69,7 +69,8 @@ def _signals(payload: Payload) -> Signals:
 def _payload(frame_id: FrameId, signals: Mapping[str, Any]) -> Payload:
     """Build the payload from values in the DBC's order, which is also the order of the fields."""
     message = DBC.get_message_by_name(frame_id.name)
-    return TYPES[frame_id](*(signals[signal.name] for signal in message.signals if signal.name not in PROTECTION))
+    values = {**signals, "Enable": bool(signals.get("Enable"))}
+    return TYPES[frame_id](*(values[signal.name] for signal in message.signals if signal.name not in PROTECTION))
 
 
 def _draw(frame_id: FrameId) -> st.SearchStrategy[tuple[FrameId, Signals]]:

@@ -1,0 +1,57 @@
+"""What is installed is compiled. Run by `make test-compiled` only, and so not called test_something."""
+
+import dataclasses
+import importlib
+import math
+import struct
+import tomllib
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.plants.segway_sensors import Encoder
+from node.cycle import cycle
+from node.models.segway_parameters import PUBLISHED
+from node.safety.limits import limit, not_finite
+
+ROOT = Path(__file__).parents[1]
+HOOK = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
+MODULES = [name[1:] for name in HOOK["wheel"]["hooks"]["mypyc"]["include"]]
+
+
+def test_the_cycle_is_compiled() -> None:
+    assert cycle.__file__.endswith(".so")
+
+
+@pytest.mark.parametrize("path", MODULES)
+def test_a_module_is_compiled_and_its_source_is_there(path: str) -> None:
+    module = importlib.import_module(path.removesuffix(".py").replace("/", "."))
+    assert module.__file__ is not None
+    assert module.__file__.endswith(tuple(EXTENSION_SUFFIXES))
+    assert (Path(module.__file__).parent / Path(path).name).is_file()
+
+
+@pytest.mark.parametrize("value", [-113.0, -0.0, 0.0, math.nan, math.inf, -math.inf, 113, np.float64(-113.0)])
+@pytest.mark.parametrize("bound", [0.5, 113.0, 200])
+def test_a_command_is_limited_as_python_does_it(value: float, bound: float) -> None:
+    """mypyc marks a missing float with -113.0, and takes whole numbers and numpy's where floats are declared."""
+    limited = limit([value], [bound])[0]
+    assert struct.pack("d", limited) == struct.pack("d", min(max(value, -bound), bound))
+    assert not_finite([value]) == (None if math.isfinite(value) else 0)
+
+
+@pytest.mark.parametrize("value", ["1.0", None, b"1"])
+def test_what_is_no_number_is_refused(value: Any) -> None:
+    with pytest.raises(TypeError):
+        not_finite([value])
+    with pytest.raises(TypeError):
+        limit([value], [1.0])
+
+
+def test_an_angle_is_an_angle_also_where_it_is_the_mark() -> None:
+    encoder = Encoder(dataclasses.replace(PUBLISHED, encoder_counts_per_turn=0.0), 0.001, -113.0)
+    encoder.sample(-113.0, -113.0)
+    assert (encoder.angle, encoder.velocity) == (-113.0, -113.0)

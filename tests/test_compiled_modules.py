@@ -1,0 +1,70 @@
+"""The modules that a compiled wheel compiles, by what can be read from the source; `make test-compiled` runs them."""
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+HOOK = WHEEL["hooks"]["mypyc"]
+COMPILED = [name.removeprefix("/") for name in HOOK["include"]]
+TREES = {
+    str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
+    for package in WHEEL["packages"]
+    for path in sorted((ROOT / package).rglob("*.py"))
+}
+
+
+def test_nothing_is_compiled_unless_asked_for() -> None:
+    assert HOOK["enable-by-default"] is False
+
+
+@pytest.mark.parametrize("path", COMPILED)
+def test_a_module_that_is_compiled_is_there(path: str) -> None:
+    assert path in TREES
+
+
+def test_the_list_is_sorted_and_has_each_module_once() -> None:
+    assert sorted(set(COMPILED)) == COMPILED
+
+
+def _classes(path: str) -> Iterator[ast.ClassDef]:
+    return (node for node in ast.walk(TREES[path]) if isinstance(node, ast.ClassDef))
+
+
+def _is_open(kind: ast.ClassDef) -> bool:
+    """Whether classes in plain Python may build on it: it says so, or mypyc leaves it a class of Python."""
+    bases = {ast.unparse(base) for base in kind.bases}
+    is_python = bases & {"Protocol", "NamedTuple", "enum.Enum", "enum.StrEnum", "enum.IntEnum", "enum.IntFlag"}
+    return bool(is_python) or any("allow_interpreted_subclasses=True" in ast.unparse(d) for d in kind.decorator_list)
+
+
+def test_no_class_in_plain_python_builds_on_one_that_is_compiled() -> None:
+    """It would be refused with a TypeError, at its first use."""
+    closed = {kind.name for path in COMPILED for kind in _classes(path) if not _is_open(kind)}
+    breaches = [
+        f"{path}:{kind.lineno} {kind.name} builds on {base.id}"
+        for path in TREES.keys() - set(COMPILED)
+        for kind in _classes(path)
+        for base in kind.bases
+        if isinstance(base, ast.Name) and base.id in closed
+    ]
+    assert not breaches, "\n".join(sorted(breaches))
+
+
+@pytest.mark.parametrize("path", COMPILED)
+def test_no_tuple_of_floats_is_final_without_a_wider_type(path: str) -> None:
+    """Compiled, reading it raises NameError (mypyc issue 1183): write `Final[Sequence[float]]`."""
+    for node in TREES[path].body:
+        match node:
+            case ast.AnnAssign(annotation=ast.Name(id="Final"), value=ast.Tuple([ast.Constant(float()), *_])):
+                pytest.fail(f"{path}:{node.lineno} is a Final tuple that begins with a float")
+
+
+def test_no_module_that_is_compiled_is_run_as_a_program() -> None:
+    """`python -m` finds no code in what is compiled."""
+    assert not [path for path in COMPILED if "__main__" in (ROOT / path).read_text(encoding="utf-8")]
