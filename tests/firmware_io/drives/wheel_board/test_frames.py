@@ -69,7 +69,8 @@ def _signals(payload: Payload) -> Signals:
 def _payload(frame_id: FrameId, signals: Mapping[str, Any]) -> Payload:
     """Build the payload from values in the DBC's order, which is also the order of the fields."""
     message = DBC.get_message_by_name(frame_id.name)
-    values = {**signals, "Enable": bool(signals.get("Enable"))}
+    kinds = {"Enable": bool, "State": BoardState}
+    values = {name: kinds[name](value) if name in kinds else value for name, value in signals.items()}
     return TYPES[frame_id](*(values[signal.name] for signal in message.signals if signal.name not in PROTECTION))
 
 

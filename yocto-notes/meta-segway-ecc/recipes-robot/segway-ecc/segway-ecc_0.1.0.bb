@@ -82,6 +82,7 @@ RDEPENDS:${PN} += "\
     python3-mcap \
     python3-modules \
     python3-msgspec \
+    python3-mypy-extensions \
     python3-numpy \
     python3-pyserial \
     python3-pyyaml \
