@@ -1,17 +1,17 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
-# make test-compiled  the tests of the loop and of the rig against a compiled install (docs/performance.md)
 # make page    of these, the base station's page in a browser, with a report of its screenshots
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
+# make test-compiled, make bench-compiled: the tests of the loop and of the rig, and the bench, with a compiled install
 
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: run test test-compiled lint page boot disk prove coverage bench clean
+.PHONY: run test test-compiled lint page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -29,7 +29,7 @@ SOURCES := firmware_io node hil deploy
 
 test-compiled: $(COMPILED)/.ready
 	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/python -m pytest -n 1 --dist loadfile tests/compiled_build.py \
-	    tests/node/cycle tests/node/safety tests/node/model tests/node/models tests/node/recording tests/firmware_io tests/hil
+	    tests/node/cycle tests/node/safety tests/node/model tests/node/models tests/node/recording tests/node/ros tests/firmware_io tests/hil
 
 $(COMPILED)/.ready: pyproject.toml deploy/setup.sh $(shell find $(SOURCES) -name '*.py')
 	deploy/setup.sh $(COMPILED)
@@ -76,6 +76,9 @@ coverage: $(READY)
 
 bench: $(READY)
 	$(VENV)/bin/segway-ecc bench
+
+bench-compiled: $(COMPILED)/.ready
+	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/segway-ecc bench --only loops lock-step campaign latency
 
 $(READY): pyproject.toml deploy/setup.sh
 	deploy/setup.sh $(VENV)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from node.cycle import cycle
 from node.cycle.real_time import IDLE_LATENCY, PRIORITY, isolated_processors, no_deep_idle, real_time_priority
 
 PLANT_PRIORITY: Final = PRIORITY + 10
@@ -24,6 +25,7 @@ class Conditions:
         cores: Cores that they may use.
         isolated: Those that were set aside for them; empty where none were.
         kernel: Its release and kind.
+        is_compiled: Whether our own loop is, which the others have no choice in.
     """
 
     priority: int
@@ -32,6 +34,7 @@ class Conditions:
     cores: int
     isolated: tuple[int, ...]
     kernel: str
+    is_compiled: bool = False
 
     @property
     def plant_priority(self) -> int:
@@ -48,7 +51,8 @@ class Conditions:
             f"isolated {self.isolated}" if self.isolated else "none isolated",
             f"Linux {self.kernel}",
         ]
-        return f"{', '.join(facts)}; the same for all programs"
+        ours = "compiled" if self.is_compiled else "not compiled"
+        return f"{', '.join(facts)}; the same for all programs; ours is {ours}"
 
 
 @contextlib.contextmanager
@@ -65,4 +69,5 @@ def held_conditions() -> Iterator[Conditions]:
             cores=len(os.sched_getaffinity(0)),
             isolated=tuple(sorted(isolated_processors())),
             kernel=f"{uname.release}{' PREEMPT_RT' if 'PREEMPT_RT' in uname.version else ''}",
+            is_compiled=not cycle.__file__.endswith(".py"),
         )

@@ -5,7 +5,6 @@ what lies between them is memory (`node.ring`).
 """
 
 import contextlib
-import logging
 import select
 import signal
 import sys
@@ -40,7 +39,6 @@ _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
 _LOOK_S: Final = 0.1
 """Between two looks whether the loop's process has gone."""
-_logger = logging.getLogger(__name__)
 
 
 class Publishing:
@@ -68,8 +66,8 @@ class Publishing:
                 pause_s = min(2.0 * pause_s, _LONGEST_S)
             else:
                 # The loop wakes nobody, which would cost it more than all the rest: when it will report is known.
-                due_ns = self._reported_ns + self._period_ns + _AFTER_NS
-                time.sleep(max(due_ns - time.monotonic_ns(), 0) * 1e-9)
+                early_ns = self._reported_ns + self._period_ns + _AFTER_NS - time.monotonic_ns()
+                time.sleep(min(max(early_ns, 0), self._period_ns) * 1e-9)
                 pause_s = _SHORTEST_S
             if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()

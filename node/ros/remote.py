@@ -53,6 +53,7 @@ class Speaker:
             pass_fds=(self.reports, self.inboxes),
         )
         self.pid = self._process.pid
+        self._descriptors: tuple[int, ...] = self.reports, self.inboxes
 
     def tell(self, job: Job) -> None:
         """Say what it is to do, and wait until the robot is in ROS.
@@ -62,8 +63,7 @@ class Speaker:
         """
         assert self._process.stdin is not None  # noqa: S101 - it was asked for
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
-        os.close(self.reports)  # both are mapped by now, here and, by the same numbers, open there
-        os.close(self.inboxes)
+        self._release()  # both are mapped by now, here and, by the same numbers, open there
         with contextlib.suppress(BrokenPipeError):  # it has ended, and has said why
             self._process.stdin.write(msgspec.json.encode(job) + b"\n")
             self._process.stdin.flush()
@@ -79,13 +79,21 @@ class Speaker:
 
     def close(self) -> int:
         """Let the process end, and return with what it did; see `status`."""
-        with contextlib.suppress(OSError):
-            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for
+        self._release()
+        for stream in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(OSError):
+                stream.close()  # type: ignore[union-attr]  # it was asked for
         try:
             return self._process.wait(_CLOSE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             return self._process.wait()
+
+    def _release(self) -> None:
+        """Close what the rings were made with."""
+        for descriptor in self._descriptors:
+            os.close(descriptor)
+        self._descriptors = ()
 
 
 class RemoteStage:
@@ -96,7 +104,7 @@ class RemoteStage:
 
     Attributes:
         over: Why the world outside has ended, which ends the loop; None while it goes on.
-        dropped: Reports and other messages that were not published, because the process did not keep up.
+        dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
     def __init__(self, speaker: Speaker, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
@@ -147,10 +155,13 @@ class RemoteStage:
             if taken is None:
                 break
             kind, body = taken
-            if kind == ToLoop.WRITE:
-                self._write(decode_to_write(body), inbox)
-            else:
-                self._receive(body, inbox)
+            try:
+                if kind == ToLoop.WRITE:
+                    self._write(decode_to_write(body), inbox)
+                else:
+                    self._receive(body, inbox)
+            except msgspec.DecodeError:  # whatever that process does, the loop goes on
+                self.dropped += 1
         return inbox
 
     def publish(self, report: Report) -> None:
@@ -185,7 +196,7 @@ class RemoteStage:
         self._put(FromLoop.END, None)
         self._speaker.close()
         if self.dropped and not self._is_gone:
-            _logger.warning("%d messages were not published: ROS did not keep up", self.dropped)
+            _logger.warning("%d messages to or from ROS did not get through: its process did not keep up", self.dropped)
 
     def _receive(self, body: bytes, inbox: Inbox) -> None:
         arrived = decode_arrived(body)

@@ -9,7 +9,7 @@ import pytest
 
 from node.config import load_robot
 from node.cycle.clock import RealClock
-from node.cycle.seams import Report
+from node.cycle.seams import Inbox, Report
 from node.errors import RosUnavailableError
 from node.robot import Robot, build_robot
 from node.ros.remote import RemoteStage, Speaker
@@ -45,6 +45,16 @@ def stage(speaker: Speaker, robot: Robot) -> Iterator[RemoteStage]:
     stage.close()
 
 
+class Scripted:
+    """A ring that holds what it is told."""
+
+    def __init__(self, messages: list[tuple[int, bytes]]) -> None:
+        self._messages = messages
+
+    def take(self) -> tuple[int, bytes] | None:
+        return self._messages.pop(0) if self._messages else None
+
+
 def report(cycle: int, reason: str = "") -> Report:
     return Report(time.time_ns(), Mode.ARMED, [0.0] * 9, None, cycle=cycle, reason=reason, at_ns=time.monotonic_ns())
 
@@ -74,12 +84,22 @@ def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
     assert stage.dropped == 36
     wait_for(lambda: stage._reports.held() == 0)
     stage.close()
-    assert "36 messages were not published: ROS did not keep up" in caplog.text
+    assert "36 messages to or from ROS did not get through: its process did not keep up" in caplog.text
 
 
 def test_a_reason_of_any_length_is_told(stage: RemoteStage) -> None:
     stage.publish(report(1, "\u00e4" * 100_000))
     assert stage.dropped == 0
+
+
+def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage) -> None:
+    nonsense = [(kind, body) for kind in (1, 2, 99) for body in (b"", b"\xc1", b"\x93\x01\x02\x03")]
+    count = len(nonsense)
+    stage._inboxes = Scripted(nonsense)  # type: ignore[assignment]  # as if the process had put it there
+    found = [stage.take() for _ in range(3)]
+    assert stage.dropped == count
+    assert found == [Inbox()] * 3
+    stage.dropped = 0
 
 
 def test_a_process_that_never_ends_is_ended(
