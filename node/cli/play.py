@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         plant, guard = _start(stack, options, Path(folder))
         rig = _rig(plant, guard, file, robot)
         ours, theirs = channel()
-        stage = _stage(options, robot, rig, LoopEnd(ours))
+        stage = _stage(stack, options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
         stage.watch(loop.modes)
         stack.enter_context(_terminal(ours, theirs))
@@ -105,13 +105,16 @@ def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> Rig:
     return Rig(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
 
 
-def _stage(options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEnd) -> PlayStage:
+def _stage(
+    stack: contextlib.ExitStack, options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEnd
+) -> PlayStage:
     """The keyboard's stage, with ROS behind it where it is."""
     if options.ros:
         require_ros()
     behind: Stage = NoStage()
     if options.ros is not False and not missing_packages():
-        behind, rig.has_ros = RemoteStage(Speaker(), robot, options.namespace, options.ros_arguments), True
+        speaker = stack.enter_context(contextlib.closing(Speaker()))
+        behind, rig.has_ros = RemoteStage(speaker, robot, options.namespace, options.ros_arguments), True
     return PlayStage(behind, terminal, rig, robot)
 
 

@@ -1,6 +1,7 @@
 """`segway-ecc run ROBOT`: the model node."""
 
 import argparse
+import contextlib
 import dataclasses
 import logging
 import os
@@ -73,9 +74,10 @@ def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
-    with messages():
-        speaker = Speaker() if _has_ros(options) else None
-        robot = build_robot(robot_file(options), RealClock())
+    file = robot_file(options)
+    with messages(), contextlib.ExitStack() as stack:
+        speaker = stack.enter_context(contextlib.closing(Speaker())) if _has_ros(options) else None
+        robot = build_robot(file, RealClock())
         recorder = _recorder(options, robot)
         stage = _stage(options, robot, speaker)
         loop = robot.loop(stage, recorder)

@@ -5,6 +5,7 @@ It is told lines on its standard input and answers each with one: `ready` once i
 """
 
 import argparse
+import contextlib
 import os
 import sys
 import threading
@@ -84,11 +85,11 @@ def main() -> int:
     clock = MeteredClock(RealClock())
     robot = build_robot(robot_file(options), clock)
     recorder = ProcessRecorder(options.log, layout_of(robot))
-    speaker = Speaker()
-    loop = robot.loop(RemoteStage(speaker, robot, options.namespace), recorder)
-    _Operator(clock, loop, [os.getpid(), speaker.pid]).start()
-    with real_time():
-        loop.run()
+    with contextlib.closing(Speaker()) as speaker:
+        loop = robot.loop(RemoteStage(speaker, robot, options.namespace), recorder)
+        _Operator(clock, loop, [os.getpid(), speaker.pid]).start()
+        with real_time():
+            loop.run()
     return 0
 
 
