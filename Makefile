@@ -27,16 +27,18 @@ COMPILED := .venv-compiled
 COPY := build/compiled
 SOURCES := firmware_io node hil deploy
 
+COMPILED_TESTS := $(addprefix tests/,node/cycle node/safety node/model node/models node/recording node/ros firmware_io hil)
+
 test-compiled: $(COMPILED)/.ready
-	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/python -m pytest -n 1 --dist loadfile tests/compiled_build.py \
-	    tests/node/cycle tests/node/safety tests/node/model tests/node/models tests/node/recording tests/node/ros tests/firmware_io tests/hil
+	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/python -m pytest -n 2 --dist loadfile --ignore tests/hil/kernels \
+	    tests/compiled_build.py $(COMPILED_TESTS)
 
 $(COMPILED)/.ready: pyproject.toml deploy/setup.sh $(shell find $(SOURCES) -name '*.py')
 	deploy/setup.sh $(COMPILED)
 	rm -rf $(COPY) && mkdir -p $(COPY)/source $(COPY)/away
 	git ls-files -z --cached --others --exclude-standard | xargs -0 cp --parents -t $(COPY)/source
 	HATCH_BUILD_HOOKS_ENABLE=1 $(COMPILED)/bin/pip install --quiet --no-deps --force-reinstall $(COPY)/source
-	cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES),$(wildcard *))) .
+	cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES) build out,$(wildcard *))) .
 	touch $@
 
 lint: $(READY)

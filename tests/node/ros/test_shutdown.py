@@ -1,5 +1,6 @@
 """However the model node ends, the last command on the bus is zero with the motors off."""
 
+import importlib.resources
 import os
 import signal
 import subprocess
@@ -13,13 +14,14 @@ import cantools
 import pytest
 
 from firmware_io.links.local_bus import LocalBus
+from node.config import read_text
 from node.soak.usage import children
 
 pytestmark = pytest.mark.ros
 
 Start = Callable[..., "subprocess.Popen[str]"]
-ROOT = Path(__file__).parents[3]
-DBC = cantools.database.load_file(ROOT / "firmware_io/drives/wheel_board/wheel_board.dbc")
+BOARD = importlib.resources.files("firmware_io") / "drives" / "wheel_board"
+DBC = cantools.database.load_string((BOARD / "wheel_board.dbc").read_text("utf-8"), "dbc")
 WHEEL_COMMAND = DBC.get_message_by_name("WHEEL_COMMAND")
 ENDS_WITHIN_S = 30.0
 FAILING_MODEL = """
@@ -131,7 +133,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     start: Start, messages: Path, witness: can.BusABC, channel: str, manoeuvre: str, tmp_path: Path
 ) -> None:
     (tmp_path / "failing_model.py").write_text(FAILING_MODEL, "utf-8")
-    packaged = (ROOT / "node/robots/cart-can.yaml").read_text("utf-8")
+    packaged = read_text("cart-can")
     robot = tmp_path / "failing.yaml"
     robot.write_text(packaged.replace("node.models.cart:CartController", "failing_model:Failing"), "utf-8")
     words = ["run", str(robot), "--interface", "local", "--channel", channel, "--no-ros", "--no-log"]
