@@ -1,6 +1,7 @@
 """The process that writes a run's log: what it is to do comes through its standard input, the cycles through a ring."""
 
 import ctypes
+import itertools
 import os
 import select
 import signal
@@ -24,7 +25,9 @@ _PAUSE_S: Final = 0.1
 """Between two looks: what is there is safe from all but a loss of power, and many at once cost less than each alone."""
 _SHORT_PAUSE_S: Final = 0.01
 _MANY: Final = SLOTS // 8
-"""So many at one look, and the next comes sooner."""
+"""So many at one look, and the next comes sooner, and what there is goes to the disk: memory is no larger for it."""
+_LOOKS: Final = 2
+"""At the end: a ring looks twice at what does not look whole."""
 
 
 def write_log(source: int, memory: int) -> None:
@@ -47,20 +50,24 @@ def write_log(source: int, memory: int) -> None:
         time.sleep(pause_s)
         taken, lost = _keep_all(log, codec, ring)
         damaged += lost
-        pause_s = _SHORT_PAUSE_S if taken > _MANY else _PAUSE_S
-        if time.monotonic_ns() >= due_ns:
+        pause_s = _SHORT_PAUSE_S if taken == _MANY else _PAUSE_S
+        if taken == _MANY or time.monotonic_ns() >= due_ns:
             log.flush()
             due_ns = time.monotonic_ns() + FLUSH_NS
-    # Twice: a ring looks twice at what did not look whole.
-    damaged += _keep_all(log, codec, ring)[1] + _keep_all(log, codec, ring)[1] + ring.damaged
+    looks_for_nothing = 0
+    while looks_for_nothing < _LOOKS:
+        taken, lost = _keep_all(log, codec, ring)
+        damaged += lost
+        looks_for_nothing += taken == 0
+    damaged += ring.damaged
     if damaged:
         _tell(f"{damaged} records were damaged on their way and are missing in the log {job.path}")
     log.close()
 
 
 def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> tuple[int, int]:
-    """Log the messages that have arrived; returns how many they were, and how many of them damaged."""
-    kept = [_keep(log, codec, message) for message in ring.take_all()]
+    """Log messages that have arrived, `_MANY` at most; returns how many they were, and how many of them damaged."""
+    kept = [_keep(log, codec, message) for message in itertools.islice(ring.take_all(), _MANY)]
     return len(kept), kept.count(False)
 
 
