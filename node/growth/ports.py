@@ -21,7 +21,7 @@ from node.recording.layout import layout_of
 from node.recording.recorder import ProcessRecorder
 from node.robot import Robot
 
-CYCLES: Final = 1000
+CYCLES: Final = 900
 """Fewer than there are slots between the loop and the process that writes the log, so that it never waits for one."""
 _WARM_UP: Final = 200
 _BITRATE: Final = 1_000_000
