@@ -53,6 +53,11 @@ class Waiting:
         """Have it wait no longer."""
         self._waker.trigger_guard_condition()
 
+    def close(self) -> None:
+        """Let go of what it waits with, before the node does."""
+        self._wait_set.destroy_when_not_in_use()
+        self._waker.destroy_when_not_in_use()
+
 
 class Arrivals:
     """Waits for what arrives, and hands it to the loop.

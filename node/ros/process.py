@@ -39,6 +39,10 @@ _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
 _LOOK_S: Final = 0.1
 """Between two looks whether the loop's process has gone."""
+HANGS_S: Final = 10
+"""After so long in a call of DDS the kernel ends this process (SIGALRM): the loop then knows that it has no ROS."""
+_LEAVES_S: Final = 4
+"""So long it has to leave ROS: where several nodes left at once, Fast DDS was seen to go round in circles for ever."""
 
 
 class Publishing:
@@ -56,6 +60,7 @@ class Publishing:
 
     def run(self, source: int) -> None:
         """Publish; `source` is a file descriptor which ends when the loop's process has."""
+        signal.alarm(HANGS_S)
         pause_s, looked_s = _SHORTEST_S, time.monotonic()
         while not self._is_over and self._arrivals.is_running:
             before_ns = self._reported_ns
@@ -71,6 +76,7 @@ class Publishing:
                 pause_s = _SHORTEST_S
             if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()
+                signal.alarm(HANGS_S)
                 self._is_over = self._is_over or _has_ended(source)
 
     def _do(self, kind: int, body: bytes) -> None:
@@ -120,9 +126,11 @@ def speak(job: Job, source: int) -> None:
             with real_time_priority(HELPERS_PRIORITY):
                 publishing.run(source)
         finally:
+            signal.alarm(_LEAVES_S)
             arrivals.stop()
             waiting.wake()
             listening.join()
+            waiting.close()
 
 
 def _tell(line: str) -> None:
