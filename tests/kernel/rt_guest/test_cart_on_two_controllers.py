@@ -12,7 +12,8 @@ HEARD_ON_CAN1 = Path("/sys/class/net/can1/statistics/rx_packets")
 
 def test_node_and_plant_talk_over_the_controllers() -> None:
     plant_words = [*COMMAND, "plant", "cart-can", "--channel", "can1", "--json"]
-    node_words = [*COMMAND, "run", "cart-can", "--channel", "can0", "--no-ros", "--no-log", "--duration", "15", "--json"]
+    node_words = [*COMMAND, "run", "cart-can", "--channel", "can0", "--no-ros", "--no-log", "--json"]
+    node_words += ["--duration", "15"]
     before = int(HEARD_ON_CAN1.read_text("ascii"))
     with subprocess.Popen(plant_words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as plant:
         try:
