@@ -38,6 +38,7 @@ class BoundedLog:
         self._bounds = bounds
         self._tell = tell
         self._number = 0
+        self._file = path
         self._unflushed = 0
         self._log: CycleLog | None = None
         try:
@@ -84,13 +85,10 @@ class BoundedLog:
             self._log.close()
             self._next()
 
-    @property
-    def _file(self) -> Path:
-        return part(self._path, self._number)
-
     def _next(self) -> None:
         """Open the next file; its name and its beginning are on the disk when this returns."""
         self._number = min(self._number + 1, _PARTS)
+        self._file = part(self._path, self._number)
         make_room(self._path, self._bounds, 0, self._file)
         log = CycleLog(self._file, self._layout, self._provenance)
         self._log = log

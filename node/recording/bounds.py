@@ -3,9 +3,9 @@
 import contextlib
 import fcntl
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -27,6 +27,14 @@ class Bounds(msgspec.Struct, frozen=True):
     is_own_folder: bool = False
 
 
+class _Log(NamedTuple):
+    """A file, in the order in which they are removed."""
+
+    written_ns: int
+    name: str
+    size: int
+
+
 def part(path: Path, number: int) -> Path:
     """The file of the n-th part of a log, from 1 on: `run.mcap`, `run-0002.mcap`, ..."""
     return path if number == 1 else path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
@@ -34,8 +42,8 @@ def part(path: Path, number: int) -> Path:
 
 def parts(path: Path) -> list[Path]:
     """The parts of a log that are there, the first one first."""
-    later = (found for found in path.parent.glob(f"*{path.suffix}") if _number(path, found) is not None)
-    return [path, *sorted(later, key=lambda found: _number(path, found) or 0)]
+    numbers = [_number(path, entry.name) for entry in _entries(path.parent)]
+    return [path, *(part(path, number) for number in sorted(n for n in numbers if n is not None))]
 
 
 def make_room(path: Path, bounds: Bounds, taken: int, keep: Path) -> list[Path]:
@@ -50,16 +58,16 @@ def make_room(path: Path, bounds: Bounds, taken: int, keep: Path) -> list[Path]:
     Returns:
         What was removed.
     """
-    there = [found for found in (_logs(path.parent) if bounds.is_own_folder else parts(path)) if found != keep]
-    sizes = {found: (status.st_mtime_ns, status.st_size) for found, status in _stats(there)}
-    total = taken + sum(size for _, size in sizes.values())
+    others = sorted(log for log in _logs(path, bounds) if log.name != keep.name)
+    total = taken + sum(log.size for log in others)
     removed = []
-    for found in sorted(sizes, key=lambda found: (sizes[found][0], found.name)):
+    for log in others:
         if total <= bounds.total_bytes:
             break
+        found = path.with_name(log.name)
         if _remove(found):
             removed.append(found)
-            total -= sizes[found][1]
+            total -= log.size
     return removed
 
 
@@ -69,21 +77,37 @@ def claim(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _logs(folder: Path) -> list[Path]:
-    return list(folder.glob(f"*{_SUFFIX}"))
+def _logs(path: Path, bounds: Bounds) -> Iterator[_Log]:
+    """The logs that may be removed, and the one that is being written."""
+    # By their names: each Path made of one would take a place among Python's interned strings, and their table grow.
+    for entry in _entries(path.parent):
+        is_ours = entry.name.endswith(_SUFFIX) if bounds.is_own_folder else _is_of(path, entry.name)
+        if is_ours:
+            with contextlib.suppress(OSError):  # somebody else has removed it
+                status = entry.stat()
+                yield _Log(status.st_mtime_ns, entry.name, status.st_size)
 
 
-def _stats(paths: Iterable[Path]) -> Iterator[tuple[Path, os.stat_result]]:
-    for path in paths:
-        with contextlib.suppress(OSError):  # somebody else has removed it
-            yield path, path.stat()
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """What is in a folder; nothing where it is not there."""
+    try:
+        with os.scandir(folder) as found:
+            return list(found)
+    except OSError:
+        return []
 
 
-def _number(path: Path, found: Path) -> int | None:
+def _is_of(path: Path, name: str) -> bool:
+    """Whether a file is a part of a log."""
+    return name == path.name or _number(path, name) is not None
+
+
+def _number(path: Path, name: str) -> int | None:
     """Which part of a log a file is; None for the first, and for what is none."""
-    stem, _, number = found.stem.rpartition("-")
-    is_part = stem == path.stem and number.isascii() and number.isdigit() and found.suffix == path.suffix
-    return int(number) if is_part and found == part(path, int(number)) else None
+    head, tail = f"{path.stem}-", path.suffix
+    number = name.removeprefix(head).removesuffix(tail)
+    is_part = number.isascii() and number.isdigit() and name == f"{head}{int(number):04d}{tail}"
+    return int(number) if is_part else None
 
 
 def _remove(path: Path) -> bool:

@@ -161,9 +161,8 @@ class McapLog:
         """Finishes the chunk and puts all that was logged onto the disk: no power cut takes it away any more."""
         self._require_open()
         try:
-            # The library finishes a chunk by itself only when it is large; a test sees that this goes on working.
-            self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]  # noqa: SLF001 - as said
-            self._stream.flush()
+            # The library finishes a chunk by itself only when it is large.
+            self._writer.flush()  # type: ignore[no-untyped-call]  # as of finish
             if self._owns_stream:
                 self.size = self._stream.tell()
                 _sync(self._stream.fileno())
