@@ -1,6 +1,7 @@
 # make run     set up, run the case study in every seat, and write its report
 # make test    set up, lint, check types, run the tests
 # make page    of these, the base station's page in a browser, with a report of its screenshots
+# make rt-test the tests that need a PREEMPT_RT kernel and two CAN controllers, in an emulated machine
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
@@ -11,7 +12,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 
-.PHONY: run test test-compiled lint page boot disk prove coverage bench bench-compiled clean
+.PHONY: run test rt-test test-compiled lint page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -19,8 +20,12 @@ run: $(READY)
 # Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS, and
 # drills, come by themselves: robots in real time, with less beside them. firmware_io knows no ROS (tests/test_architecture.py).
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros and not real_time' -n 3 --dist loadfile
+	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros and not real_time and not rt_kernel' -n 3 --dist loadfile
 	$(VENV)/bin/python -m pytest -m '(ros or real_time) and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
+
+# Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
+rt-test: $(READY)
+	$(VENV)/bin/python -m pytest -m 'rt_kernel and not proof and not image'
 
 # A wheel of a copy, since the build leaves its results among the sources; and run from where no sources are.
 COMPILED := .venv-compiled

@@ -22,8 +22,8 @@ from node.supervisor.views import FleetView, RobotView
 
 FAULT: Final = 10
 _LOOK_EVERY_S: Final = 0.05
-_SETTLED_S: Final = 3.0
-"""Without a new robot for this long all are taken to be found; DDS takes up to that long on a busy machine."""
+_SETTLED_S: Final = 4.0
+"""Without a new robot for this long all are taken to be found: what Fast DDS lost it says again after 3 s."""
 _LONGEST_S: Final = 3600.0
 _NONE: Final = "-"
 

@@ -12,6 +12,8 @@ from node.case_study.study import Seat, Trajectory
 from node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 from node.sequence.player import Odometry
 
+pytestmark = pytest.mark.real_time
+
 
 def close_to_offline(found: Trajectory, manoeuvre: Manoeuvre, tmp_path: Path, within: float) -> None:
     logs = tmp_path / "offline"

@@ -20,6 +20,8 @@ from firmware_io.guard.heartbeat import HeartbeatSender
 from firmware_io.links.local_bus import LocalBus
 from firmware_io.settings import CanSettings
 
+pytestmark = pytest.mark.real_time
+
 Run = Callable[..., Any]
 PATIENCE_S = 30.0
 STATUS = 9

@@ -16,6 +16,8 @@ import pytest
 
 from firmware_io.links.local_bus import LocalBus
 
+pytestmark = pytest.mark.real_time
+
 Run = Callable[..., Any]
 BOARD_STATUS = 0x130
 TICK_NS = 5_000_000

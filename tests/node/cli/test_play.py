@@ -18,6 +18,8 @@ import pytest
 from firmware_io.links.local_bus import LocalBus
 from tests.ros_domains import next_domain
 
+pytestmark = pytest.mark.real_time
+
 Run = Callable[..., Any]
 PATIENCE_S = 40.0
 COMMAND, LEFT_WHEEL = 0x110, 0x120

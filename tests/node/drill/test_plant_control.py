@@ -26,6 +26,8 @@ from node.drill.disturbed_link import Disturbance, DisturbedLink
 from node.drill.plant_control import LineReader, PlantControl
 from node.testing import START_NS, ScriptedClock
 
+pytestmark = pytest.mark.real_time
+
 PATIENCE_S = 30.0
 TICK_NS = 5_000_000
 LEFT_WHEEL, RIGHT_WHEEL = 0x120, 0x121

@@ -12,6 +12,8 @@ from node.latency.result import Latency, Where
 from node.latency.same_process import HandedStage
 from node.latency.saying import MOST, say_all
 
+pytestmark = pytest.mark.real_time
+
 
 def test_a_set_point_comes_out_of_the_model_as_it_is() -> None:
     model = Echo()

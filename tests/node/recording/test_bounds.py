@@ -78,7 +78,7 @@ def test_within_the_bounds_nothing_goes(tmp_path: Path) -> None:
 
 
 def test_a_look_that_removes_nothing_interns_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each would take a place in a table of Python's for good, which is made larger when it is full: a leak of 0.5 MB."""
+    """Each would take a place in a table of Python's for good, and a full one is made larger: by 0.5 MB at once."""
     interned: list[str] = []
     log(tmp_path, "run-0002.mcap", 100, age=1)
     path = log(tmp_path, "run.mcap", 100, age=0)

@@ -9,6 +9,8 @@ from node.soak.figures import figure
 from node.soak.real_time import Run, soak
 from node.soak.watching import Watching
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.ros
 @pytest.mark.timeout(180)
