@@ -162,17 +162,15 @@ class Assembly:
                 ]
             else:
                 valid += readings.valid
+        faults: tuple[str, ...] = ()
+        ready, off = True, not self._armed
+        for drive in self._drives:
+            faults += drive.faults()
+            ready = ready and drive.is_enabled
+            off = off and drive.is_off
         events = tuple(self._events)
         self._events.clear()
-        return Sensors(
-            tuple(values),
-            tuple(ages),
-            tuple(valid),
-            tuple(fault for drive in self._drives for fault in drive.faults()),
-            all(drive.is_enabled for drive in self._drives),
-            events,
-            not self._armed and all(drive.is_off for drive in self._drives),
-        )
+        return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off)
 
     def _is_patient_with(self, device: Sensor) -> bool:
         """Whether what a device told a little while ago is still to be used: the robot must not be let fall.

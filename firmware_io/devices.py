@@ -1,8 +1,9 @@
 """What is at the other end of a link: sensors, and drives, which are sensors that also move something."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
+
+import msgspec
 
 from firmware_io.links.link import Frame
 
@@ -17,8 +18,7 @@ class FrameKey(NamedTuple):
     is_extended: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
+class Readings(msgspec.Struct, frozen=True):
     """The newest values of one device, in the order of its `signals`; see `Sensors`."""
 
     values: tuple[float, ...]

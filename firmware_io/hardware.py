@@ -1,12 +1,12 @@
 """The seam between the robot's hardware and what controls it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
+import msgspec
 
-@dataclass(frozen=True, slots=True)
-class Sensors:
+
+class Sensors(msgspec.Struct, frozen=True):
     """One consistent snapshot of everything the hardware measured.
 
     The three sequences are in the order of `Hardware.signals`.

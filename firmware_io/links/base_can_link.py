@@ -11,7 +11,6 @@ from firmware_io.links.can_port import (
     EXTENDED_IDENTIFIER,
     REMOTE,
     STANDARD_IDENTIFIER,
-    Arrival,
     CanPort,
     PortError,
 )
@@ -27,6 +26,8 @@ _FAILURES: Final = 10
 """Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
 _MAX_IDENTIFIERS: Final = 4096
 """Of our own that are kept, to know them again; a robot has some tens."""
+# As Frame(...) does too, but through a function in Python.
+_made: Final = tuple.__new__
 
 
 def wall_ns() -> int:
@@ -138,10 +139,20 @@ class BaseCanLink:
         port = self._port or self._regain()
         frames: list[Frame] = []
         now_ns = self._now_ns()
-        offset_ns = now_ns - self._wall_ns()
+        offset_ns, since_ns, own = now_ns - self._wall_ns(), self._drained_ns, self._own
         try:
-            for arrival in port.drain():
-                self._take(arrival, offset_ns, now_ns, frames)
+            for word, data, stamp_ns in port.drain():
+                is_extended = word >= EXTENDED
+                identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
+                if word & (ERROR | REMOTE) or identifier | word & EXTENDED in own:
+                    self._take_other(word, identifier, data, now_ns, frames)
+                    continue
+                received_ns = stamp_ns + offset_ns
+                if not since_ns <= received_ns <= now_ns:
+                    received_ns = since_ns if received_ns < since_ns else now_ns
+                frame = _made(Frame, (identifier, data, received_ns, is_extended, False))
+                self._count_received(frame)
+                frames.append(frame)
         except PortError as error:
             self._failures = 1 if frames else self._failures + 1
             if error.is_gone or self._failures >= _FAILURES:
@@ -160,31 +171,26 @@ class BaseCanLink:
             self._port.close()
             self._port = None
 
-    def _take(self, arrival: Arrival, offset_ns: int, now_ns: int, frames: list[Frame]) -> None:
-        word, data, stamp_ns = arrival
+    def _take_other(self, word: int, identifier: int, data: bytes, now_ns: int, frames: list[Frame]) -> None:
+        """What came and is no data frame of somebody else."""
         # Error frames first: their identifier is a bit field that can equal a data frame's.
         if word & ERROR:
             self.counters.error_frames += 1
             self._errors.take(word & EXTENDED_IDENTIFIER, data)
-            return
-        is_extended = bool(word & EXTENDED)
-        identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
-        if word & REMOTE:
+        elif word & REMOTE:
+            asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
             self.counters.remote_frames += 1
-            asked = Frame(identifier, b"", now_ns, is_extended, is_remote=True)
             self.counters.bits += worst_case_bits(asked)
             if self.hears_remote:
                 frames.append(asked)
-        elif identifier | word & EXTENDED in self._own:
-            self.counters.echoes += 1
         else:
-            received_ns = min(max(stamp_ns + offset_ns, self._drained_ns), now_ns)
-            frame = Frame(identifier, data, received_ns, is_extended)
-            self.counters.received += 1
-            self.counters.bits += worst_case_bits(frame)
-            frames.append(frame)
-            if self._errors.state is LinkState.BUS_OFF:  # a controller that is off hears nothing
-                self._errors.state = LinkState.ACTIVE
+            self.counters.echoes += 1
+
+    def _count_received(self, frame: Frame) -> None:
+        self.counters.received += 1
+        self.counters.bits += worst_case_bits(frame)
+        if self._errors.state is LinkState.BUS_OFF:  # a controller that is off hears nothing
+            self._errors.state = LinkState.ACTIVE
 
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1

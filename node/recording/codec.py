@@ -5,7 +5,6 @@ caches are cold, and each further function, of Python or of C, takes some micros
 log holds. MessagePack's own limits are those of the log: 64 bits for numbers of both kinds.
 """
 
-import dataclasses
 import math
 import struct
 from collections.abc import Iterator, Sequence
@@ -197,7 +196,7 @@ def pack_apart(record: CycleRecord, buffer: bytearray) -> Iterator[Message]:
     pieces = happenings(record)
     for body in _events(record.stamp_ns, record.cycle, pieces):
         yield EVENTS, body
-    sensors = dataclasses.replace(record.sensors, faults=(), events=())
+    sensors = msgspec.structs.replace(record.sensors, faults=(), events=())
     pack_cycle(record._replace(sensors=sensors, inbox=None, answers=(), initial=None), buffer, told=len(pieces))
     yield CYCLE, bytes(buffer)
 

@@ -80,13 +80,13 @@ def restored(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
                     raise _not_one_of_ours(other)
     except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
         raise RecordingError(f"what the log tells of cycle {record.cycle} is not understood: {error}") from error
-    sensors = dataclasses.replace(record.sensors, faults=tuple(faults), events=tuple(events))
+    sensors = msgspec.structs.replace(record.sensors, faults=tuple(faults), events=tuple(events))
     return record._replace(sensors=sensors, inbox=inbox, answers=answers, initial=initial)
 
 
 def _pieces(record: CycleRecord) -> Iterator[Piece]:
     if record.initial is not None:
-        yield ["initial", dataclasses.asdict(record.initial)]
+        yield ["initial", msgspec.structs.asdict(record.initial)]
     for name in _FIELDS if record.inbox is not None else ():
         for arrived in getattr(record.inbox, name):
             yield [name, arrived.action if isinstance(arrived, Request) else arrived]

@@ -10,13 +10,10 @@ from firmware_io.drives.off_word import OffWord
 from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
-    AngularVelocity,
     BoardSetup,
     BoardState,
     BoardStatus,
     FrameId,
-    LinearAcceleration,
-    Wheel,
     WheelCommand,
 )
 from firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
@@ -83,12 +80,12 @@ class WheelBoard:
         if received is None:
             return False
         self._fresh.mark(received.frame_id, received.received_ns)
-        match received.payload:
-            case Wheel() | AngularVelocity() | LinearAcceleration():
-                self._newest[received.frame_id] = received.payload
-            case BoardStatus():
-                self._hear(received.payload)
-                self._word.hear(received.received_ns, is_off=self._status.state is not BoardState.ENABLED)
+        payload = received.payload
+        if isinstance(payload, BoardStatus):
+            self._hear(payload)
+            self._word.hear(received.received_ns, is_off=payload.state is not BoardState.ENABLED)
+        else:
+            self._newest[received.frame_id] = payload
         return True
 
     def read(self) -> Readings:
@@ -101,8 +98,8 @@ class WheelBoard:
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
-        return Readings(tuple(values), tuple(ages), tuple(valid)).plus(self._status.bus_voltage, supply_age)
+        age, is_fresh = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
+        return Readings((*values, self._status.bus_voltage), (*ages, age), (*valid, is_fresh))
 
     def obstacles(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,7 +42,7 @@ INBOX = Inbox(
 
 
 def again(record: CycleRecord) -> CycleRecord:
-    blank = dataclasses.replace(record.sensors, faults=(), events=())
+    blank = msgspec.structs.replace(record.sensors, faults=(), events=())
     return restored(record._replace(sensors=blank, inbox=None, answers=(), initial=None), texts(happenings(record)))
 
 
