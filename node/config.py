@@ -1,6 +1,5 @@
 """The robot file: one YAML document, decoded into typed structures in one go."""
 
-import importlib.resources
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,7 +16,7 @@ Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
 SecondsOrNone = Annotated[float, msgspec.Meta(ge=0.0, le=86_400.0)]
 
-_PACKAGED = importlib.resources.files("node") / "robots"
+_PACKAGED = Path(__file__).parent / "robots"
 
 
 class ModelSection(Section, frozen=True, kw_only=True):

@@ -31,7 +31,7 @@ from node.config import NoHardwareSection, RobotFile, load_robot
 from node.cycle.seams import NoRecorder, Recorder
 from node.errors import ConfigurationError, NodeError
 from node.recording.cycle_log import CycleLog, layout_of
-from node.recording.provenance import provenance_of
+from node.recording.robot_provenance import provenance_of
 from node.robot import Robot, build_robot, clocks_of
 from node.safety.modes import Mode
 from node.sequence.manoeuvre import Manoeuvre

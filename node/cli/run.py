@@ -27,8 +27,8 @@ from node.errors import ConfigurationError, RobotLostError
 from node.logs import messages
 from node.recording.bounds import MB, Bounds
 from node.recording.layout import layout_of
-from node.recording.provenance import robot_provenance
 from node.recording.recorder import ProcessRecorder
+from node.recording.robot_provenance import robot_provenance
 from node.robot import Robot, build_robot
 from node.ros.remote import RemoteStage, Speaker
 from node.ros.runtime import missing_packages, require_ros

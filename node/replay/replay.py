@@ -13,7 +13,7 @@ from node.cycle.seams import CycleRecord, NoRecorder
 from node.cycle.wiring import wire
 from node.errors import ModelFailedError
 from node.model.load import load_model
-from node.recording.provenance import model_hash
+from node.recording.robot_provenance import model_hash
 from node.replay.compare import Difference, differences
 from node.replay.log import RecordedRun
 from node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage

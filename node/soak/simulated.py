@@ -23,8 +23,8 @@ from node.cycle.seams import CycleRecord, NoRecorder
 from node.cycle.status import Status
 from node.errors import NodeError
 from node.recording.layout import layout_of
-from node.recording.provenance import provenance_of
 from node.recording.recorder import ProcessRecorder
+from node.recording.robot_provenance import provenance_of
 from node.robot import Robot
 from node.soak.watching import LOG, Counted, Watching, helpers_of
 

@@ -82,7 +82,12 @@ def test_a_look_that_removes_nothing_interns_no_name(tmp_path: Path, monkeypatch
     interned: list[str] = []
     log(tmp_path, "run-0002.mcap", 100, age=1)
     path = log(tmp_path, "run.mcap", 100, age=0)
-    monkeypatch.setattr(sys, "intern", lambda text: interned.append(text) or text)
+
+    def intern(text: str) -> str:
+        interned.append(text)
+        return text
+
+    monkeypatch.setattr(sys, "intern", intern)
     make_room(path, Bounds(200, 100), 100, path)
     make_room(path, Bounds(200, 100, is_own_folder=True), 100, path)
     found = interned.copy()

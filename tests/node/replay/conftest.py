@@ -14,7 +14,7 @@ from node.cycle.seams import CycleRecord, Inbox, NoStage, StampedSetpoint
 from node.cycle.setpoints import Setpoint
 from node.model.model import Model
 from node.recording.cycle_log import CycleLog, layout_of
-from node.recording.provenance import provenance_of
+from node.recording.robot_provenance import provenance_of
 from node.robot import Robot, build_robot
 from node.sequence.manoeuvre import Segment
 

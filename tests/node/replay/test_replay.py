@@ -16,8 +16,9 @@ from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.cycle_log import CycleLog, layout_of
 from node.recording.layout import Layout
-from node.recording.provenance import Provenance, provenance_of
+from node.recording.provenance import Provenance
 from node.recording.recorder import ProcessRecorder
+from node.recording.robot_provenance import provenance_of
 from node.replay.log import RecordedRun
 from node.replay.replay import replay
 from node.robot import Robot, build_robot

@@ -12,7 +12,7 @@ import pytest
 
 from node.config import RobotFile, load_robot, packaged_robots, read_text
 from node.model.load import load_model
-from node.recording.provenance import model_hash, provenance_of
+from node.recording.robot_provenance import model_hash, provenance_of
 
 
 @pytest.mark.parametrize("name", packaged_robots())
