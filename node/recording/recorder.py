@@ -1,19 +1,15 @@
 """The loop's side of the recorder: hands each cycle to a process of its own and never waits for it."""
 
-import contextlib
 import logging
 import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
 from node.cycle.seams import CycleRecord
 from node.cycle.status import Status
 from node.errors import RecordingError
+from node.helper import end_helper, start_helper, tell_helper
 from node.recording.bounds import Bounds
 from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pack_cycle, pack_diagnostics
 from node.recording.job import SLOTS, Job
@@ -57,18 +53,10 @@ class ProcessRecorder:
         memory = open_ring(SLOTS, slot_bytes)
         try:
             self._ring = RingWriter(memory, slot_bytes)
-            self._process = subprocess.Popen(  # noqa: S603 - our own program
-                [sys.executable, "-m", "node.recording.writer", str(memory)],
-                stdin=subprocess.PIPE,
-                start_new_session=True,
-                pass_fds=(memory,),
-            )
+            self._process = start_helper("node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
-        assert self._process.stdin is not None  # noqa: S101 - it was asked for a line ago
-        job = msgspec.json.encode(Job(str(path), layout, provenance, bounds or Bounds()))
-        self._process.stdin.write(job + b"\n")
-        self._process.stdin.flush()
+        tell_helper(self._process, Job(str(path), layout, provenance, bounds or Bounds()))
 
     def write(self, record: CycleRecord) -> None:
         """Hand over a cycle; one that finds no room is dropped and counted."""
@@ -91,13 +79,7 @@ class ProcessRecorder:
 
     def close(self) -> None:
         """Let the writer finish the log."""
-        with contextlib.suppress(OSError):
-            self._process.stdin.close()  # type: ignore[union-attr]  # it was asked for when it was started
-        try:
-            status = self._process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            status = self._process.wait()
+        status = end_helper(self._process, _CLOSE_S)
         if status != 0:
             _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)
         self.dropped += self._ring.held()

@@ -6,7 +6,6 @@ import functools
 import logging
 import os
 import subprocess
-import sys
 from collections.abc import Sequence
 from typing import Final
 
@@ -15,6 +14,7 @@ import msgspec
 from node.cycle.seams import Inbox, Report, Request, Written
 from node.cycle.status import Status
 from node.errors import ModelError, RosUnavailableError
+from node.helper import end_helper, start_helper, tell_helper
 from node.model.model import Model
 from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring, size_ring
 from node.robot import Robot
@@ -45,15 +45,9 @@ class Speaker:
     def __init__(self) -> None:
         """Start it."""
         self.reports, self.inboxes = open_ring(), open_ring()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "node.ros.process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            pass_fds=(self.reports, self.inboxes),
-        )
-        self.pid = self._process.pid
         self._descriptors: tuple[int, ...] = self.reports, self.inboxes
+        self._process = start_helper("node.ros.process", (), self._descriptors, subprocess.PIPE)
+        self.pid = self._process.pid
 
     def tell(self, job: Job) -> None:
         """Say what it is to do, and wait until the robot is in ROS.
@@ -61,12 +55,10 @@ class Speaker:
         Raises:
             RosUnavailableError: ROS does not start.
         """
-        assert self._process.stdin is not None  # noqa: S101 - it was asked for
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
         self._release()  # both are mapped by now, here and, by the same numbers, open there
         with contextlib.suppress(BrokenPipeError):  # it has ended, and has said why
-            self._process.stdin.write(msgspec.json.encode(job) + b"\n")
-            self._process.stdin.flush()
+            tell_helper(self._process, job)
         with self._process.stdout as told:
             line = told.readline().decode(errors="replace").strip()
         if line != "ready":
@@ -80,14 +72,7 @@ class Speaker:
     def close(self) -> int:
         """Let the process end, and return with what it did; see `status`."""
         self._release()
-        for stream in (self._process.stdin, self._process.stdout):
-            with contextlib.suppress(OSError):
-                stream.close()  # type: ignore[union-attr]  # it was asked for
-        try:
-            return self._process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return self._process.wait()
+        return end_helper(self._process, _CLOSE_S)
 
     def _release(self) -> None:
         """Close what the rings were made with."""

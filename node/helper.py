@@ -1,0 +1,63 @@
+"""Processes of our own that help the loop: started, told what to do in one line of JSON, and ended.
+
+Only who starts them needs this: the processes themselves import neither it nor `subprocess`.
+"""
+
+import contextlib
+import subprocess
+import sys
+from collections.abc import Sequence
+
+import msgspec
+
+
+def start_helper(
+    module: str, arguments: Sequence[str], descriptors: Sequence[int], stdout: int | None = None
+) -> "subprocess.Popen[bytes]":
+    """Start `python -m module` in a session of its own: a signal to the loop's process group does not reach it.
+
+    Args:
+        module: What it runs.
+        arguments: What follows on its command line.
+        descriptors: Files that it has open, by the same numbers.
+        stdout: Its standard output, as `subprocess.Popen` takes it.
+    """
+    return subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, "-m", module, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=stdout,
+        start_new_session=True,
+        pass_fds=descriptors,
+    )
+
+
+def tell_helper(process: "subprocess.Popen[bytes]", job: msgspec.Struct) -> None:
+    """Say what it is to do.
+
+    Raises:
+        BrokenPipeError: It has ended.
+    """
+    assert process.stdin is not None  # noqa: S101 - it was asked for when it was started
+    process.stdin.write(msgspec.json.encode(job) + b"\n")
+    process.stdin.flush()
+
+
+def end_helper(process: "subprocess.Popen[bytes]", within_s: float) -> int:
+    """End its input, by which it knows that it is to end, and kill it where it does not.
+
+    Args:
+        process: What is to end.
+        within_s: How long it may take, s.
+
+    Returns:
+        With what it ended, as `subprocess.Popen` tells it.
+    """
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):  # what it was told last may have no reader any more
+                stream.close()
+    try:
+        return process.wait(within_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
