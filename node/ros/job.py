@@ -1,9 +1,15 @@
 """What the process that speaks ROS is told when it starts: all that the robot is to the world."""
 
+from typing import Final
+
 import msgspec
 
 from node.model.variables import Variable
+from node.ring import SLOT_BYTES
 from node.ros.section import RosSection
+
+_NUMBER_BYTES: Final = 9
+"""Of MessagePack, at most."""
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
@@ -21,7 +27,6 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
         parameters: The model's parameters, each with the value that it has now.
         reports: File descriptor of the ring from the loop.
         inboxes: That of the ring to the loop.
-        slot_bytes: Of a slot of the ring from the loop.
     """
 
     robot: str
@@ -35,4 +40,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     parameters: tuple[Variable, ...]
     reports: int
     inboxes: int
-    slot_bytes: int
+
+    @property
+    def slot_bytes(self) -> int:
+        """Of a slot of the ring from the loop: it takes a report with all of the robot's numbers."""
+        numbers = len(self.published) + len(self.topics) + len(self.set_names)
+        return SLOT_BYTES + _NUMBER_BYTES * numbers

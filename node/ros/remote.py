@@ -16,7 +16,7 @@ from node.cycle.status import Status
 from node.errors import ModelError, RosUnavailableError
 from node.helper import end_helper, start_helper, tell_helper
 from node.model.model import Model
-from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring, size_ring
+from node.ring import RingReader, RingWriter, open_ring, size_ring
 from node.robot import Robot
 from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_to_write, encoder
 from node.ros.job import Job
@@ -26,8 +26,6 @@ _REPORTS: Final = 64
 """Cycles that the process may fall behind."""
 INBOXES: Final = 8
 """All of them are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
-_NUMBER_BYTES: Final = 9
-"""Of MessagePack, at most."""
 _LONGEST_REASON: Final = 1000
 _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
@@ -111,11 +109,6 @@ class RemoteStage:
         self._buffer = bytearray()
         self._is_gone = False
         wiring = robot.wiring
-        numbers = len(wiring.published) + len(wiring.topics) + len(wiring.set_names)
-        slot_bytes = SLOT_BYTES + _NUMBER_BYTES * numbers
-        size_ring(speaker.reports, _REPORTS, slot_bytes)
-        size_ring(speaker.inboxes, INBOXES)
-        self._reports, self._inboxes = RingWriter(speaker.reports, slot_bytes), RingReader(speaker.inboxes)
         job = Job(
             robot=robot.file.name,
             ros=robot.file.ros,
@@ -128,8 +121,10 @@ class RemoteStage:
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in self._model.parameters),
             reports=speaker.reports,
             inboxes=speaker.inboxes,
-            slot_bytes=slot_bytes,
         )
+        size_ring(job.reports, _REPORTS, job.slot_bytes)
+        size_ring(job.inboxes, INBOXES)
+        self._reports, self._inboxes = RingWriter(job.reports, job.slot_bytes), RingReader(job.inboxes)
         speaker.tell(job)
 
     def take(self) -> Inbox:
