@@ -114,13 +114,14 @@ def speak(job: Job, source: int) -> None:
     """
     arrivals = Arrivals(RingWriter(job.inboxes), job.period_ns)
     ros = job.ros
-    with ros_node(ros.node_name, job.namespace, job.ros_arguments, parameters=True, is_helper=True) as node:
-        stage = RosStage(node, job, arrivals.write)
-        waiting = Waiting(node, stage)
-        listening = threading.Thread(target=arrivals.run, args=(waiting, stage), name="arrivals")
-        publishing = Publishing(stage, arrivals, RingReader(job.reports, job.slot_bytes), job.period_ns)
-        with helping_threads():
+    with contextlib.ExitStack() as stack:
+        with helping_threads():  # those of DDS and the one that listens; the one that publishes is this one
+            node = stack.enter_context(ros_node(ros.node_name, job.namespace, job.ros_arguments, parameters=True))
+            stage = RosStage(node, job, arrivals.write)
+            waiting = Waiting(node, stage)
+            listening = threading.Thread(target=arrivals.run, args=(waiting, stage), name="arrivals")
             listening.start()
+        publishing = Publishing(stage, arrivals, RingReader(job.reports, job.slot_bytes), job.period_ns)
         _tell("ready")
         try:
             with real_time_priority(HELPERS_PRIORITY):

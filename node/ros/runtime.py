@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from node.cycle.real_time import helping_threads
 from node.errors import RosUnavailableError
 from node.ros.transports import udp_only
 from node.ros.untyped import RosObject
@@ -60,7 +59,7 @@ def preload() -> None:
 
 @contextlib.contextmanager
 def ros_node(
-    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False, is_helper: bool = False
+    name: str, namespace: str, ros_arguments: Sequence[str] = (), *, parameters: bool = False
 ) -> Iterator[RosObject]:
     """A ROS node of its own context, without signal handlers of ROS' own.
 
@@ -69,7 +68,6 @@ def ros_node(
         namespace: Its namespace; relative topic names live in it.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         parameters: Whether it offers the parameter services; the caller has to serve them.
-        is_helper: Whether it helps a loop: no ordinary program is to hold it up.
 
     Raises:
         RosUnavailableError: ROS is not there or does not start.
@@ -80,7 +78,7 @@ def ros_node(
     context = rclpy.context.Context()
     no_signals = signals.SignalHandlerOptions.NO
     try:
-        with udp_only(), helping_threads() if is_helper else contextlib.nullcontext():
+        with udp_only():
             rclpy.init(args=list(ros_arguments), context=context, signal_handler_options=no_signals)
             node = rclpy.create_node(
                 name,
