@@ -60,12 +60,17 @@ def size_ring(descriptor: int, slots: int, slot_bytes: int = SLOT_BYTES) -> None
 
 
 class RingWriter:
-    """The side that puts messages; one thread at a time."""
+    """The side that puts messages; one thread at a time.
 
-    __slots__ = ("_begin", "_number", "_ring", "_size", "_slot_bytes")
+    Attributes:
+        room: For a message, bytes.
+    """
+
+    __slots__ = ("_begin", "_number", "_ring", "_size", "_slot_bytes", "room")
 
     def __init__(self, descriptor: int, slot_bytes: int = SLOT_BYTES) -> None:
         """Map the memory and fill it, so that no page is missing later."""
+        self.room = slot_bytes - _MESSAGE
         self._size = os.fstat(descriptor).st_size
         self._slot_bytes = slot_bytes
         self._ring = mmap.mmap(descriptor, self._size)
@@ -78,12 +83,12 @@ class RingWriter:
 
         Args:
             kind: What the message is, any byte but `FREE`.
-            message: It; it may take up to a slot less its head.
+            message: It; `room` is how long it may be.
         """
         begin, ring = self._begin, self._ring
         length = len(message)
         first = begin + _MESSAGE
-        if ring[begin] != FREE or _MESSAGE + length > self._slot_bytes:
+        if ring[begin] != FREE or length > self.room:
             return False
         _HEAD.pack_into(ring, begin + 1, length, zlib.crc32(message, self._number))
         ring[first : first + length] = message

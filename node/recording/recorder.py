@@ -15,7 +15,7 @@ from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pac
 from node.recording.job import SLOTS, Job
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.ring import LARGEST, ROOM, RingWriter, open_ring, slot_for
+from node.ring import LARGEST, RingWriter, open_ring, slot_for
 
 _CLOSE_S: Final = 10.0
 _logger = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ class ProcessRecorder:
         dropped: Messages that were not kept, because the writer did not keep up or is gone.
     """
 
-    __slots__ = ("_buffer", "_path", "_process", "_ring", "_room", "dropped")
+    __slots__ = ("_buffer", "_path", "_process", "_ring", "dropped")
 
     def __init__(
         self, path: Path, layout: Layout, provenance: Provenance = NO_PROVENANCE, bounds: Bounds | None = None
@@ -48,7 +48,6 @@ class ProcessRecorder:
             )
         _check_writable(path)
         self._buffer = bytearray(size)
-        self._room = max(size, ROOM)
         slot_bytes = slot_for(size)
         memory = open_ring(SLOTS, slot_bytes)
         try:
@@ -88,7 +87,7 @@ class ProcessRecorder:
 
     def _put_apart(self, record: CycleRecord) -> None:
         """Try again with a cycle that found no room, in pieces where it is too large for one slot."""
-        if len(self._buffer) <= self._room:
+        if len(self._buffer) <= self._ring.room:
             self.dropped += 1
             return
         for kind, message in pack_apart(record, self._buffer):

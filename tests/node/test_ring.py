@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.ring import FREE, ROOM, SLOT_BYTES, RingReader, RingWriter, open_ring
+from node.ring import FREE, LARGEST, ROOM, SLOT_BYTES, RingReader, RingWriter, open_ring, slot_for
 
 KIND = ord("C")
 SLOTS = 64
@@ -129,11 +129,26 @@ def test_a_message_that_never_comes_whole_is_passed_over_and_counted(
 
 
 def test_the_largest_message_fits_and_a_larger_one_touches_nothing(writer: RingWriter, reader: RingReader) -> None:
+    assert writer.room == ROOM
     assert not writer.put(KIND, b"x" * (ROOM + 1))
     assert writer.held() == 0
     assert writer.put(KIND, b"x" * ROOM)
     assert writer.put(KIND, b"next")
     assert taken(reader) == [b"x" * ROOM, b"next"]
+
+
+@pytest.mark.parametrize("size", [0, ROOM, ROOM + 1, LARGEST])
+def test_a_slot_for_messages_has_room_for_them_and_for_what_any_slot_has(size: int) -> None:
+    slot_bytes = slot_for(size)
+    memory = open_ring(1, slot_bytes)
+    try:
+        writer, reader = RingWriter(memory, slot_bytes), RingReader(memory, slot_bytes)
+        assert writer.room == max(size, ROOM)
+        assert not writer.put(KIND, b"x" * (writer.room + 1))
+        assert writer.put(KIND, b"x" * writer.room)
+        assert reader.take() == (KIND, b"x" * writer.room)
+    finally:
+        os.close(memory)
 
 
 def test_slots_may_be_larger() -> None:
