@@ -6,7 +6,7 @@ import dataclasses
 import logging
 import os
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from node.cli.options import (
     add_json,
@@ -30,12 +30,13 @@ from node.recording.layout import layout_of
 from node.recording.recorder import ProcessRecorder
 from node.recording.robot_provenance import robot_provenance
 from node.robot import Robot, build_robot
-from node.ros.remote import RemoteStage, Speaker
-from node.ros.runtime import missing_packages, require_ros
 from node.sequence.manoeuvre import load_manoeuvre
 from node.sequence.player import Player
 from node.sequence.stage import ManoeuvreStage
 from node.service import service_of
+
+if TYPE_CHECKING:  # a robot without ROS starts without it
+    from node.ros.remote import Speaker
 
 _LONGEST_S: Final = 1e9
 _SMALLEST_LOG_MB: Final = 1.0
@@ -76,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
     file = robot_file(options)
     with messages(), contextlib.ExitStack() as stack:
-        speaker = stack.enter_context(contextlib.closing(Speaker())) if _has_ros(options) else None
+        speaker = _speaker(stack, options)
         robot = build_robot(file, RealClock())
         recorder = _recorder(options, robot)
         stage = _stage(options, robot, speaker)
@@ -95,22 +96,31 @@ def _cycles(duration_s: float | None, robot: Robot) -> int | None:
     return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
 
 
-def _has_ros(options: argparse.Namespace) -> bool:
-    """Whether the robot is to be in ROS; where it was not asked for and ROS is missing, it is not."""
+def _speaker(stack: contextlib.ExitStack, options: argparse.Namespace) -> "Speaker | None":
+    """What speaks ROS for the robot; None where it is not to be in ROS, or was not asked to be and ROS is missing."""
     if options.sequence is not None or options.ros is False:
-        return False
+        return None
+    from node.ros.runtime import missing_packages, require_ros  # noqa: PLC0415 - only with ROS
+
     if options.ros:
         require_ros()
     missing = missing_packages()
     if missing:
         _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
-    return not missing
+        return None
+    from node.ros.remote import Speaker  # noqa: PLC0415 - only with ROS
+
+    return stack.enter_context(contextlib.closing(Speaker()))
 
 
-def _stage(options: argparse.Namespace, robot: Robot, speaker: Speaker | None) -> Stage:
+def _stage(options: argparse.Namespace, robot: Robot, speaker: "Speaker | None") -> Stage:
     if options.sequence is not None:
         return ManoeuvreStage(Player(load_manoeuvre(options.sequence)), list(robot.wiring.published), robot.clock)
-    return NoStage() if speaker is None else RemoteStage(speaker, robot, options.namespace, options.ros_arguments)
+    if speaker is None:
+        return NoStage()
+    from node.ros.remote import RemoteStage  # noqa: PLC0415 - only with ROS
+
+    return RemoteStage(speaker, robot, options.namespace, options.ros_arguments)
 
 
 def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:

@@ -7,7 +7,6 @@ Others on the machine need no setting: they use shared memory among themselves a
 """
 
 import contextlib
-import html
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
@@ -98,6 +97,8 @@ def profiles_for(environment: Mapping[str, str]) -> str:
     """
     discovery = ""
     if is_on_localhost(environment):
+        import html  # noqa: PLC0415 - it brings a table of every character that has a name, and is seldom needed
+
         named = (peer.strip() for peer in environment.get(PEERS, "").split(";"))
         addresses = ["127.0.0.1", *(peer for peer in named if peer)]
         peers = "".join(_PEER_TEXT.format(address=html.escape(address)) for address in addresses)

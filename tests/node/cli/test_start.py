@@ -9,6 +9,8 @@ LATER = {
     "can": "only where a bus goes through python-can",
     "serial": "only where there is a serial line",
     "rclpy": "only with ROS",
+    "node.ros.remote": "only with ROS",
+    "node.ros.runtime": "only with ROS",
     "node.ros.stage": "only with ROS",
     "firmware_io.drives.cia402.driver": "only with such drives",
     "firmware_io.drives.odrive.driver": "only with such drives",
