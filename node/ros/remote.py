@@ -26,7 +26,8 @@ _REPORTS: Final = 64
 """Cycles that the process may fall behind."""
 INBOXES: Final = 8
 """All of them are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
-_LONGEST_REASON: Final = 1000
+_LONGEST_REASON: Final = 900
+"""In characters, of four bytes at most each: what a slot has besides the numbers then suffices for all of a report."""
 _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
 

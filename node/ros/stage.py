@@ -22,7 +22,7 @@ _TAKEN_PER_CYCLE: Final = 100
 _COMMAND_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
-_LONGEST_NAME: Final = 80
+LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _STAND: Final = "stand"
 """The value that makes a robot stand up, or sit down."""
@@ -195,4 +195,4 @@ def _from_twist_stamped(message: RosObject) -> StampedSetpoint:
 
 
 def _heartbeat(message: RosObject) -> Heartbeat:
-    return Heartbeat(message.frame_id[:_LONGEST_NAME], stamp_ns(message))
+    return Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message))

@@ -9,11 +9,14 @@ import pytest
 
 from node.config import load_robot
 from node.cycle.clock import RealClock
-from node.cycle.seams import Inbox, Report
+from node.cycle.seams import Heartbeat, Inbox, Report, StampedSetpoint
+from node.cycle.setpoints import Setpoint
 from node.errors import RosUnavailableError
-from node.ring import RingReader, RingWriter, open_ring
+from node.ring import RingReader, RingWriter, open_ring, slot_for
 from node.robot import Robot, build_robot
+from node.ros.exchanged import decode_report
 from node.ros.remote import INBOXES, RemoteStage, Speaker
+from node.ros.stage import LONGEST_NAME
 from node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
@@ -81,6 +84,35 @@ def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
 def test_a_reason_of_any_length_is_told(stage: RemoteStage) -> None:
     stage.publish(report(1, "\u00e4" * 100_000))
     assert stage.dropped == 0
+
+
+def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Robot) -> None:
+    slot_bytes = slot_for(stage._reports.room)
+    memory = open_ring(1, slot_bytes)
+    stage._reports, process = RingWriter(memory, slot_bytes), RingReader(memory, slot_bytes)
+    os.close(memory)
+    character, number = "\U0001f916", 2**63 - 1  # of four bytes, and of nine
+    longest = Report(
+        number,
+        Mode.DISARMED,
+        [0.1] * len(robot.wiring.published),
+        StampedSetpoint(Setpoint(0.1, 0.1), number),
+        [0.1] * len(robot.wiring.topics),
+        character * 1_000_000,
+        number,
+        "unconfirmed",
+        is_zero=False,
+        heartbeat=Heartbeat(character * LONGEST_NAME, number),
+        heartbeat_age_ns=number,
+        set_values=[0.1] * len(robot.wiring.set_names),
+        at_ns=number,
+    )
+    stage.publish(longest)
+    taken = process.take()
+
+    assert stage.dropped == 0
+    assert taken is not None
+    assert decode_report(taken[1]) == longest._replace(reason=character * 900)
 
 
 @pytest.mark.parametrize("kind", [1, 2, 99])
