@@ -70,7 +70,7 @@ class RingWriter:
 
     def __init__(self, descriptor: int, slot_bytes: int = SLOT_BYTES) -> None:
         """Map the memory and fill it, so that no page is missing later."""
-        self.room = slot_bytes - _MESSAGE
+        self.room = min(slot_bytes - _MESSAGE, LARGEST)
         self._size = os.fstat(descriptor).st_size
         self._slot_bytes = slot_bytes
         self._ring = mmap.mmap(descriptor, self._size)

@@ -8,8 +8,15 @@ from node.recording.bounds import Bounds
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
 
-SLOTS: Final = 1024
-"""Of the ring between the loop and the writer: room for 10 s at 100 Hz while a disk is busy."""
+_BUSY_NS: Final = 5_000_000_000
+"""So long a disk may be busy."""
+_FEWEST_SLOTS: Final = 256
+_MOST_SLOTS: Final = 1024
+
+
+def ring_slots(period_ns: int) -> int:
+    """Slots of the ring between the loop and the writer: for the cycles of 5 s, within bounds; 0 is no known period."""
+    return min(max(_BUSY_NS // period_ns, _FEWEST_SLOTS), _MOST_SLOTS) if period_ns else _MOST_SLOTS
 
 
 class Job(msgspec.Struct, frozen=True):

@@ -12,7 +12,7 @@ from node.errors import RecordingError
 from node.helper import end_helper, start_helper, tell_helper
 from node.recording.bounds import Bounds
 from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pack_cycle, pack_diagnostics
-from node.recording.job import SLOTS, Job
+from node.recording.job import Job, ring_slots
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
 from node.ring import LARGEST, RingWriter, open_ring, slot_for
@@ -49,7 +49,7 @@ class ProcessRecorder:
         _check_writable(path)
         self._buffer = bytearray(size)
         slot_bytes = slot_for(size)
-        memory = open_ring(SLOTS, slot_bytes)
+        memory = open_ring(ring_slots(layout.period_ns), slot_bytes)
         try:
             self._ring = RingWriter(memory, slot_bytes)
             self._process = start_helper("node.recording.writer", (str(memory),), (memory,))

@@ -15,7 +15,7 @@ import msgspec
 from node.errors import RecordingError
 from node.recording.bounded_log import FLUSH_NS, BoundedLog
 from node.recording.codec import CycleCodec, Message
-from node.recording.job import SLOTS, Job
+from node.recording.job import Job
 from node.recording.provenance import with_surroundings
 from node.ring import RingReader, slot_for
 
@@ -24,7 +24,7 @@ _PR_SET_PDEATHSIG: Final = 1
 _PAUSE_S: Final = 0.1
 """Between two looks: what is there is safe from all but a loss of power, and many at once cost less than each alone."""
 _SHORT_PAUSE_S: Final = 0.01
-_MANY: Final = SLOTS // 8
+_MANY: Final = 128
 """So many at one look, and the next comes sooner, and what there is goes to the disk: memory is no larger for it."""
 _LOOKS: Final = 2
 """At the end: a ring looks twice at what does not look whole."""

@@ -25,7 +25,7 @@ from node.cycle.status import Level, Status
 from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.cycle_log import EVENTS_TOPIC
-from node.recording.job import SLOTS
+from node.recording.job import ring_slots
 from node.recording.layout import Layout, layout_of
 from node.recording.provenance import Provenance
 from node.recording.recorder import ProcessRecorder
@@ -33,6 +33,7 @@ from node.recording.salvage import Salvage
 from node.robot import build_robot
 from node.safety.modes import Mode
 
+SLOTS = ring_slots(0)
 MORE_THAN_FIT = SLOTS + 500
 ENDS_WITHIN_S = 30.0
 
@@ -329,6 +330,24 @@ def test_a_robot_with_many_ports_is_recorded(
     assert salvaged(tmp_path / "run.mcap") == [0, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("period_ns", "slots"), [(10_000_000, 500), (5_000_000, 1000), (1_000_000, 1024), (200_000_000, 256)]
+)
+def test_the_ring_holds_what_comes_while_a_disk_is_busy_for_5_s(
+    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord], period_ns: int, slots: int
+) -> None:
+    recorder = ProcessRecorder(tmp_path / "run.mcap", msgspec.structs.replace(layout, period_ns=period_ns))
+    recorder._process.send_signal(signal.SIGSTOP)
+    os.waitpid(recorder._process.pid, os.WUNTRACED)
+    for cycle in range(slots + 1):
+        recorder.write(record(cycle))
+    dropped = recorder.dropped
+    recorder._process.send_signal(signal.SIGCONT)
+    recorder.close()
+
+    assert dropped == 1
+
+
 def test_a_robot_whose_cycle_fits_no_slot_is_refused(tmp_path: Path, layout: Layout) -> None:
     large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(8000)))
     with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 7\d{4} bytes"):
@@ -343,7 +362,6 @@ from firmware_io.hardware import Sensors
 from node.cycle.seams import CycleRecord
 from node.cycle.setpoints import Setpoint
 from node.recording.layout import Layout
-from node.recording.job import SLOTS
 from node.recording.recorder import ProcessRecorder
 from node.safety.modes import Mode
 
