@@ -4,7 +4,6 @@ import dataclasses
 import importlib
 import math
 import struct
-import tomllib
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
@@ -16,17 +15,14 @@ from hil.plants.segway_sensors import Encoder
 from node.cycle import cycle
 from node.models.segway_parameters import PUBLISHED
 from node.safety.limits import limit, not_finite
-
-ROOT = Path(__file__).parents[1]
-HOOK = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
-MODULES = [name[1:] for name in HOOK["wheel"]["hooks"]["mypyc"]["include"]]
+from tests.compiled_modules import COMPILED
 
 
 def test_the_cycle_is_compiled() -> None:
     assert cycle.__file__.endswith(".so")
 
 
-@pytest.mark.parametrize("path", MODULES)
+@pytest.mark.parametrize("path", COMPILED)
 def test_a_module_is_compiled_and_its_source_is_there(path: str) -> None:
     module = importlib.import_module(path.removesuffix(".py").replace("/", "."))
     assert module.__file__ is not None

@@ -1,17 +1,12 @@
 """The modules that a compiled wheel compiles, by what can be read from the source; `make test-compiled` runs them."""
 
 import ast
-import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
-HOOK = WHEEL["hooks"]["mypyc"]
-COMPILED = [name.removeprefix("/") for name in HOOK["include"]]
+from tests.compiled_modules import COMPILED, HOOK, ROOT, WHEEL
+
 TREES = {
     str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
     for package in WHEEL["packages"]
