@@ -11,21 +11,23 @@
 
 VENV := .venv
 READY := $(VENV)/.ready
+QUICK := not proof and not image
 
 .PHONY: run test rt-test test-compiled lint page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
 
-# Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS, and
-# drills, come by themselves: robots in real time, with less beside them. firmware_io knows no ROS (tests/test_architecture.py).
+# Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS comes by itself, and
+# robots in real time one at a time, with nothing beside them. firmware_io knows no ROS (tests/test_architecture.py).
 test: $(READY) lint
-	$(VENV)/bin/python -m pytest -m 'not proof and not image and not ros and not real_time and not rt_kernel' -n 3 --dist loadfile
-	$(VENV)/bin/python -m pytest -m '(ros or real_time) and not proof and not image' -n 2 --dist loadfile --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not rt_kernel' -n 3 --dist loadfile
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 2 --dist loadfile --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' --ignore tests/firmware_io
 
 # Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
 rt-test: $(READY)
-	$(VENV)/bin/python -m pytest -m 'rt_kernel and not proof and not image'
+	$(VENV)/bin/python -m pytest -m 'rt_kernel and $(QUICK)'
 
 # A wheel of a copy, since the build leaves its results among the sources; and run from where no sources are.
 COMPILED := .venv-compiled
