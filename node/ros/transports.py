@@ -64,6 +64,7 @@ def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[Non
         yield
         return
     before = dict(environment)
+    # Not a file in memory: Fast DDS asks for its real path.
     with tempfile.NamedTemporaryFile("w", prefix="segway-ecc-dds-", suffix=".xml", encoding="utf-8") as file:
         file.write(profiles_for(environment))
         file.flush()
