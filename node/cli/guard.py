@@ -10,6 +10,7 @@ from firmware_io.guard.guard import Guard, describe
 from firmware_io.guard.heartbeat import HeartbeatListener
 from firmware_io.guard.stoppers import stopper_of
 from firmware_io.guard.watch import LIMIT_NS, Intervention, Watch
+from node.cli.interrupts import ends_at_once
 from node.cli.options import (
     add_json,
     add_robot,
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limit", type=float, default=default, metavar="S", help=text)
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Guard the robot until stopped."""
     file, clock = robot_file(options), RealClock()

@@ -15,6 +15,7 @@ from typing import Any, Final, NoReturn
 
 from firmware_io.errors import HardwareError
 from hil.errors import RigError
+from node.cli.interrupts import ends_at_once
 from node.errors import ConfigurationError, NodeError
 
 VERBS: Final = {
@@ -52,7 +53,23 @@ _INTERRUPTED: Final = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code says how it went."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        with ends_at_once():
+            options = _options(list(sys.argv[1:] if arguments is None else arguments))
+        return int(options.function(options))
+    except (NodeError, HardwareError, RigError) as error:
+        sys.stderr.write(f"segway-ecc: {error}\n")
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:
+        return 0
+    finally:
+        _flush()
+
+
+def _options(words: list[str]) -> argparse.Namespace:
+    """What the command line says, with the `function` of its verb."""
     words, ros_arguments = _split_ros(words)
     parser = _Parser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
@@ -65,18 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
             module.add_arguments(verb_parser)
             verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)
-    try:
-        options = parser.parse_args(words)
-        return int(options.function(options))
-    except (NodeError, HardwareError, RigError) as error:
-        sys.stderr.write(f"segway-ecc: {error}\n")
-        return error.exit_code
-    except KeyboardInterrupt:
-        return _INTERRUPTED
-    except BrokenPipeError:
-        return 0
-    finally:
-        _flush()
+    return parser.parse_args(words)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -13,6 +13,7 @@ from firmware_io.build import can_link
 from hil.pseudo_terminal import PtyPort
 from hil.real_time import RealTimePlant, Trace
 from hil.simulation import Observer, simulated_bus, simulated_robot, simulated_serial
+from node.cli.interrupts import ends_at_once
 from node.cli.options import (
     add_json,
     add_robot,
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
     file, clock = robot_file(options), RealClock()

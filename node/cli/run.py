@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import (
     add_json,
     add_namespace,
@@ -71,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:

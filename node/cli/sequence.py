@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
 from node.errors import ConfigurationError, NodeError
 from node.ros.commander import Commander
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was heard")
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Play the sequence to its end."""
     player = Player(_manoeuvre(options.what))

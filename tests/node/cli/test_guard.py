@@ -158,7 +158,8 @@ def test_a_node_that_dies_or_hangs_is_followed_by_zeros(
     done = report["interventions"][-1]
     assert done["cause"] == "commands stopped"
     assert done["end"] == "the time for it is over"
-    assert done["reaction_ms"] > 30.0
+    # The limit is 30 ms from the last heartbeat; one that dies just before its heartbeat sent that a period of 10 ms ago.
+    assert done["reaction_ms"] > 20.0
     assert done["first_stop_wall_ns"] > done["last_command_wall_ns"]
     assert done["frames"] > 20
     assert report["limit_s"] == 0.03
@@ -178,7 +179,8 @@ def test_start_arming_and_a_normal_stop_are_left_alone(processes: Processes) -> 
         processes.heard_within(0.3)
         node.send_signal(signal.SIGINT)
         node.communicate(timeout=PATIENCE_S)
-    processes.heard_within(0.5)
+        assert node.returncode == 0
+        processes.heard_within(0.5)  # what the board said before is not taken for the next node's
     report, errors = ended(guard)
 
     assert report["interventions"] == []

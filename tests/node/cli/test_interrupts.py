@@ -1,0 +1,55 @@
+"""Ctrl-C while a command starts is never lost."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from node.cli.interrupts import ends_at_once
+from node.config import read_text
+
+SWALLOWING = """
+import os, signal, time
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(10.0)
+except KeyboardInterrupt:
+    pass
+from node.models.cart import Cart
+"""
+
+
+def test_while_it_starts_a_command_ends_at_once_and_afterwards_as_python_does() -> None:
+    with ends_at_once():
+        inside = signal.getsignal(signal.SIGINT)
+
+    assert (inside, signal.getsignal(signal.SIGINT)) == (signal.SIG_DFL, signal.default_int_handler)
+
+
+def test_who_ignores_it_still_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signal, "getsignal", lambda _: signal.SIG_IGN)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with ends_at_once():
+            assert signal.signal(signal.SIGINT, signal.SIG_IGN) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Path) -> None:
+    (tmp_path / "swallowing.py").write_text(SWALLOWING)
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(read_text("cart").replace("node.models.cart:Cart", "swallowing:Cart"))
+    words = ["run", str(robot), "--no-ros", "--no-log", "--duration", "0.1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "node.cli.main", *words],
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
+        capture_output=True,
+        timeout=60.0,
+        check=False,
+    )
+
+    assert (done.returncode, done.stdout) == (-signal.SIGINT, b"")
