@@ -158,7 +158,7 @@ def test_a_node_that_dies_or_hangs_is_followed_by_zeros(
     done = report["interventions"][-1]
     assert done["cause"] == "commands stopped"
     assert done["end"] == "the time for it is over"
-    # The limit is 30 ms from the last heartbeat; one that dies just before its heartbeat sent that a period of 10 ms ago.
+    # The limit is 30 ms from the last heartbeat; one that dies just before its heartbeat sent that 10 ms ago.
     assert done["reaction_ms"] > 20.0
     assert done["first_stop_wall_ns"] > done["last_command_wall_ns"]
     assert done["frames"] > 20
