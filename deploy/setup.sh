@@ -30,7 +30,9 @@ fi
 
 extras=report,dev
 options=
-if "$python" -c 'import rclpy' 2> /dev/null; then
+# What the Python of an active virtual environment finds in itself is not sourced.
+if "$python" -c 'import sys, rclpy; sys.exit(sys.prefix != sys.base_prefix and rclpy.__file__.startswith(sys.prefix))' \
+    2> /dev/null; then
     echo "setup: using the ROS 2 that is sourced here" >&2
     # Its message packages are built against the system's numpy, so that one must stay in use.
     options=--system-site-packages
