@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,14 @@ from node.models.cart import Cart
 """
 
 
+@pytest.fixture(autouse=True)
+def as_at_a_terminal() -> Iterator[None]:
+    """A shell that runs us in the background has us ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_while_it_starts_a_command_ends_at_once_and_afterwards_as_python_does() -> None:
     with ends_at_once():
         inside = signal.getsignal(signal.SIGINT)
@@ -29,14 +38,12 @@ def test_while_it_starts_a_command_ends_at_once_and_afterwards_as_python_does() 
     assert (inside, signal.getsignal(signal.SIGINT)) == (signal.SIG_DFL, signal.default_int_handler)
 
 
-def test_who_ignores_it_still_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(signal, "getsignal", lambda _: signal.SIG_IGN)
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        with ends_at_once():
-            assert signal.signal(signal.SIGINT, signal.SIG_IGN) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
+def test_who_ignores_it_still_does() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with ends_at_once():
+        inside = signal.getsignal(signal.SIGINT)
+
+    assert (inside, signal.getsignal(signal.SIGINT)) == (signal.SIG_IGN, signal.SIG_IGN)
 
 
 def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Path) -> None:
