@@ -98,8 +98,8 @@ class WheelBoard:
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        age, is_fresh = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
-        return Readings((*values, self._status.bus_voltage), (*ages, age), (*valid, is_fresh))
+        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
+        return Readings(tuple(values), tuple(ages), tuple(valid)).plus(self._status.bus_voltage, supply_age)
 
     def obstacles(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""
