@@ -11,6 +11,8 @@ import msgspec
 
 MB: Final = 1_000_000
 _SUFFIX: Final = ".mcap"
+_FIRST: Final = 1
+"""Number of the part that bears the log's own name."""
 
 
 class Bounds(msgspec.Struct, frozen=True):
@@ -37,7 +39,7 @@ class _Log(NamedTuple):
 
 def part(path: Path, number: int) -> Path:
     """The file of the n-th part of a log, from 1 on: `run.mcap`, `run-0002.mcap`, ..."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
+    return path if number == _FIRST else path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
 
 
 def parts(path: Path) -> list[Path]:
@@ -107,7 +109,7 @@ def _number(path: Path, name: str) -> int | None:
     head, tail = f"{path.stem}-", path.suffix
     number = name.removeprefix(head).removesuffix(tail)
     is_part = number.isascii() and number.isdigit() and name == f"{head}{int(number):04d}{tail}"
-    return int(number) if is_part else None
+    return int(number) if is_part and int(number) != _FIRST else None
 
 
 def _remove(path: Path) -> bool:

@@ -24,7 +24,8 @@ def names(paths: list[Path]) -> list[str]:
 
 def test_parts_are_numbered_and_found_in_their_order(tmp_path: Path) -> None:
     first = tmp_path / "run.mcap"
-    for name in ("run.mcap", "run-0010.mcap", "run-0002.mcap", "run-2.mcap", "run-0002.log", "other-0003.mcap"):
+    others = ("run-0001.mcap", "run-2.mcap", "run-0002.log", "other-0003.mcap")
+    for name in ("run.mcap", "run-0010.mcap", "run-0002.mcap", *others):
         log(tmp_path, name, 1, 0)
 
     assert names([part(first, 1), part(first, 2), part(first, 12)]) == ["run.mcap", "run-0002.mcap", "run-0012.mcap"]
