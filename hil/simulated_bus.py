@@ -38,8 +38,8 @@ class SimulatedBus:
 
     def submit(self, frame: Frame, sender: "SimulatedLink") -> None:
         """Queue a frame for the wire."""
-        identifier, data, _, is_extended, _ = frame
-        duration_ns = self._durations_ns[is_extended][len(data)]
+        identifier, is_extended = frame.arbitration_id, frame.is_extended
+        duration_ns = self._durations_ns[is_extended][len(frame.data)]
         priority = _extended_priority(identifier) if is_extended else identifier << _TRAILING_BITS + 1
         self._waiting.append((self._now_ns(), priority, duration_ns, frame, sender))
 
@@ -52,7 +52,7 @@ class SimulatedBus:
         while waiting:
             start_ns = max(self._busy_until_ns, waiting[0][0])
             winner = waiting[0] if len(waiting) == 1 else self._winner(start_ns)
-            _, _, duration_ns, (identifier, data, _, is_extended, is_remote), sender = winner
+            _, _, duration_ns, sent, sender = winner
             end_ns = start_ns + duration_ns
             if end_ns > now_ns:
                 # Nothing that is submitted later can be on the wire before this one has won it, except what beats it
@@ -60,7 +60,7 @@ class SimulatedBus:
                 return
             waiting.remove(winner)
             self._busy_until_ns = end_ns
-            received = Frame(identifier, data, end_ns, is_extended, is_remote)
+            received = Frame(sent.arbitration_id, sent.data, end_ns, sent.is_extended, sent.is_remote)
             for link in self._links:
                 if link is not sender:
                     link.hand(received)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_io.guard.stopper import Meaning, Stopper
 from firmware_io.links.link import Frame
 
@@ -130,7 +132,7 @@ class Watch:
 
     def take(self, frame: Frame) -> None:
         """Take a frame from the bus; our own come back too, and say nothing of the node."""
-        sent = frame._replace(received_ns=0)
+        sent = replace(frame, received_ns=0)
         if self._echoes[sent] > 0:
             self._echoes[sent] -= 1
             return

@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
+from msgspec.structs import replace
+
 from firmware_io.links.can_errors import BusErrors
 from firmware_io.links.can_port import (
     ERROR,
@@ -26,8 +28,6 @@ _FAILURES: Final = 10
 """Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
 _MAX_IDENTIFIERS: Final = 4096
 """Of our own that are kept, to know them again; a robot has some tens."""
-# As Frame(...) does too, but through a function in Python.
-_made: Final = tuple.__new__
 
 
 def wall_ns() -> int:
@@ -150,7 +150,7 @@ class BaseCanLink:
                 received_ns = stamp_ns + offset_ns
                 if not since_ns <= received_ns <= now_ns:
                     received_ns = since_ns if received_ns < since_ns else now_ns
-                frame = _made(Frame, (identifier, data, received_ns, is_extended, False))
+                frame = Frame(identifier, data, received_ns, is_extended)
                 self._count_received(frame)
                 frames.append(frame)
         except PortError as error:
@@ -195,7 +195,7 @@ class BaseCanLink:
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1
         if frame.is_remote:
-            self.counters.bits += worst_case_bits(frame._replace(data=b""))
+            self.counters.bits += worst_case_bits(replace(frame, data=b""))
             return
         self.counters.bits += worst_case_bits(frame)
         key = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)

@@ -3,10 +3,12 @@
 import enum
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
+
+import msgspec
 
 
-class Frame(NamedTuple):
+class Frame(msgspec.Struct, frozen=True, gc=False):
     """A classic CAN frame; on a serial line, what the line carries in place of one.
 
     Attributes:

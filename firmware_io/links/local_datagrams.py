@@ -6,7 +6,9 @@ import os
 import socket
 import struct
 import time
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from firmware_io.links.can_port import MAX_DATA
 
@@ -18,15 +20,13 @@ _MAGIC: Final = b"ECC1"
 _DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
 """Magic, sender, wall-clock ns, arbitration id with the flags of linux/can.h, data length, data."""
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
-# As Datagram(...) does too, but through a function in Python.
-_made: Final = tuple.__new__
 
 
 class LocalBusError(OSError):
     """The virtual bus cannot be joined."""
 
 
-class Datagram(NamedTuple):
+class Datagram(msgspec.Struct, frozen=True, gc=False):
     """A frame on the virtual bus.
 
     Attributes:
@@ -61,7 +61,7 @@ def decode(datagram: bytes) -> Datagram | None:
     magic, sender, stamp_ns, word, length, data = _DATAGRAM.unpack(datagram)
     if magic != _MAGIC or length > MAX_DATA:
         return None
-    return _made(Datagram, (sender, stamp_ns, word, length, data[:length]))
+    return Datagram(sender, stamp_ns, word, length, data[:length])
 
 
 def multicast_group(channel: str) -> str:

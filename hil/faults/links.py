@@ -4,6 +4,8 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_io.links.link import Frame, Link
 from hil.faults.injection import Injection, Injections
 from hil.faulty_link import FaultyLink, LinkFault
@@ -57,7 +59,7 @@ class DisturbedBus(FaultyLink):
         for frame in frames:
             self._in.extend(self._disturbed(frame, active, is_sent=False))
         self._flush()
-        return [frame._replace(received_ns=max(due_ns, frame.received_ns)) for due_ns, frame in self._due(self._in)]
+        return [replace(frame, received_ns=max(due_ns, frame.received_ns)) for due_ns, frame in self._due(self._in)]
 
     def _set_fault(self) -> Sequence[Injection]:
         """Fail as a whole where that is asked for; returns what is there now."""
@@ -99,7 +101,7 @@ class DisturbedBus(FaultyLink):
 
     def _older(self, frame: Frame, *, is_sent: bool) -> list[Frame]:
         older = self._newest.get((frame.arbitration_id, is_sent))
-        return [] if older is None else [older._replace(received_ns=frame.received_ns)]
+        return [] if older is None else [replace(older, received_ns=frame.received_ns)]
 
 
 def _spoilt(frame: Frame, injection: Injection) -> Frame:
@@ -109,7 +111,7 @@ def _spoilt(frame: Frame, injection: Injection) -> Frame:
     bits = int.from_bytes(frame.data, "little")
     for place in injection.random.sample(range(8 * len(frame.data)), injection.random.randint(1, _MOST_BITS)):
         bits ^= 1 << place
-    return frame._replace(data=bits.to_bytes(len(frame.data), "little"))
+    return replace(frame, data=bits.to_bytes(len(frame.data), "little"))
 
 
 class DisturbedDevicesLink(LinkFront):

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, cast
 
+from msgspec.structs import replace
+
 from firmware_io.links.link import Frame, Link
 from hil.link_front import LinkFront
 from hil.lockstep import LockstepRig
@@ -56,7 +58,7 @@ class DelayedLink(LinkFront):
         frames = []
         while self._waiting and self._waiting[0][0] + self.delay_ns <= now_ns:
             received_ns, frame = self._waiting.popleft()
-            frames.append(frame._replace(received_ns=received_ns + self.delay_ns))
+            frames.append(replace(frame, received_ns=received_ns + self.delay_ns))
         return frames
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
+import msgspec
+
 from firmware_io.hardware import Sensors
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
@@ -64,7 +66,7 @@ class Inbox:
     """The newest is the last."""
 
 
-class Report(NamedTuple):
+class Report(msgspec.Struct, frozen=True, array_like=True):
     """What is published of a cycle.
 
     Attributes:

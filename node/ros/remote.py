@@ -148,7 +148,7 @@ class RemoteStage:
     def publish(self, report: Report) -> None:
         """Hand over what is published of the cycle."""
         if len(report.reason) > _LONGEST_REASON:
-            report = report._replace(reason=report.reason[:_LONGEST_REASON])
+            report = msgspec.structs.replace(report, reason=report.reason[:_LONGEST_REASON])
         encoder.encode_into(report, self._buffer)
         if not self._reports.put(FromLoop.REPORT, self._buffer):
             self.dropped += 1

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_io.links.link import Frame, Link
 from hil.link_front import LinkFront
 from node.study.network import Channel, NowNs
@@ -60,7 +62,7 @@ class RemoteLink(LinkFront):
         for burst in bursts(self.behind.receive()):
             self._up.send(burst, burst[-1].received_ns)
         return [
-            frame._replace(received_ns=frame.received_ns + message.arrived_ns - message.sent_ns)
+            replace(frame, received_ns=frame.received_ns + message.arrived_ns - message.sent_ns)
             for message in self._up.receive()
             for frame in message.item
         ]

@@ -1,6 +1,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_io.links.link import Frame, Link, worst_case_bits
 from hil.simulated_bus import SimulatedBus
@@ -58,7 +59,7 @@ def test_a_frame_arrives_as_it_was_sent(wire: Wire) -> None:
     sent = Frame(0x1ABCDEF0, b"abc", is_extended=True)
     wire.a.send(sent)
     wire.now_ns = 110 * BIT_NS
-    assert wire.b.receive() == [sent._replace(received_ns=110 * BIT_NS)]
+    assert wire.b.receive() == [replace(sent, received_ns=110 * BIT_NS)]
 
 
 def test_everybody_but_the_sender_hears_a_frame(wire: Wire) -> None:
@@ -181,7 +182,7 @@ def test_the_wire_goes_to_whom_the_rules_give_it(sent: list[tuple[int, str, int,
         left.remove(winner)
         free_ns = start_ns + worst_case_bits(winner[2]) * BIT_NS
         if winner[1] != "c":
-            expected.append(winner[2]._replace(received_ns=free_ns))
+            expected.append(replace(winner[2], received_ns=free_ns))
     heard: list[Frame] = []
     end_ns = free_ns + look_ns
     for now_ns in sorted({at for at, _, _ in frames} | set(range(0, end_ns + look_ns, look_ns))):

@@ -16,6 +16,8 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_io.drives.odrive import commands as c
 from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
 from firmware_io.drives.odrive.settings import OdriveSettings
@@ -158,7 +160,7 @@ class OdriveLine:
             messages.append((axis, Heartbeat(_number(next(told)), state)))
         messages += [(axis, message) for message in _supply(list(told)) for axis in _AXES]
         frames = (encode(Firmware.V0_5, self._node_of[axis], message) for axis, message in messages)
-        return [frame._replace(received_ns=now_ns) for frame in frames]
+        return [replace(frame, received_ns=now_ns) for frame in frames]
 
 
 def _asks_for_supply(poll: int) -> bool:

@@ -7,6 +7,8 @@ helps where this computer has lost the bus, not where the bus between the contro
 from collections import Counter
 from typing import Final
 
+from msgspec.structs import replace
+
 from firmware_io.drives.vesc.buffers import Mode, frames_of
 from firmware_io.drives.vesc.comm import SET_PACKETS, ask_selective, decode_values, encode_values, forward, mask_of
 from firmware_io.drives.vesc.condition import HOST_IDS
@@ -68,7 +70,7 @@ class VescLine:
                 frames += self._told(packet)
             except FrameRefusedError as error:
                 self.refused[error.refusal] += 1
-        return [frame._replace(received_ns=now_ns) for frame in frames]
+        return [replace(frame, received_ns=now_ns) for frame in frames]
 
     def reset(self) -> None:
         """Forget what was received of an unfinished packet."""

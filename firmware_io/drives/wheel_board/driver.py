@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
+from msgspec.structs import astuple
+
 from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
 from firmware_io.drives.enabling import Enabling, Phase
 from firmware_io.drives.off_word import OffWord
@@ -85,7 +87,7 @@ class WheelBoard:
             self._hear(payload)
             self._word.hear(received.received_ns, is_off=payload.state is not BoardState.ENABLED)
         else:
-            self._newest[received.frame_id] = payload
+            self._newest[received.frame_id] = astuple(payload)
         return True
 
     def read(self) -> Readings:

@@ -1,7 +1,9 @@
 """Both ends of the wheel board's conversation: counters put on and checked, everything refused counted."""
 
 from collections import Counter
-from typing import NamedTuple, Protocol
+from typing import Protocol
+
+import msgspec
 
 from firmware_io.drives.wheel_board.frames import FrameId, Payload, decode, encode
 from firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal
@@ -15,7 +17,7 @@ class Sender(Protocol):
         """Queue a frame; False where it was dropped."""
 
 
-class Received(NamedTuple):
+class Received(msgspec.Struct, frozen=True, gc=False):
     """A frame that passed every check."""
 
     frame_id: FrameId

@@ -2,7 +2,9 @@
 
 import enum
 import struct
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
+
+import msgspec
 
 from firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
 
@@ -69,7 +71,7 @@ class BoardState(enum.IntEnum):
     """Motors off because the board found something wrong; lasts as long as the cause."""
 
 
-class WheelCommand(NamedTuple):
+class WheelCommand(msgspec.Struct, frozen=True, gc=False):
     """Motor voltages, V, within +-30; `enable` False switches the motors off."""
 
     left_voltage: float
@@ -91,7 +93,7 @@ class WheelCommand(NamedTuple):
         return cls(left * _VOLT, right * _VOLT, bool(flags & 1))
 
 
-class BoardSetup(NamedTuple):
+class BoardSetup(msgspec.Struct, frozen=True, gc=False):
     """The watchdog's time-out, s, 0.02 to 1."""
 
     watchdog_s: float
@@ -111,7 +113,7 @@ class BoardSetup(NamedTuple):
         return cls(watchdog * _SECOND)
 
 
-class Wheel(NamedTuple):
+class Wheel(msgspec.Struct, frozen=True, gc=False):
     """Angle since power-on, rad, and angular velocity, rad/s; positive when the robot rolls forward."""
 
     angle: float
@@ -132,7 +134,7 @@ class Wheel(NamedTuple):
         return cls(angle * _RADIAN, velocity * _RADIAN_PER_SECOND)
 
 
-class AngularVelocity(NamedTuple):
+class AngularVelocity(msgspec.Struct, frozen=True, gc=False):
     """Angular velocity in the frame of the IMU, rad/s, each within +-32; x ahead, y left, z up (REP-103)."""
 
     x: float
@@ -141,12 +143,12 @@ class AngularVelocity(NamedTuple):
 
     def in_range(self) -> bool:
         """Whether every value is finite and within the DBC's range."""
-        x, y, z = self
-        return abs(x) <= MAX_TURN_RATE and abs(y) <= MAX_TURN_RATE and abs(z) <= MAX_TURN_RATE
+        return abs(self.x) <= MAX_TURN_RATE and abs(self.y) <= MAX_TURN_RATE and abs(self.z) <= MAX_TURN_RATE
 
     def pack(self, counter: int) -> bytes:
         """The first seven bytes of the frame."""
-        return _AXES.pack(*[round(value / _MILLIRADIAN_PER_SECOND) for value in self], counter)
+        unit = _MILLIRADIAN_PER_SECOND
+        return _AXES.pack(round(self.x / unit), round(self.y / unit), round(self.z / unit), counter)
 
     @classmethod
     def unpack(cls, body: bytes) -> Self:
@@ -155,7 +157,7 @@ class AngularVelocity(NamedTuple):
         return cls(x * _MILLIRADIAN_PER_SECOND, y * _MILLIRADIAN_PER_SECOND, z * _MILLIRADIAN_PER_SECOND)
 
 
-class LinearAcceleration(NamedTuple):
+class LinearAcceleration(msgspec.Struct, frozen=True, gc=False):
     """Specific force in the frame of the IMU, m/s2, each within +-160; +g on z when upright (REP-145)."""
 
     x: float
@@ -164,12 +166,12 @@ class LinearAcceleration(NamedTuple):
 
     def in_range(self) -> bool:
         """Whether every value is finite and within the DBC's range."""
-        x, y, z = self
-        return abs(x) <= MAX_ACCELERATION and abs(y) <= MAX_ACCELERATION and abs(z) <= MAX_ACCELERATION
+        return abs(self.x) <= MAX_ACCELERATION and abs(self.y) <= MAX_ACCELERATION and abs(self.z) <= MAX_ACCELERATION
 
     def pack(self, counter: int) -> bytes:
         """The first seven bytes of the frame."""
-        return _AXES.pack(*[round(value / _METRE_PER_SECOND_SQUARED) for value in self], counter)
+        unit = _METRE_PER_SECOND_SQUARED
+        return _AXES.pack(round(self.x / unit), round(self.y / unit), round(self.z / unit), counter)
 
     @classmethod
     def unpack(cls, body: bytes) -> Self:
@@ -178,7 +180,7 @@ class LinearAcceleration(NamedTuple):
         return cls(x * _METRE_PER_SECOND_SQUARED, y * _METRE_PER_SECOND_SQUARED, z * _METRE_PER_SECOND_SQUARED)
 
 
-class BoardStatus(NamedTuple):
+class BoardStatus(msgspec.Struct, frozen=True, gc=False):
     """State, supply voltage (V), the watchdog in force (s, 0 is off), and frames refused since power-on modulo 256."""
 
     state: BoardState

@@ -4,6 +4,7 @@ import random
 import struct
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.build import HardwareSettings
 from firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
@@ -78,10 +79,10 @@ def test_what_is_not_a_wheel_board_s_frame_means_nothing() -> None:
     good = command(1, enable=True)
     flipped = bytes((good.data[0] ^ 1, *good.data[1:]))
 
-    assert stopper.read(good._replace(is_extended=True)) is None
-    assert stopper.read(good._replace(arbitration_id=0x120)) is None
-    assert stopper.read(good._replace(data=flipped)) is None
-    assert stopper.read(good._replace(data=good.data[:7])) is None
+    assert stopper.read(replace(good, is_extended=True)) is None
+    assert stopper.read(replace(good, arbitration_id=0x120)) is None
+    assert stopper.read(replace(good, data=flipped)) is None
+    assert stopper.read(replace(good, data=good.data[:7])) is None
 
 
 def test_a_wheel_board_s_stop_frames_count_on_where_the_node_was() -> None:
@@ -129,8 +130,8 @@ def test_what_an_odrive_s_frames_mean(side: int, number: int, data: bytes, meani
     wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
-    assert stopper.read(frame._replace(is_extended=True)) is None
-    assert stopper.read(frame._replace(is_remote=True)) is None
+    assert stopper.read(replace(frame, is_extended=True)) is None
+    assert stopper.read(replace(frame, is_remote=True)) is None
 
 
 def test_an_odrive_is_stopped_by_zero_torque_and_idle() -> None:
@@ -168,8 +169,8 @@ def test_what_a_vesc_s_frames_mean(side: int, number: int, data: bytes, meaning:
     wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
-    assert stopper.read(frame._replace(is_extended=False)) is None
-    assert stopper.read(frame._replace(is_remote=True)) is None
+    assert stopper.read(replace(frame, is_extended=False)) is None
+    assert stopper.read(replace(frame, is_remote=True)) is None
 
 
 def test_a_vesc_is_stopped_by_zero_current() -> None:
@@ -208,8 +209,8 @@ def test_what_a_cia_402_drive_s_frames_mean(side: int, base: int, data: bytes, m
     wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
-    assert stopper.read(frame._replace(is_extended=True)) is None
-    assert stopper.read(frame._replace(is_remote=True)) is None
+    assert stopper.read(replace(frame, is_extended=True)) is None
+    assert stopper.read(replace(frame, is_remote=True)) is None
 
 
 def test_cia_402_drives_are_stopped_by_taking_the_voltage_and_asked_by_sync() -> None:

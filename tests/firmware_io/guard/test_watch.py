@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.guard.stopper import Heard, Meaning
 from firmware_io.guard.watch import Cause, End, Watch
@@ -287,8 +288,8 @@ def test_one_drive_whose_commands_stop_stops_both(bench: Bench) -> None:
 
 
 def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
-    own = [frame._replace(received_ns=1_122 * MS) for frame in (Frame(0x51, b"left move"), Frame(0x52, b"right zero"))]
-    bench.watch._stopper.stop = lambda: [f._replace(received_ns=0) for f in own]  # type: ignore[method-assign]
+    own = [replace(frame, received_ns=1_122 * MS) for frame in (Frame(0x51, b"left move"), Frame(0x52, b"right zero"))]
+    bench.watch._stopper.stop = lambda: [replace(f, received_ns=0) for f in own]  # type: ignore[method-assign]
     bench.drive(100)
     bench.wait(25)
     for frame in own:

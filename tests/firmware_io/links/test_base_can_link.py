@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import BusNotFoundError, LinkLostError
 from firmware_io.links import interface_watch
@@ -119,7 +120,7 @@ def test_every_kind_of_frame_is_told_apart(link: BaseCanLink, bus: Bus) -> None:
         (0x008 | ERROR | REMOTE | EXTENDED, bytes(8), 0),
         (0x7FF | 0x1F000, b"3", 0),  # bits that no standard identifier has
     ]
-    assert [frame._replace(received_ns=0) for frame in link.receive()] == [
+    assert [replace(frame, received_ns=0) for frame in link.receive()] == [
         Frame(0x123, b"12"),
         Frame(0x123, b"", is_extended=True),
         Frame(0x7FF, b"3"),

@@ -6,6 +6,7 @@ from typing import Any
 
 import can
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import LinkLostError
 from firmware_io.links.can_link import CanLink
@@ -128,7 +129,7 @@ def test_frames_cross_a_real_backend_both_ways(pair: tuple[CanLink, can.BusABC])
     peer.send(can.Message(arbitration_id=0x121, is_extended_id=False, is_remote_frame=True))
     peer.send(can.Message(arbitration_id=0x120, data=b"", is_extended_id=True))
     frames = _receive(link, 2)
-    assert [frame._replace(received_ns=0) for frame in frames] == [
+    assert [replace(frame, received_ns=0) for frame in frames] == [
         Frame(0x120, b"abc"),
         Frame(0x120, b"", is_extended=True),
     ]
@@ -279,7 +280,7 @@ def test_what_is_no_classic_frame_is_counted_and_what_follows_is_taken(
     link: CanLink, bus: FakeBus, message: can.Message
 ) -> None:
     bus.arriving += [message, _message(WALL_NS, 0x7FF, data=b"good")]
-    assert [frame[:2] for frame in link.receive()] == [(0x7FF, b"good")]
+    assert [(f.arbitration_id, f.data) for f in link.receive()] == [(0x7FF, b"good")]
     assert (link.counters.undecodable, link.counters.received) == (1, 1)
 
 
@@ -320,7 +321,7 @@ def test_our_own_frames_that_come_back_are_no_news(channel: str, interface: str)
         assert message is not None
         mirror.send(message)
         mirror.send(can.Message(arbitration_id=0x111, data=b"end", is_extended_id=False))
-        assert [frame[:2] for frame in _receive(link, 1)] == [(0x111, b"end")]
+        assert [(f.arbitration_id, f.data) for f in _receive(link, 1)] == [(0x111, b"end")]
     assert (link.counters.echoes, link.counters.received) == (1, 1)
     link.close()
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import can
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import BusNotFoundError, LinkLostError
 from firmware_io.links import local_datagrams
@@ -39,7 +40,7 @@ def send_raw(channel: str, datagram: bytes) -> None:
 
 def frames(link: Link) -> list[Frame]:
     """What arrives; the datagrams of one machine are there as soon as they were sent."""
-    return [frame._replace(received_ns=0) for frame in link.receive()]
+    return [replace(frame, received_ns=0) for frame in link.receive()]
 
 
 @pytest.mark.parametrize(
@@ -51,7 +52,11 @@ def test_python_can_and_the_link_understand_each_other(link: Link, bus: can.BusA
     assert link.send(frame)
     heard = bus.recv(PATIENCE_S)
     assert heard is not None
-    assert (heard.arbitration_id, bytes(heard.data), heard.is_extended_id) == (*frame[:2], frame.is_extended)
+    assert (heard.arbitration_id, bytes(heard.data), heard.is_extended_id) == (
+        frame.arbitration_id,
+        frame.data,
+        frame.is_extended,
+    )
     bus.send(can.Message(arbitration_id=0x55, data=frame.data, is_extended_id=False))
     assert frames(link) == [Frame(0x55, frame.data)]
     assert link.counters.echoes == 0, "its own frames do not come back"

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import pytest
 import serial
+from msgspec.structs import replace
 from serial import rfc2217
 from serial.tools import list_ports
 
@@ -41,7 +42,7 @@ def _frames(receive: Callable[[], list[Frame]], count: int = 1) -> list[Frame]:
         with contextlib.suppress(LinkLostError):
             frames += receive()
         if len(frames) >= count:
-            return [frame._replace(received_ns=0) for frame in frames]
+            return [replace(frame, received_ns=0) for frame in frames]
         time.sleep(0.001)
     pytest.fail(f"only {frames} arrived")
 
@@ -146,8 +147,8 @@ def test_what_arrived_before_it_was_opened_is_forgotten(pty: PtyPort) -> None:
     board.send(TELEMETRY)
     link = _link(str(pty.path))
     link.open()
-    board.send(TELEMETRY._replace(data=b"new"))
-    assert _frames(link.receive) == [TELEMETRY._replace(data=b"new")]
+    board.send(replace(TELEMETRY, data=b"new"))
+    assert _frames(link.receive) == [replace(TELEMETRY, data=b"new")]
     link.close()
 
 

@@ -1,6 +1,7 @@
 from collections.abc import Mapping
 
 import pytest
+from msgspec.structs import astuple
 
 from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
@@ -189,15 +190,15 @@ def test_an_imu_is_told_after_the_wheels_where_the_settings_say_so() -> None:
     heard = bench.heard()
     assert [frame_id for frame_id, _ in heard] == (WHEELS + IMU + STATUS) + 3 * (WHEELS + IMU) + (WHEELS + IMU + STATUS)
     told = dict(heard)
-    assert told[FrameId.IMU_GYRO] == pytest.approx((0.1, 0.2, 0.3))
-    assert told[FrameId.IMU_ACCELERATION] == pytest.approx((5.0, 6.0, 9.8))
+    assert astuple(told[FrameId.IMU_GYRO]) == pytest.approx((0.1, 0.2, 0.3))
+    assert astuple(told[FrameId.IMU_ACCELERATION]) == pytest.approx((5.0, 6.0, 9.8))
 
 
 def test_each_wheel_is_told_its_own_values(fresh: Bench) -> None:
     fresh.tick()
     told = dict(fresh.heard())
-    assert told[FrameId.LEFT_WHEEL] == pytest.approx((1.0, 2.0))
-    assert told[FrameId.RIGHT_WHEEL] == pytest.approx((3.0, 4.0))
+    assert astuple(told[FrameId.LEFT_WHEEL]) == pytest.approx((1.0, 2.0))
+    assert astuple(told[FrameId.RIGHT_WHEEL]) == pytest.approx((3.0, 4.0))
 
 
 def test_what_is_beyond_the_range_of_the_frames_is_told_at_its_end() -> None:
@@ -325,13 +326,13 @@ def test_the_watchdog_is_set_while_not_enabled_only_and_told_in_the_status(bench
     assert bench.status().watchdog_s == pytest.approx(0.05)
     bench.can.send(FrameId.BOARD_SETUP, BoardSetup(0.03))
     bench.tick()
-    assert bench.status() == pytest.approx((BoardState.DISABLED, 36.0, 0.03, 0))
+    assert astuple(bench.status()) == pytest.approx((BoardState.DISABLED, 36.0, 0.03, 0))
 
     bench.tick(ON)
     bench.can.send(FrameId.BOARD_SETUP, BoardSetup(1.0))
     bench.serial.send(FrameId.BOARD_SETUP, BoardSetup(1.0))
     bench.tick()
-    assert bench.status() == pytest.approx((BoardState.ENABLED, 36.0, 0.03, 0))
+    assert astuple(bench.status()) == pytest.approx((BoardState.ENABLED, 36.0, 0.03, 0))
 
     bench.tick(OFF)
     bench.serial.send(FrameId.BOARD_SETUP, BoardSetup(0.04))
@@ -394,7 +395,7 @@ def test_a_request_on_the_serial_line_is_answered_in_the_same_tick_with_all_tele
 
     heard = bench.heard_serial()
     assert [frame_id for frame_id, _ in heard] == WHEELS + IMU + STATUS
-    assert dict(heard)[FrameId.LEFT_WHEEL] == pytest.approx((7.0, 2.0))
+    assert astuple(dict(heard)[FrameId.LEFT_WHEEL]) == pytest.approx((7.0, 2.0))
     bench.tick()
     assert bench.heard_serial() == []
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import BusNotFoundError, LinkLostError
 from firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
@@ -84,7 +85,7 @@ def test_frames_pass_between_two_links_as_they_were_sent() -> None:
         received = receive(receiver, len(sent))
         after_ns = time.monotonic_ns()
 
-        assert [frame._replace(received_ns=0) for frame in received] == sent
+        assert [replace(frame, received_ns=0) for frame in received] == sent
         assert sender.counters.sent == receiver.counters.received == len(sent)
         # Stamped by the kernel when they were received, on the loop's clock.
         stamps = [frame.received_ns for frame in received]

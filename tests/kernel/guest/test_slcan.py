@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import LinkLostError
 from firmware_io.links.interface_state import read_interface_state
@@ -95,7 +96,7 @@ def receive(link: SocketCanLink, count: int) -> list[Frame]:
         return len(frames) >= count
 
     until(are_there)
-    return [frame._replace(received_ns=0) for frame in frames]
+    return [replace(frame, received_ns=0) for frame in frames]
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 import can
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.errors import LinkLostError
 from firmware_io.links.can_link import CanLink, make_can_link
@@ -136,7 +137,7 @@ def test_frames_of_every_length_and_kind_are_received_with_the_kernels_stamps(ma
         time.sleep(0.05)
         frames = link.receive()
     expected = [Frame(0x7E0, piece, 0, is_extended) for piece in data for is_extended in (False, True)]
-    assert [frame._replace(received_ns=0) for frame in frames] == expected
+    assert [replace(frame, received_ns=0) for frame in frames] == expected
     stamps = [frame.received_ns for frame in frames]
     # Within the sending: that is when they arrived, and not when they were taken.
     assert stamps == sorted(stamps)

@@ -1,3 +1,5 @@
+from msgspec.structs import replace
+
 from firmware_io.links.link import Frame
 from hil.simulated_bus import SimulatedBus
 from node.case_study.balance import DelayedLink
@@ -20,7 +22,7 @@ def test_a_delayed_link_hands_over_later_with_a_stamp_that_is_as_much_later() ->
     now_ns = undelayed.received_ns + 5 * MS - 1
     assert delayed.receive() == []
     now_ns += 1
-    assert delayed.receive() == [undelayed._replace(received_ns=undelayed.received_ns + 5 * MS)]
+    assert delayed.receive() == [replace(undelayed, received_ns=undelayed.received_ns + 5 * MS)]
     assert delayed.receive() == []
 
 

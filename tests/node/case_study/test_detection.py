@@ -6,6 +6,7 @@ from typing import NamedTuple, cast
 
 import pytest
 from msgspec import structs
+from msgspec.structs import replace
 
 from firmware_io.drives.wheel_board.frames import FrameId, Wheel, decode, encode
 from firmware_io.hardware import Sensors
@@ -163,15 +164,15 @@ def spoil(run: Run, spoilt: Callable[[Frame], Frame]) -> list[int]:
 
 def wrong_crc(frame: Frame) -> Frame:
     """An angle of 6.5536 rad more, and the CRC of before."""
-    return frame._replace(data=frame.data[:2] + bytes([frame.data[2] ^ 1]) + frame.data[3:])
+    return replace(frame, data=frame.data[:2] + bytes([frame.data[2] ^ 1]) + frame.data[3:])
 
 
 def wrong_counter(frame: Frame) -> Frame:
     """Another angle, intact in itself, with a counter that has gone back."""
     payload, counter = decode(frame.arbitration_id, frame.data)
     assert isinstance(payload, Wheel)
-    moved = payload._replace(angle=payload.angle + 6.5536)
-    return frame._replace(data=encode(FrameId.LEFT_WHEEL, moved, counter - 2))
+    moved = replace(payload, angle=payload.angle + 6.5536)
+    return replace(frame, data=encode(FrameId.LEFT_WHEEL, moved, counter - 2))
 
 
 @pytest.mark.parametrize(("spoilt", "cause"), [(wrong_crc, "crc"), (wrong_counter, "counter")])

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from node.cycle.seams import Heartbeat, Report
 from node.ros.mode import make_mode_publisher
@@ -71,7 +72,7 @@ def test_everything_is_told_in_words(listener: Listener) -> None:
 
 
 def test_a_heartbeat_is_echoed_with_its_age(listener: Listener) -> None:
-    listener.publish(ARMED._replace(heartbeat=Heartbeat("base 1", 123_456_789_012), heartbeat_age_ns=12_345_678))
+    listener.publish(replace(ARMED, heartbeat=Heartbeat("base 1", 123_456_789_012), heartbeat_age_ns=12_345_678))
     assert listener.heard[0]["heartbeat"] == "base 1 123456789012"
     assert listener.heard[0]["heartbeat_age_ms"] == "12.346"
 
@@ -80,7 +81,7 @@ def test_a_heartbeat_is_echoed_with_its_age(listener: Listener) -> None:
     ("mode", "level"), [(Mode.DISARMED, b"\0"), (Mode.ARMED, b"\0"), (Mode.HOLD, b"\1"), (Mode.FAULT, b"\2")]
 )
 def test_the_level_is_that_of_the_diagnostics(listener: Listener, mode: Mode, level: bytes) -> None:
-    listener.publish(ARMED._replace(mode=mode))
+    listener.publish(replace(ARMED, mode=mode))
     assert listener.head[0] == level
 
 
@@ -104,16 +105,17 @@ def test_a_robot_that_cannot_stand_says_so() -> None:
 def test_a_change_is_told_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
     listener.publish(ARMED)
     for cycle in (1, 2, 3):
-        listener.publish(ARMED._replace(stamp_ns=STAMP_NS + cycle * 5 * MS, **change))
+        listener.publish(replace(ARMED, stamp_ns=STAMP_NS + cycle * 5 * MS, **change))
     assert len(listener.heard) == 2
-    listener.publish(ARMED._replace(stamp_ns=STAMP_NS + 20 * MS))
+    listener.publish(replace(ARMED, stamp_ns=STAMP_NS + 20 * MS))
     assert len(listener.heard) == 3, "and back"
 
 
 def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: Listener) -> None:
     for cycle in range(600):
         listener.publish(
-            ARMED._replace(
+            replace(
+                ARMED,
                 stamp_ns=STAMP_NS + cycle * 5 * MS,
                 cycle=cycle,
                 values=(float(cycle),),
@@ -128,19 +130,20 @@ def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: List
 def test_a_clock_that_was_set_back_keeps_nobody_waiting(listener: Listener) -> None:
     listener.publish(ARMED)
     for cycle in range(40):
-        listener.publish(ARMED._replace(stamp_ns=STAMP_NS - 3600 * 10**9 + cycle * 5 * MS))
+        listener.publish(replace(ARMED, stamp_ns=STAMP_NS - 3600 * 10**9 + cycle * 5 * MS))
     assert len(listener.heard) == 3
 
 
 def test_one_message_is_made(listener: Listener) -> None:
     for cycle in range(5):
-        listener.publish(ARMED._replace(stamp_ns=STAMP_NS + cycle * 100 * MS, cycle=cycle))
+        listener.publish(replace(ARMED, stamp_ns=STAMP_NS + cycle * 100 * MS, cycle=cycle))
     assert len(listener.messages) == 5
     assert len({id(message) for message in listener.messages}) == 1
 
 
 def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
-    fault = ARMED._replace(
+    fault = replace(
+        ARMED,
         mode=Mode.FAULT,
         reason="stop was pressed",
         drives="off",
@@ -152,7 +155,7 @@ def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
     heard = mode_heard(listener.head[1], listener.heard[0])
     assert heard is not None
     assert heard.is_stopped
-    listener.publish(fault._replace(drives="unconfirmed"))
+    listener.publish(replace(fault, drives="unconfirmed"))
     unconfirmed = mode_heard(listener.head[1], listener.heard[1])
     assert unconfirmed == heard._replace(drives="unconfirmed")
     assert not unconfirmed.is_stopped

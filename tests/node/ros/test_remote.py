@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from msgspec.structs import replace
 
 from node.config import load_robot
 from node.cycle.clock import RealClock
@@ -112,7 +113,7 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
 
     assert stage.dropped == 0
     assert taken is not None
-    assert decode_report(taken[1]) == longest._replace(reason=character * 900)
+    assert decode_report(taken[1]) == replace(longest, reason=character * 900)
 
 
 @pytest.mark.parametrize("kind", [1, 2, 99])

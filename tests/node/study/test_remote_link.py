@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from firmware_io.links.link import Frame
 from node.study.network import Channel, Delivery, Network
 from node.study.remote_link import RemoteLink, bursts
@@ -30,7 +32,7 @@ def test_what_the_bus_says_arrives_later_and_bears_the_time_of_its_arrival() -> 
     rig.sleep_until_ns(undelayed.received_ns + 10 * MS - 1)
     assert link.receive() == []
     rig.sleep_until_ns(undelayed.received_ns + 10 * MS)
-    assert link.receive() == [undelayed._replace(received_ns=undelayed.received_ns + 10 * MS)]
+    assert link.receive() == [replace(undelayed, received_ns=undelayed.received_ns + 10 * MS)]
     assert link.receive() == []
 
 

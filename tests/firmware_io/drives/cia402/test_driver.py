@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_io.devices import Drive
 from firmware_io.drives.cia402.driver import Cia402Pair, MissingLibraryError
@@ -545,7 +546,7 @@ def test_frames_of_others_change_nothing(bench: Bench) -> None:
     for identifier, length in itertools.product(range(2048), range(9)):
         frame = Frame(identifier, bytes(length), bench.memory.now_ns)
         assert identifier in listed or not bench.pair.take(frame)
-        assert not bench.pair.take(frame._replace(is_extended=True))
+        assert not bench.pair.take(replace(frame, is_extended=True))
     assert (bench.pair.read(), bench.pair.faults(), dict(bench.pair.health)) == before
 
 

@@ -4,6 +4,7 @@ import math
 import random
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.devices import Drive, FrameKey
 from firmware_io.drives.enabling import ENABLE_WITHIN_NS
@@ -37,7 +38,7 @@ class Bench:
 
     def tell(self, command: Command, payload: Payload, controller_id: int = 9) -> bool:
         frame = frame_of(command, controller_id, payload)
-        return self.vesc.take(frame._replace(received_ns=self.now_ns))
+        return self.vesc.take(replace(frame, received_ns=self.now_ns))
 
     def tell_status(self) -> None:
         assert self.tell(Command.STATUS, Status(0, 0.0, 0.0))

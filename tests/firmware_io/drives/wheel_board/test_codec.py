@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import cantools
 import pytest
+from msgspec.structs import astuple
 
 from firmware_io.drives.wheel_board import codec
 from firmware_io.drives.wheel_board.codec import CodecError, generate, main
@@ -204,7 +205,7 @@ def test_what_c_packs_we_take(firmware: Firmware) -> None:
     for (frame_id, values), data in zip(DRAWN, firmware.pack(DRAWN), strict=True):
         payload, counter = decode(frame_id, data)
         steps = [signal.scale for signal in _signals(frame_id)]
-        assert all(abs(a - b) <= 0.500001 * s for a, b, s in zip(payload, values, steps, strict=True))
+        assert all(abs(a - b) <= 0.500001 * s for a, b, s in zip(astuple(payload), values, steps, strict=True))
         assert checks[frame_id].accepts(counter)
     assert [check.lost for check in checks.values()] == [0] * len(FrameId)
 
@@ -214,7 +215,7 @@ def test_what_we_send_c_takes_with_the_same_values(firmware: Firmware) -> None:
     frames = _ours(DRAWN)
     for (frame_id, data), told in zip(frames, firmware.check(frames), strict=True):
         assert (told.verdict, told.lost, told.in_range) == (TAKEN, 0, True)
-        assert told.values == pytest.approx(list(map(float, decode(frame_id, data)[0])), rel=1e-15)
+        assert told.values == pytest.approx([float(value) for value in astuple(decode(frame_id, data)[0])], rel=1e-15)
 
 
 @pytest.mark.compiler

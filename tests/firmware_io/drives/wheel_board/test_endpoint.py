@@ -1,6 +1,7 @@
 from collections.abc import Callable
 
 import pytest
+from msgspec.structs import replace
 
 from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
 from firmware_io.drives.wheel_board.frames import BoardSetup, FrameId, Wheel, WheelCommand, encode
@@ -27,7 +28,7 @@ def _take(endpoint: Endpoint, *frames: Frame) -> list[Received]:
 
 
 def _corrupt(frame: Frame) -> Frame:
-    return frame._replace(data=bytes((frame.data[0] ^ 1, *frame.data[1:])))
+    return replace(frame, data=bytes((frame.data[0] ^ 1, *frame.data[1:])))
 
 
 def test_every_identifier_has_its_own_running_counter(endpoint: Endpoint, sent: list[Frame]) -> None:

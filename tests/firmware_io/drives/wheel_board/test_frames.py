@@ -7,6 +7,7 @@ import cantools
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
@@ -199,8 +200,8 @@ def test_bits_that_the_dbc_does_not_name_are_ignored(reference_crc: Crc, frame_i
 
 def test_refused_frames_are_told_modulo_256() -> None:
     status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0x1FE)
-    assert decode(FrameId.BOARD_STATUS, encode(FrameId.BOARD_STATUS, status, 0))[0] == status._replace(
-        refused_frames=0xFE
+    assert decode(FrameId.BOARD_STATUS, encode(FrameId.BOARD_STATUS, status, 0))[0] == replace(
+        status, refused_frames=0xFE
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode, encode
 from firmware_io.drives.wheel_board.serial_line import REQUEST_ID, BoardLine
@@ -63,7 +64,7 @@ def test_every_frame_comes_out_unchanged(line: BoardLine) -> None:
         assert packet[0] == packet[-1] == 0
         assert 0 not in packet[1:-1]
         assert len(packet) == 8 + length
-        assert other.decode(packet, NOW_NS) == [frame._replace(received_ns=NOW_NS)]
+        assert other.decode(packet, NOW_NS) == [replace(frame, received_ns=NOW_NS)]
     assert not +other.refused
 
 
