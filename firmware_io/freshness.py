@@ -43,18 +43,20 @@ class Freshness(Generic[Kind]):
         self._received_ns[kind] = received_ns
         self.newest_ns = received_ns if self.newest_ns is None else max(self.newest_ns, received_ns)
 
-    def age(self, kind: Kind, stale_ns: int | None = None) -> tuple[float, bool]:
+    def age(self, kind: Kind, stale_ns: int | None = None, now_ns: int | None = None) -> tuple[float, bool]:
         """Age of the newest frame of a kind, s, infinite where none has arrived, and whether it is fresh enough.
 
         Args:
             kind: Which.
             stale_ns: The age above which it is not, ns, for what the frame carries beside its quicker values; where
                 left out, the one that was given for the kind.
+            now_ns: The time, for who asks for several kinds at once.
         """
         received_ns = self._received_ns.get(kind)
         if received_ns is None or self.newest_ns is None:
             return math.inf, False
-        now_ns = self._now_ns()
+        if now_ns is None:
+            now_ns = self._now_ns()
         age_ns = now_ns - received_ns
         limit_ns = self._stale_ns[kind] if stale_ns is None else stale_ns
         if now_ns - self.newest_ns <= limit_ns:

@@ -26,16 +26,13 @@ def _table() -> bytes:
 _TABLE: Final = _table()
 
 
-def crc8(data: bytes, crc: int = 0xFF) -> int:
-    """CRC-8H2F of `data`, continuing from `crc` (the register, before the final XOR)."""
+def frame_crc(arbitration_id: int, data: bytes) -> int:
+    """CRC-8H2F of a frame: its data without the CRC byte, then its identifier, low byte first."""
+    crc = 0xFF
     for byte in data:
         crc = _TABLE[crc ^ byte]
-    return crc ^ 0xFF
-
-
-def frame_crc(arbitration_id: int, data: bytes) -> int:
-    """CRC of a frame: its data without the CRC byte, then its identifier, low byte first."""
-    return crc8(data + arbitration_id.to_bytes(2, "little"))
+    crc = _TABLE[crc ^ arbitration_id & 0xFF]
+    return _TABLE[crc ^ arbitration_id >> 8] ^ 0xFF
 
 
 def crc16_xmodem(data: bytes) -> int:

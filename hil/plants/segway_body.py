@@ -65,6 +65,7 @@ class SegwayBody:
         self.per_radius = 1.0 / p.wheel_radius
         self.half_track = 0.5 * p.track
         self._per_coulomb_speed = 1.0 / p.coulomb_speed
+        self._stop_angle = p.stop_angle
         self.load(0.0, 0.0)
         self.tilt(0.0)
 
@@ -165,13 +166,15 @@ class SegwayBody:
         A step in which the body reaches the stop is made again in short ones, so that it is reached when it is.
         """
         self._rests = self._is_held(left, right)
-        is_plain = not (self._rests or self.slope or self._push)
-        before = self.v, self.q, self.w, self.pitch
-        integrate = self._integrate_plain if is_plain else self._integrate
-        self.v, self.q, self.w, self.pitch, way, turn = integrate(h, left, right)
-        if not -self._p.stop_angle < self.pitch + self.slope < self._p.stop_angle:
+        before_v, before_q, before_w, before_pitch = self.v, self.q, self.w, self.pitch
+        if self._rests or self.slope or self._push:
+            moved = self._integrate(h, left, right)
+        else:
+            moved = self._integrate_plain(h, left, right)
+        self.v, self.q, self.w, self.pitch, way, turn = moved
+        if not -self._stop_angle < self.pitch + self.slope < self._stop_angle:
             if h > _IMPACT_STEP and not self._rests:
-                self.v, self.q, self.w, self.pitch = before
+                self.v, self.q, self.w, self.pitch = before_v, before_q, before_w, before_pitch
                 return self._step_in_parts(h, left, right)
             self._hit_the_stop()
             self.accelerate(left, right)
@@ -215,12 +218,12 @@ class SegwayBody:
         This is where most of the time of a run in lock step goes.
         """
         per_radius, lever, viscous, coulomb, per_speed, moment, weight, mass, inertia, yaw_inertia, excess = self._plain
-        sine, cosine, tanh, product = math.sin, math.cos, math.tanh, mass * inertia
+        tanh, product = math.tanh, mass * inertia
         v0, q0, w0, pitch0 = v, q, w, pitch = self.v, self.q, self.w, self.pitch
         way = turn = lean = dv = dq = dw = sum_v = sum_q = sum_w = 0.0
         half = 0.5 * h
         for ahead_by, share in ((half, 1.0), (half, 2.0), (h, 2.0), (0.0, 1.0)):
-            sin, cos = sine(pitch), cosine(pitch)
+            sin, cos = math.sin(pitch), math.cos(pitch)
             rolling, steer = v * per_radius - q, lever * w
             speed_left, speed_right = rolling - steer, rolling + steer
             net_left = left - viscous * speed_left - coulomb * tanh(speed_left * per_speed)
@@ -246,14 +249,14 @@ class SegwayBody:
     def _is_held(self, left: float, right: float) -> bool:
         """Whether the body lies on a bumper and nothing lifts it off."""
         lean = self.pitch + self.slope
-        if abs(lean) < self._p.stop_angle - _TOUCH or self.q:
+        if abs(lean) < self._stop_angle - _TOUCH or self.q:
             return False
         self._rests = False
         return self.accelerations(self.v, 0.0, self.w, self.pitch, left, right)[1] * lean >= 0.0
 
     def _hit_the_stop(self) -> None:
         """Stay at the stop; what turned the body further is lost."""
-        lean = math.copysign(self._p.stop_angle, self.pitch + self.slope)
+        lean = math.copysign(self._stop_angle, self.pitch + self.slope)
         self.pitch = lean - self.slope
         if self.q * lean > 0.0:
             self.v += self._moment * math.cos(lean) * self.q / self._mass

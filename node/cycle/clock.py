@@ -22,9 +22,8 @@ class Clock(Protocol):
 class RealClock:
     """The machine's clock."""
 
-    def now_ns(self) -> int:
-        """CLOCK_MONOTONIC."""
-        return time.monotonic_ns()
+    # CLOCK_MONOTONIC; asked for some thirty times in a cycle, so without a function in Python.
+    now_ns = staticmethod(time.monotonic_ns)
 
     def wall_ns(self) -> int:
         """CLOCK_REALTIME."""

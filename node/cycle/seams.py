@@ -1,7 +1,6 @@
 """What the cycle asks of the ROS stage and the recorder, so that it knows neither."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
 import msgspec
@@ -54,15 +53,14 @@ class HardwareAnswer(NamedTuple):
     reasons: tuple[str, ...]
 
 
-@dataclass(slots=True)
-class Inbox:
+class Inbox(msgspec.Struct):
     """What arrived from outside since the last cycle."""
 
-    setpoints: list[StampedSetpoint] = field(default_factory=list)
-    values: list[SetValue] = field(default_factory=list)
-    requests: list[Request] = field(default_factory=list)
-    written: list[Written] = field(default_factory=list)
-    stations: list[Heartbeat] = field(default_factory=list)
+    setpoints: list[StampedSetpoint] = []
+    values: list[SetValue] = []
+    requests: list[Request] = []
+    written: list[Written] = []
+    stations: list[Heartbeat] = []
     """The newest is the last."""
 
 

@@ -10,7 +10,6 @@ and Infinity by name, so that they come back bit for bit.
     ["setpoints", [[V, W], NS]]         what arrived, by its place in the inbox; one piece for each
 """
 
-import dataclasses
 import json
 import operator
 import typing
@@ -25,7 +24,7 @@ from node.errors import RecordingError
 from node.safety.modes import Action, Answer
 
 _HINTS: Final = typing.get_type_hints(Inbox)
-_FIELDS: Final = tuple(field.name for field in dataclasses.fields(Inbox))
+_FIELDS: Final = Inbox.__struct_fields__
 _arrived_in: Final = operator.attrgetter(*_FIELDS)
 _KINDS: Final = {name: typing.get_args(_HINTS[name])[0] for name in _FIELDS}
 """What each list of the inbox holds."""

@@ -95,12 +95,13 @@ class WheelBoard:
         values: list[float] = []
         ages: list[float] = []
         valid: list[bool] = []
+        now_ns = self._now_ns()
         for frame_id, measured in self._newest.items():
-            age, is_fresh = self._fresh.age(frame_id)
+            age, is_fresh = self._fresh.age(frame_id, None, now_ns)
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS)
+        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
         return Readings(tuple(values), tuple(ages), tuple(valid)).plus(self._status.bus_voltage, supply_age)
 
     def obstacles(self) -> list[str]:

@@ -230,7 +230,7 @@ def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
     if not payload.in_range():
         raise FrameRefusedError(Refusal.RANGE, _name(arbitration_id))
     body = payload.pack(counter & _COUNTER_MASK)
-    return body + bytes((frame_crc(arbitration_id, body),))
+    return body + frame_crc(arbitration_id, body).to_bytes(1, "little")
 
 
 def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
