@@ -14,7 +14,7 @@ from typing import Final
 import can
 import msgspec
 
-from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand
+from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode
 from firmware_io.errors import BusNotFoundError
 from hil.errors import RigError
 from hil.processes import command
@@ -27,7 +27,6 @@ from node.ros.runtime import require_ros
 _HEARD_S: Final = 0.05
 _MARGIN_S: Final = 60.0
 _DOMAINS: Final = 101
-_BODY: Final = 7
 _WORDS: Final = 5
 _NOTHING: Final[Mapping[str, str]] = {}
 
@@ -137,9 +136,11 @@ def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
         while not is_over():
             frame = bus.recv(_HEARD_S)
             at_ns = time.monotonic_ns()
-            if frame is not None and frame.arbitration_id == FrameId.WHEEL_COMMAND:
-                voltage = WheelCommand.unpack(bytes(frame.data[:_BODY])).left_voltage
-                seen.append(Timed(round(voltage / STEP), at_ns))
+            if frame is None or frame.arbitration_id != FrameId.WHEEL_COMMAND:
+                continue
+            payload, _ = decode(frame.arbitration_id, bytes(frame.data))
+            if isinstance(payload, WheelCommand):
+                seen.append(Timed(round(payload.left_voltage / STEP), at_ns))
     return seen
 
 
