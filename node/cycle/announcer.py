@@ -5,7 +5,7 @@ from collections import deque
 from typing import Final
 
 from node.cycle.clock import NS_PER_S, Clock
-from node.safety.modes import Modes
+from node.safety.modes import Mode, Modes
 
 _INTERVAL_NS: Final = NS_PER_S
 _logger = logging.getLogger(__name__)
@@ -17,19 +17,20 @@ class Announcer:
     def __init__(self, clock: Clock) -> None:
         """Tell on a clock."""
         self._clock = clock
-        self._told = ""
+        self._told: tuple[Mode, bool, str] | None = None
         self._told_ns: int | None = None
 
     def tell(self, modes: Modes, obstacle: str | None) -> None:
         """Tell the mode and what keeps the robot from arming, where they have changed."""
-        text = f"{modes.mode}: {modes.reason}" if obstacle is None else f"{modes.mode}, cannot arm: {obstacle}"
-        if text == self._told:
+        new = modes.mode, obstacle is None, modes.reason if obstacle is None else obstacle
+        if new == self._told:
             return
         now_ns = self._clock.now_ns()
         if self._told_ns is not None and now_ns - self._told_ns < _INTERVAL_NS:
             return
-        self._told, self._told_ns = text, now_ns
-        _logger.info(text)
+        self._told, self._told_ns = new, now_ns
+        mode, can_arm, why = new
+        _logger.info("%s: %s" if can_arm else "%s, cannot arm: %s", mode, why)
 
     def tell_event(self, events: deque[str]) -> None:
         """Tell the oldest of what happened, if anything has."""

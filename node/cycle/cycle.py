@@ -16,7 +16,7 @@ from node.cycle.seams import PHASES, CycleRecord, HardwareAnswer, Inbox, Recorde
 from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from node.cycle.supervision import Supervision
 from node.cycle.time_base import TimeBase
-from node.cycle.timing import Histogram
+from node.cycle.timing import Histogram, Tally
 from node.cycle.wiring import Wiring
 from node.errors import ModelFailedError
 from node.model.model import Model
@@ -41,7 +41,6 @@ class Cycle:
         schedule: The set-points.
         time_base: Which stamp each cycle bears.
         hardware: The drives and sensors.
-        histograms: Duration of each phase, by name, and of the whole cycle.
         sensors: The newest snapshot of the hardware.
         events: What happened to the links and has not been told yet; the oldest is forgotten where nobody tells it.
         recorder: Keeps the cycles, as long as it can.
@@ -73,8 +72,7 @@ class Cycle:
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
-        self.histograms = {name: Histogram() for name in (*PHASES, WHOLE)}
-        self._timed = tuple(self.histograms.values())
+        self._tally = Tally((*PHASES, WHOLE))
         self.sensors = Sensors()
         self.events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._model = model
@@ -162,7 +160,12 @@ class Cycle:
         )
         self._initial = None
         end_ns = now_ns()
-        self._count((*durations_ns, end_ns - limited_ns, end_ns - start_ns))
+        self._tally.note((*durations_ns, end_ns - limited_ns, end_ns - start_ns))
+
+    @property
+    def histograms(self) -> dict[str, Histogram]:
+        """Duration of each phase, by name, and of the whole cycle."""
+        return self._tally.histograms
 
     @property
     def model_stopped(self) -> bool:
@@ -193,10 +196,6 @@ class Cycle:
             self.authority.fail(str(error))
             count = len(self._signal_names)
             return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
-
-    def _count(self, durations_ns: Sequence[int]) -> None:
-        for histogram, duration_ns in zip(self._timed, durations_ns, strict=True):
-            histogram.add(duration_ns)
 
     def _receive_all(self, inbox: Inbox, cycle: int) -> None:
         for setpoint, for_ns in inbox.setpoints:

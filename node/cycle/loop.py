@@ -195,9 +195,9 @@ class Loop:
         if self.counters.cycles % self._diagnostics_every == 0:
             self._diagnostics.begin()
             self._collect_due = True
-        self._do_piece()
-        while self._has_slack(deadline_ns) and self._do_piece():
-            pass
+        if self._do_piece():
+            while self._has_slack(deadline_ns) and self._do_piece():
+                pass
         if self._has_slack(deadline_ns):
             self._stage.look_around()
 

@@ -30,7 +30,10 @@ class Observed(Protocol):
     time_base: TimeBase
     hardware: Hardware
     sensors: Sensors
-    histograms: dict[str, Histogram]
+
+    @property
+    def histograms(self) -> dict[str, Histogram]:
+        """Duration of each phase, by name, and of the whole cycle."""
 
 
 class Deadlines(Protocol):
@@ -60,7 +63,8 @@ class DiagnosticReport:
         self.statuses: Sequence[Status] = ()
         self._cycle = cycle
         self._deadlines = deadlines
-        self._histograms = {"lateness": lateness, **cycle.histograms}
+        self._lateness = lateness
+        self._histograms: dict[str, Histogram] = {}
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
@@ -70,6 +74,7 @@ class DiagnosticReport:
     def begin(self) -> None:
         """Start a new set; one that is not complete is completed first."""
         if not self._pending:
+            self._histograms = {"lateness": self._lateness, **self._cycle.histograms}
             self._pending = list(self._histograms)
 
     @property

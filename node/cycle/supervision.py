@@ -51,10 +51,12 @@ class Supervision:
 
     def echo(self, now_ns: int) -> Echo | None:
         """The newest heartbeat of a station, of each in turn that was heard lately; None where none was ever heard."""
+        if not self._echoes:
+            return None
         echoes = list(self._echoes.values())
         lately = [echo for echo in echoes if now_ns - echo.heard_ns <= _ECHOED_FOR_NS] or echoes[-1:]
         turn = now_ns // _TURN_NS
-        return sorted(lately)[turn % len(lately)] if lately else None
+        return sorted(lately)[turn % len(lately)]
 
     def look(
         self, cycle: int, set_values: MutableSequence[float], events: MutableSequence[str], *, is_heard: bool

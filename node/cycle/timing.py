@@ -8,6 +8,7 @@ _SUB_BITS: Final = 5
 _SUB_BUCKETS: Final = 1 << _SUB_BITS
 _MAX_BITS: Final = 40
 _BUCKETS: Final = (_MAX_BITS - _SUB_BITS + 1) * _SUB_BUCKETS
+_COUNTED_AT_ONCE: Final = 32
 _FRACTIONS: Final[Sequence[float]] = (0.5, 0.99, 0.999)
 
 
@@ -68,6 +69,39 @@ class Histogram:
         mean_ns = self._sum_ns / self._total if self._total else 0.0
         p50, p99, p999 = (self.percentile_s(fraction) for fraction in _FRACTIONS)
         return Summary(self._total, mean_ns * 1e-9, p50, p99, p999, self._max_ns * 1e-9)
+
+
+class Tally:
+    """Histograms of durations that come together, one for each, as those of the phases of a cycle do.
+
+    They are counted some cycles at a time: where a loop sleeps between its cycles, no cache holds a histogram any more.
+    """
+
+    __slots__ = ("_counted", "_noted")
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Begin empty."""
+        self._counted = {name: Histogram() for name in names}
+        self._noted: list[Sequence[int]] = []
+
+    def note(self, durations_ns: Sequence[int]) -> None:
+        """Take a duration for each name, in their order."""
+        self._noted.append(durations_ns)
+        if len(self._noted) >= _COUNTED_AT_ONCE:
+            self._count()
+
+    @property
+    def histograms(self) -> dict[str, Histogram]:
+        """By name, with all that was noted."""
+        self._count()
+        return self._counted
+
+    def _count(self) -> None:
+        histograms = tuple(self._counted.values())
+        for durations_ns in self._noted:
+            for histogram, duration_ns in zip(histograms, durations_ns, strict=True):
+                histogram.add(duration_ns)
+        self._noted.clear()
 
 
 def _upper_ns(index: int) -> int:

@@ -39,6 +39,17 @@ def test_nothing_new_is_told_but_once(
     assert len(caplog.messages) == 1
 
 
+def test_the_reason_behind_what_keeps_it_from_arming_is_not_told_again(
+    announcer: Announcer, clock: ScriptedClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    modes = Modes()
+    announcer.tell(modes, "no supply")
+    clock.spend(2 * SECOND)
+    modes.disarm("asked to")
+    announcer.tell(modes, "no supply")
+    assert len(caplog.messages) == 1
+
+
 def test_a_flicker_is_told_at_most_once_a_second(
     announcer: Announcer, clock: ScriptedClock, caplog: pytest.LogCaptureFixture
 ) -> None:

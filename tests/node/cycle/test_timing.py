@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.cycle.timing import Histogram, Summary
+from node.cycle.timing import Histogram, Summary, Tally
 
 LARGEST = (1 << 40) - 1
 durations = st.one_of(st.integers(0, 200), st.integers(0, 10**8), st.integers(0, LARGEST))
@@ -74,3 +74,17 @@ def test_what_is_longer_than_the_last_bucket_is_still_counted_and_its_length_kep
 def test_the_text_is_in_microseconds() -> None:
     text = Summary(3, 1e-6, 1.26e-6, 2e-5, 3e-4, 0.004).as_text()
     assert text == "p50 1.3 us, p99 20.0 us, p99.9 300.0 us, max 4000.0 us"
+
+
+@pytest.mark.parametrize("cycles", [0, 1, 31, 32, 33, 100])
+def test_a_tally_holds_each_duration_under_its_name_whenever_it_is_asked(cycles: int) -> None:
+    tally = Tally(("exchange", "cycle"))
+    for cycle in range(cycles):
+        tally.note((cycle, 1000 + cycle))
+        if cycle % 7 == 0:
+            assert tally.histograms["cycle"].summary().count == cycle + 1
+    found = {name: each.summary() for name, each in tally.histograms.items()}
+    assert [summary.count for summary in found.values()] == [cycles, cycles]
+    if cycles:
+        assert found["exchange"].max_s == pytest.approx((cycles - 1) * 1e-9)
+        assert found["cycle"].max_s == pytest.approx((999 + cycles) * 1e-9)
