@@ -124,7 +124,7 @@ class Assembly:
 
     def _hand(self, frame: Frame) -> None:
         device = self._listeners.get((frame.arbitration_id, frame.is_extended))
-        if device is not None and device.take(frame):
+        if device is not None and device.take(frame) and self._switching is not None:
             self._heard_ns[device.name] = frame.received_ns
 
     def _look_aside(self, link: RedundantLink) -> None:

@@ -23,8 +23,10 @@ class SimulatedBus:
 
     def __init__(self, bitrate: int, now_ns: NowNs) -> None:
         """Make a bus at `bitrate` bit/s on a simulated clock."""
-        lengths = [[Frame(0, bytes(n), is_extended=extended) for n in range(_LENGTHS)] for extended in (False, True)]
-        self._durations_ns = [[round(worst_case_bits(f) * _NS_PER_S / bitrate) for f in frames] for frames in lengths]
+        self._durations_ns = [
+            [round(worst_case_bits(n, is_extended=extended) * _NS_PER_S / bitrate) for n in range(_LENGTHS)]
+            for extended in (False, True)
+        ]
         self._now_ns = now_ns
         self._links: list[SimulatedLink] = []
         self._waiting: list[_Waiting] = []  # as they were submitted, so the time never falls

@@ -4,8 +4,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from msgspec.structs import replace
-
 from firmware_io.links.can_errors import BusErrors
 from firmware_io.links.can_port import (
     ERROR,
@@ -150,9 +148,8 @@ class BaseCanLink:
                 received_ns = stamp_ns + offset_ns
                 if not since_ns <= received_ns <= now_ns:
                     received_ns = since_ns if received_ns < since_ns else now_ns
-                frame = Frame(identifier, data, received_ns, is_extended)
-                self._count_received(frame)
-                frames.append(frame)
+                self._count_received(worst_case_bits(len(data), is_extended=is_extended))
+                frames.append(Frame(identifier, data, received_ns, is_extended))
         except PortError as error:
             self._failures = 1 if frames else self._failures + 1
             if error.is_gone or self._failures >= _FAILURES:
@@ -180,25 +177,26 @@ class BaseCanLink:
         elif word & REMOTE:
             asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
             self.counters.remote_frames += 1
-            self.counters.bits += worst_case_bits(asked)
+            self.counters.bits += worst_case_bits(0, is_extended=asked.is_extended)
             if self.hears_remote:
                 frames.append(asked)
         else:
             self.counters.echoes += 1
 
-    def _count_received(self, frame: Frame) -> None:
+    def _count_received(self, bits: int) -> None:
         self.counters.received += 1
-        self.counters.bits += worst_case_bits(frame)
+        self.counters.bits += bits
         if self._errors.state is LinkState.BUS_OFF:  # a controller that is off hears nothing
             self._errors.state = LinkState.ACTIVE
 
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1
+        is_extended = frame.is_extended
         if frame.is_remote:
-            self.counters.bits += worst_case_bits(replace(frame, data=b""))
+            self.counters.bits += worst_case_bits(0, is_extended=is_extended)
             return
-        self.counters.bits += worst_case_bits(frame)
-        key = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
+        self.counters.bits += worst_case_bits(len(frame.data), is_extended=is_extended)
+        key = frame.arbitration_id | (EXTENDED if is_extended else 0)
         if key not in self._own and len(self._own) < _MAX_IDENTIFIERS:
             self._own.add(key)
 

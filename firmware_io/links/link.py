@@ -26,13 +26,13 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     is_remote: bool = False
 
 
-def worst_case_bits(frame: Frame) -> int:
-    """Bits of a data frame with the most stuffing possible and the space after it.
+def worst_case_bits(length: int, *, is_extended: bool) -> int:
+    """Bits of a frame with `length` bytes of data, with the most stuffing possible and the space after it.
 
     Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis", Real-Time Systems 35
     (2007), equations 1 and 2: 55 + 10 n bits for 11-bit identifiers, 80 + 10 n for 29-bit ones, n bytes of data.
     """
-    return (80 if frame.is_extended else 55) + 10 * len(frame.data)
+    return (80 if is_extended else 55) + 10 * length
 
 
 @enum.unique

@@ -75,16 +75,17 @@ class LocalBus(can.BusABC):
         if frame is None:
             self.undecodable += 1
             return None
-        if frame.sender == self._sender:
+        sender, stamp_ns, word, length, data = frame
+        if sender == self._sender:
             return None
         return can.Message(
-            timestamp=frame.stamp_ns * 1e-9,
-            arbitration_id=frame.word & EXTENDED_IDENTIFIER,
-            is_extended_id=bool(frame.word & EXTENDED),
-            is_remote_frame=bool(frame.word & REMOTE),
-            is_error_frame=bool(frame.word & ERROR),
-            dlc=frame.length,
-            data=b"" if frame.word & REMOTE else frame.data,
+            timestamp=stamp_ns * 1e-9,
+            arbitration_id=word & EXTENDED_IDENTIFIER,
+            is_extended_id=bool(word & EXTENDED),
+            is_remote_frame=bool(word & REMOTE),
+            is_error_frame=bool(word & ERROR),
+            dlc=length,
+            data=b"" if word & REMOTE else data,
             channel=self.channel_info,
         )
 

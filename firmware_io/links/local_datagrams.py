@@ -8,8 +8,6 @@ import struct
 import time
 from typing import Final
 
-import msgspec
-
 from firmware_io.links.can_port import MAX_DATA
 
 PORT: Final = 48463
@@ -26,22 +24,9 @@ class LocalBusError(OSError):
     """The virtual bus cannot be joined."""
 
 
-class Datagram(msgspec.Struct, frozen=True, gc=False):
-    """A frame on the virtual bus.
-
-    Attributes:
-        sender: Which participant sent it.
-        stamp_ns: When, on the wall clock.
-        word: Its identifier with the flags of linux/can.h.
-        length: What it says of the length of its data, 0 to 8.
-        data: As many bytes.
-    """
-
-    sender: int
-    stamp_ns: int
-    word: int
-    length: int
-    data: bytes
+Datagram = tuple[int, int, int, int, bytes]
+"""A frame on the virtual bus: who of its participants sent it; when, on the wall clock, ns; its identifier with the
+flags of linux/can.h; what it says of the length of its data, 0 to 8; and as many bytes."""
 
 
 def new_sender() -> int:
@@ -61,7 +46,7 @@ def decode(datagram: bytes) -> Datagram | None:
     magic, sender, stamp_ns, word, length, data = _DATAGRAM.unpack(datagram)
     if magic != _MAGIC or length > MAX_DATA:
         return None
-    return Datagram(sender, stamp_ns, word, length, data[:length])
+    return sender, stamp_ns, word, length, data[:length]
 
 
 def multicast_group(channel: str) -> str:

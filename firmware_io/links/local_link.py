@@ -82,10 +82,14 @@ class LocalPort:
                 return
             except OSError as error:
                 raise port_error(error) from error
-            if frame is None or not _is_whole(frame.word):
+            if frame is None:
                 self._counters.undecodable += 1
-            elif frame.sender != own:
-                yield frame.word, frame.data, frame.stamp_ns
+                continue
+            sender, stamp_ns, word, _, data = frame
+            if not _is_whole(word):
+                self._counters.undecodable += 1
+            elif sender != own:
+                yield word, data, stamp_ns
 
     def close(self) -> None:
         """Leave the bus."""

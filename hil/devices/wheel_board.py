@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Final
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
+from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_ACCELERATION,
@@ -18,6 +18,7 @@ from firmware_io.drives.wheel_board.frames import (
     BoardStatus,
     FrameId,
     LinearAcceleration,
+    Payload,
     Wheel,
     WheelCommand,
 )
@@ -105,12 +106,12 @@ class SimulatedWheelBoard:
             serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
 
     def _take(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
-        received = line.check(frame)
-        if received is not None:
-            self._obey(line, received, now_ns)
+        payload = line.check(frame)
+        if payload is not None:
+            self._obey(line, payload, now_ns)
 
-    def _obey(self, line: Endpoint, received: Received, now_ns: int) -> None:
-        match received.payload:
+    def _obey(self, line: Endpoint, payload: Payload, now_ns: int) -> None:
+        match payload:
             case WheelCommand(enable=False):
                 self._owner = line
                 self._switch_off(BoardState.DISABLED)

@@ -43,7 +43,7 @@ def wire() -> Wire:
 )
 def test_frames_are_as_long_as_the_analysis_says(frame: Frame, bits: int) -> None:
     """Davis et al. 2007: 55 and 135 bits for 0 and 8 bytes at 11-bit identifiers, 80 and 160 at 29-bit ones."""
-    assert worst_case_bits(frame) == bits
+    assert worst_case_bits(len(frame.data), is_extended=frame.is_extended) == bits
 
 
 @pytest.mark.parametrize(("bitrate", "end_ns"), [(1_000_000, 135_000), (500_000, 270_000), (125_000, 1_080_000)])
@@ -180,7 +180,7 @@ def test_the_wire_goes_to_whom_the_rules_give_it(sent: list[tuple[int, str, int,
         start_ns = max(free_ns, left[0][0])
         winner = min((f for f in left if f[0] <= start_ns), key=lambda f: _bits(f[2]))
         left.remove(winner)
-        free_ns = start_ns + worst_case_bits(winner[2]) * BIT_NS
+        free_ns = start_ns + worst_case_bits(len(winner[2].data), is_extended=winner[2].is_extended) * BIT_NS
         if winner[1] != "c":
             expected.append(replace(winner[2], received_ns=free_ns))
     heard: list[Frame] = []

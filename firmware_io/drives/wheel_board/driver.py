@@ -64,9 +64,11 @@ class WheelBoard:
         self._endpoint = Endpoint(link, telemetry)
         self._watchdog_s = watchdog_s
         self._now_ns = now_ns
-        stale_ns = {frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry}
+        stale_ns: dict[int, int] = {
+            frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry
+        }
         self._fresh = Freshness(stale_ns, now_ns)
-        self._newest: dict[FrameId, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
+        self._newest: dict[int, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
         self._enabling = Enabling()
         self._word = OffWord()
@@ -78,16 +80,16 @@ class WheelBoard:
 
     def take(self, frame: Frame) -> bool:
         """Take one of the board's frames; see `Sensor.take`."""
-        received = self._endpoint.check(frame)
-        if received is None:
+        payload = self._endpoint.check(frame)
+        if payload is None:
             return False
-        self._fresh.mark(received.frame_id, received.received_ns)
-        payload = received.payload
+        received_ns = frame.received_ns
+        self._fresh.mark(frame.arbitration_id, received_ns)
         if isinstance(payload, BoardStatus):
             self._hear(payload)
-            self._word.hear(received.received_ns, is_off=payload.state is not BoardState.ENABLED)
+            self._word.hear(received_ns, is_off=payload.state is not BoardState.ENABLED)
         else:
-            self._newest[received.frame_id] = astuple(payload)
+            self._newest[frame.arbitration_id] = astuple(payload)
         return True
 
     def read(self) -> Readings:
@@ -117,7 +119,7 @@ class WheelBoard:
             )
         if self._status.state in _OFF_BY_ITSELF:
             reasons.append(f"the board reports {self._status.state.name}; if it stays, switch it off and on")
-        silent = [frame_id.name for frame_id in self._newest if frame_id in _IMU and not self._fresh.age(frame_id)[1]]
+        silent = [frame_id.name for frame_id in _IMU if frame_id in self._newest and not self._fresh.age(frame_id)[1]]
         if silent:
             reasons.append(f"the board does not send {' and '.join(silent)}; has it an IMU? if not, set imu: false")
         return reasons

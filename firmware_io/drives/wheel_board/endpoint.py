@@ -3,8 +3,6 @@
 from collections import Counter
 from typing import Protocol
 
-import msgspec
-
 from firmware_io.drives.wheel_board.frames import FrameId, Payload, decode, encode
 from firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
@@ -15,14 +13,6 @@ class Sender(Protocol):
 
     def send(self, frame: Frame) -> bool:
         """Queue a frame; False where it was dropped."""
-
-
-class Received(msgspec.Struct, frozen=True, gc=False):
-    """A frame that passed every check."""
-
-    frame_id: FrameId
-    payload: Payload
-    received_ns: int
 
 
 class Endpoint:
@@ -57,8 +47,8 @@ class Endpoint:
         self._lost_before = self.lost
         self._checks = {frame_id: CounterCheck() for frame_id in self._checks}
 
-    def check(self, frame: Frame) -> Received | None:
-        """A frame that is one of those listened to and intact; None for any other, counted where it was refused."""
+    def check(self, frame: Frame) -> Payload | None:
+        """What a frame carries that is listened to and intact; None for any other, counted where it was refused."""
         frame_id = None if frame.is_extended else self._ids.get(frame.arbitration_id)
         if frame_id is None:
             return None
@@ -70,4 +60,4 @@ class Endpoint:
         if not self._checks[frame_id].accepts(counter):
             self.refused[Refusal.COUNTER] += 1
             return None
-        return Received(frame_id, payload, frame.received_ns)
+        return payload

@@ -1,4 +1,4 @@
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import pytest
 from msgspec.structs import astuple
@@ -90,6 +90,13 @@ class SerialHost:
         return self.line.decode(data, 0)
 
 
+def _checked(endpoint: Endpoint, frames: Iterable[Frame]) -> list[tuple[FrameId, Payload]]:
+    """What the frames carry, all of which pass."""
+    payloads = [(FrameId(frame.arbitration_id), endpoint.check(frame)) for frame in frames]
+    assert all(payload is not None for _, payload in payloads)
+    return [(frame_id, payload) for frame_id, payload in payloads if payload is not None]
+
+
 class Bench:
     """A board on a serial line and on a bus so fast that what is sent has arrived before the next tick."""
 
@@ -129,15 +136,11 @@ class Bench:
     def heard(self) -> list[tuple[FrameId, Payload]]:
         """All telemetry on the bus, since it was last asked for."""
         self.now_ns += 1_000
-        received = [self.can.check(frame) for frame in self.host_link.receive()]
-        assert None not in received
-        return [(r.frame_id, r.payload) for r in received if r is not None]
+        return _checked(self.can, self.host_link.receive())
 
     def heard_serial(self) -> list[tuple[FrameId, Payload]]:
         """All telemetry on the serial line, since it was last asked for."""
-        received = [self.serial.check(frame) for frame in self.serial_host.receive()]
-        assert None not in received
-        return [(r.frame_id, r.payload) for r in received if r is not None]
+        return _checked(self.serial, self.serial_host.receive())
 
     def status(self) -> BoardStatus:
         """The status that the board tells when asked over the serial line."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint, Received
+from firmware_io.drives.wheel_board.endpoint import Endpoint
 from firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
@@ -62,14 +62,14 @@ class Host:
         self.endpoint = Endpoint(link, TELEMETRY)
         self._link = link
 
-    def hear_until(self, wanted: type | BoardState) -> Received:
+    def hear_until(self, wanted: type | BoardState) -> Payload:
         """The first frame with such a payload, or with such a state; what came with it is heard too."""
         deadline_s = time.monotonic() + 10.0
         while time.monotonic() < deadline_s:
             heard = [self.endpoint.check(frame) for frame in self._link.receive()]
-            for received in heard:
-                if received is not None and _is(received.payload, wanted):
-                    return received
+            for payload in heard:
+                if payload is not None and _is(payload, wanted):
+                    return payload
         pytest.fail(f"the board never sent {wanted}")
 
 
@@ -90,7 +90,7 @@ def host(place: Place) -> Iterator[Host]:
 def test_the_board_says_what_it_is_in_frames_that_the_robot_takes(place: Place, host: Host) -> None:
     with plant(place):
         kinds = (Wheel, AngularVelocity, LinearAcceleration, BoardStatus)
-        payloads = [host.hear_until(kind).payload for kind in kinds]
+        payloads = [host.hear_until(kind) for kind in kinds]
     assert payloads[0] == Wheel(0.0, 0.0)
     acceleration, status = payloads[2], payloads[3]
     assert isinstance(acceleration, LinearAcceleration)
@@ -106,7 +106,7 @@ def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: Place, h
         host.endpoint.send(FrameId.BOARD_SETUP, BoardSetup(0.03))
         host.endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(3.0, -3.0, enable=True))
         host.hear_until(BoardState.ENABLED)
-        status = host.hear_until(BoardState.WATCHDOG).payload
+        status = host.hear_until(BoardState.WATCHDOG)
         host.endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(3.0, 3.0, enable=True))
         host.endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False))
         host.hear_until(BoardState.DISABLED)
@@ -119,8 +119,8 @@ def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: Place, h
             host.hear_until(BoardStatus)
     assert isinstance(status, BoardStatus)
     assert status.watchdog_s == pytest.approx(0.03)
-    assert isinstance(moved.payload, Wheel)
-    assert abs(moved.payload.angle) > 0.0
+    assert isinstance(moved, Wheel)
+    assert abs(moved.angle) > 0.0
     assert (seen["commands"], seen["refused"], seen["state"]) == (3, 2, 0)
 
 
