@@ -111,9 +111,10 @@ class SetpointSchedule:
         self._applied_at = None
 
     def _refusal(self, setpoint: Setpoint, cycle: int, now: int) -> SetpointRefusal | None:
-        if not (math.isfinite(setpoint.linear_velocity) and math.isfinite(setpoint.angular_velocity)):
+        linear, angular = setpoint.linear_velocity, setpoint.angular_velocity
+        if not (math.isfinite(linear) and math.isfinite(angular)):
             return SetpointRefusal.NOT_FINITE
-        if any(abs(value) > bound for value, bound in zip(setpoint, self._largest, strict=True)):
+        if abs(linear) > self._largest.linear_velocity or abs(angular) > self._largest.angular_velocity:
             return SetpointRefusal.TOO_LARGE
         if cycle < now - self._tolerance:
             return SetpointRefusal.STALE

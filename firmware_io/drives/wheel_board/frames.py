@@ -131,13 +131,6 @@ def _steps(value: float, step: float, low: float, high: float) -> int:
     return int(value / step + _NO_FRACTION - _NO_FRACTION)
 
 
-def _within(value: float, low: float, high: float) -> float:
-    """A value that was received; ValueError where it is not in the DBC's range."""
-    if not low <= value <= high:
-        raise ValueError
-    return value
-
-
 def _pack_command(payload: WheelCommand, counter: int) -> bytes:
     left = _steps(payload.left_voltage, _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE)
     right = _steps(payload.right_voltage, _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE)
@@ -145,12 +138,11 @@ def _pack_command(payload: WheelCommand, counter: int) -> bytes:
 
 
 def _unpack_command(body: bytes) -> WheelCommand:
-    left, right, flags, _ = _COMMAND.unpack(body)
-    return WheelCommand(
-        _within(left * _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE),
-        _within(right * _VOLT, -MAX_VOLTAGE, MAX_VOLTAGE),
-        bool(flags & 1),
-    )
+    left_steps, right_steps, flags, _ = _COMMAND.unpack(body)
+    left, right = left_steps * _VOLT, right_steps * _VOLT
+    if abs(left) > MAX_VOLTAGE or abs(right) > MAX_VOLTAGE:
+        raise ValueError
+    return WheelCommand(left, right, bool(flags & 1))
 
 
 def _pack_setup(payload: BoardSetup, counter: int) -> bytes:
@@ -158,8 +150,11 @@ def _pack_setup(payload: BoardSetup, counter: int) -> bytes:
 
 
 def _unpack_setup(body: bytes) -> BoardSetup:
-    watchdog, _ = _SETUP.unpack(body)
-    return BoardSetup(_within(watchdog * _SECOND, MIN_WATCHDOG_S, MAX_WATCHDOG_S))
+    watchdog_steps, _ = _SETUP.unpack(body)
+    watchdog_s = watchdog_steps * _SECOND
+    if not MIN_WATCHDOG_S <= watchdog_s <= MAX_WATCHDOG_S:
+        raise ValueError
+    return BoardSetup(watchdog_s)
 
 
 def _pack_wheel(payload: Wheel, counter: int) -> bytes:
@@ -168,11 +163,11 @@ def _pack_wheel(payload: Wheel, counter: int) -> bytes:
 
 
 def _unpack_wheel(body: bytes) -> Wheel:
-    angle, velocity, _ = _WHEEL.unpack(body)
-    return Wheel(
-        _within(angle * _RADIAN, -MAX_ANGLE, MAX_ANGLE),
-        _within(velocity * _RADIAN_PER_SECOND, -MAX_VELOCITY, MAX_VELOCITY),
-    )
+    angle_steps, velocity_steps, _ = _WHEEL.unpack(body)
+    angle, velocity = angle_steps * _RADIAN, velocity_steps * _RADIAN_PER_SECOND
+    if abs(angle) > MAX_ANGLE or abs(velocity) > MAX_VELOCITY:
+        raise ValueError
+    return Wheel(angle, velocity)
 
 
 def _pack_axes(payload: AngularVelocity | LinearAcceleration, counter: int, step: float, most: float) -> bytes:
@@ -181,8 +176,11 @@ def _pack_axes(payload: AngularVelocity | LinearAcceleration, counter: int, step
 
 
 def _unpack_axes(body: bytes, step: float, most: float) -> tuple[float, float, float]:
-    x, y, z, _ = _AXES.unpack(body)
-    return _within(x * step, -most, most), _within(y * step, -most, most), _within(z * step, -most, most)
+    x_steps, y_steps, z_steps, _ = _AXES.unpack(body)
+    x, y, z = x_steps * step, y_steps * step, z_steps * step
+    if abs(x) > most or abs(y) > most or abs(z) > most:
+        raise ValueError
+    return x, y, z
 
 
 def _pack_gyro(payload: AngularVelocity, counter: int) -> bytes:
@@ -210,13 +208,11 @@ def _pack_status(payload: BoardStatus, counter: int) -> bytes:
 
 
 def _unpack_status(body: bytes) -> BoardStatus:
-    state, volts, seconds, refused, _ = _STATUS.unpack(body)
-    return BoardStatus(
-        BoardState(state & 0x07),
-        _within(volts * _VOLT, 0.0, MAX_BUS_VOLTAGE),
-        _within(seconds * _SECOND, 0.0, MAX_WATCHDOG_S),
-        refused,
-    )
+    state, volt_steps, second_steps, refused, _ = _STATUS.unpack(body)
+    volts, seconds = volt_steps * _VOLT, second_steps * _SECOND
+    if volts > MAX_BUS_VOLTAGE or seconds > MAX_WATCHDOG_S:
+        raise ValueError
+    return BoardStatus(BoardState(state & 0x07), volts, seconds, refused)
 
 
 # Functions in tables and not methods of the payloads: compiled, a method of a class of msgspec's is dearer than plain.
