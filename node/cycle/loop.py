@@ -3,8 +3,10 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from node.cycle.announcer import Announcer
@@ -80,6 +82,7 @@ class Loop:
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
         self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
+        self._deliveries: deque[Callable[[], None]] = deque()
         self._collect_due = False
         self._announcer = Announcer(clock)
         self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
@@ -206,17 +209,24 @@ class Loop:
 
     def _do_piece(self) -> bool:
         """Do one piece of this second's work; False when it is done."""
-        if not self._diagnostics.is_pending:
-            collected, self._collect_due = self._collect_due, False
-            if collected:
-                gc.collect(1)
-            return collected
-        if self._diagnostics.work():
-            stamp_ns = self._cycle.time_base.stamp_ns(self.counters.cycles)
-            self.service.report(self._diagnostics.statuses, self.counters)
-            self._stage.publish_diagnostics(stamp_ns, self._diagnostics.statuses)
-            self._recorder.write_diagnostics(stamp_ns, self._diagnostics.statuses)
-        return True
+        if self._diagnostics.is_pending:
+            if self._diagnostics.work():
+                self._deliver()
+            return True
+        if self._deliveries:
+            self._deliveries.popleft()()
+            return True
+        collected, self._collect_due = self._collect_due, False
+        if collected:
+            gc.collect(1)
+        return collected
+
+    def _deliver(self) -> None:
+        """Have the diagnostics told to everybody, one after the other."""
+        stamp_ns, statuses = self._cycle.time_base.stamp_ns(self.counters.cycles), self._diagnostics.statuses
+        self._deliveries.append(partial(self.service.report, statuses, self.counters))
+        self._deliveries.append(partial(self._stage.publish_diagnostics, stamp_ns, statuses))
+        self._deliveries.append(partial(self._recorder.write_diagnostics, stamp_ns, statuses))
 
 
 @contextlib.contextmanager

@@ -1,7 +1,9 @@
 """The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
 
 import re
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Final, Protocol
 
 from firmware_io.hardware import Hardware, Sensors
@@ -50,7 +52,7 @@ class Deadlines(Protocol):
 
 
 class DiagnosticReport:
-    """Gathers one histogram per call of `work`, then the statuses.
+    """Gathers one histogram per call of `work`, then one status.
 
     Attributes:
         statuses: The newest complete set.
@@ -64,18 +66,22 @@ class DiagnosticReport:
         self._cycle = cycle
         self._deadlines = deadlines
         self._lateness = lateness
-        self._histograms: dict[str, Histogram] = {}
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
-        self._pending: list[str] = []
+        self._gathered: list[Status] = []
+        self._pending: deque[Callable[[], None]] = deque()
         self._old_counts: dict[str, int] = {}
 
     def begin(self) -> None:
         """Start a new set; one that is not complete is completed first."""
-        if not self._pending:
-            self._histograms = {"lateness": self._lateness, **self._cycle.histograms}
-            self._pending = list(self._histograms)
+        if self._pending:
+            return
+        self._gathered = []
+        histograms = {"lateness": self._lateness, **self._cycle.histograms}
+        self._pending += [partial(self._summarize, name, histogram) for name, histogram in histograms.items()]
+        parts: Sequence[Callable[[], Status]] = (self._mode, self._timing, self._setpoints, self._hardware)
+        self._pending += [partial(self._gather, part) for part in parts]
 
     @property
     def is_pending(self) -> bool:
@@ -84,13 +90,17 @@ class DiagnosticReport:
 
     def work(self) -> bool:
         """Do one piece of the set that was begun; True when that completed it."""
-        name = self._pending.pop(0)
-        self._summaries[name] = self._histograms[name].summary()
+        self._pending.popleft()()
         if self._pending:
             return False
-        parts: Sequence[Callable[[], Status]] = (self._mode, self._timing, self._setpoints, self._hardware)
-        self.statuses = [part() for part in parts]
+        self.statuses = self._gathered
         return True
+
+    def _summarize(self, name: str, histogram: Histogram) -> None:
+        self._summaries[name] = histogram.summary()
+
+    def _gather(self, part: Callable[[], Status]) -> None:
+        self._gathered.append(part())
 
     def _mode(self) -> Status:
         modes = self._cycle.authority.modes
