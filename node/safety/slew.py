@@ -7,7 +7,7 @@ from node.safety.limits import limit
 
 def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> tuple[float, ...]:
     """Bring each finite command to within `step` of what it was, in the command's unit."""
-    return tuple(min(max(value, old - step), old + step) for value, old in zip(commands, previous, strict=True))
+    return tuple([min(max(value, old - step), old + step) for value, old in zip(commands, previous, strict=True)])
 
 
 class Restraint:
