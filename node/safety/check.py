@@ -1,11 +1,11 @@
 """What every check of the sensors is."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 
-class View(NamedTuple):
+class View:
     """What a check sees in one cycle.
 
     Attributes:
@@ -16,27 +16,34 @@ class View(NamedTuple):
         elapsed_s: The same to the nanosecond, s; None where it is not known.
     """
 
-    values: Sequence[float]
-    valid: Sequence[bool]
-    periods: int
-    setpoint: tuple[float, float] | None = None
-    elapsed_s: float | None = None
+    def __init__(
+        self,
+        values: Sequence[float],
+        valid: Sequence[bool],
+        periods: int,
+        setpoint: tuple[float, float] | None = None,
+        elapsed_s: float | None = None,
+    ) -> None:
+        """Show one cycle to every check."""
+        self.values = values
+        self.valid = valid
+        self.periods = periods
+        self.setpoint = setpoint
+        self.elapsed_s = elapsed_s
+        self._is_complete = False not in valid
 
     def has(self, indices: Sequence[int]) -> bool:
         """Whether all of these signals may be used."""
+        if self._is_complete:  # in nearly every cycle, so that each check need not look
+            return True
         valid = self.valid
         for index in indices:  # noqa: SIM110 - a generator in all() takes three times as long
             if not valid[index]:
                 return False
         return True
 
-    def pick(self, indices: Sequence[int]) -> tuple[float, ...]:
-        """The values of these signals."""
-        values = self.values
-        return tuple([values[index] for index in indices])  # a generator takes twice as long
 
-
-class Check(Protocol):
+class Check(ABC):
     """Looks at every cycle.
 
     Attributes:
@@ -45,6 +52,7 @@ class Check(Protocol):
 
     needs: tuple[int, ...]
 
+    @abstractmethod
     def look(self, view: View) -> str | None:
         """What is wrong, if anything; values that are not valid are not looked at."""
 

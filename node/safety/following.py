@@ -1,16 +1,12 @@
 """A robot that does not go as it was told."""
 
 from collections import deque
-from collections.abc import Sequence
-from typing import Final
 
-from node.safety.check import View, periods_in
+from node.safety.check import Check, View, periods_in
 from node.safety.settings import FollowingErrorSettings
 
-_UNITS: Final = (("ahead", "m/s"), ("turning", "rad/s"))
 
-
-class FollowingError:
+class FollowingError(Check):
     """The velocities that the wheels give the robot, too far from those that were asked for too long; see `Check`.
 
     CiA 402 calls it following error, and watches it with a window and a time-out. A robot takes a while to get from one
@@ -23,49 +19,64 @@ class FollowingError:
         self.needs: tuple[int, ...] = (left, right)
         self._ahead = 0.5 * settings.wheel_radius
         self._turning = settings.wheel_radius / settings.track
-        self._windows = (settings.linear_window, settings.angular_window)
-        self._may_rest = settings.may_rest
+        self._left, self._right = left, right
         self._allowed = periods_in(settings.for_s, period_s)
-        span = periods_in(settings.settle_s, period_s)
-        self._asked = (_Range(span), _Range(span))
+        span, may_rest = periods_in(settings.settle_s, period_s), settings.may_rest
+        linear, angular = settings.linear_window, settings.angular_window
+        self._linear = None if linear is None else _Way("ahead", "m/s", linear, span, may_rest=may_rest)
+        self._angular = None if angular is None else _Way("turning", "rad/s", angular, span, may_rest=may_rest)
         self._now = 0
         self._held = 0
         self._is_following = False
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
-        if view.setpoint is None:
+        setpoint = view.setpoint
+        if setpoint is None:
             self._is_following = False
-        if view.setpoint is None or not view.has(self.needs):
+        if setpoint is None or not view.has(self.needs):
             self._held = 0
             return None
-        left, right = view.pick(self.needs)
-        velocities = (self._ahead * (left + right), self._turning * (right - left))
-        self._note(view.setpoint, velocities, view.periods)
-        wrong = self._wrong(velocities)
+        left, right = view.values[self._left], view.values[self._right]
+        linear, angular = setpoint
+        self._now += view.periods
+        begins, self._is_following = not self._is_following, True
+        wrong = None
+        if self._linear is not None:
+            wrong = self._linear.look(linear, self._ahead * (left + right), self._now, begins=begins)
+        if self._angular is not None:
+            turns = self._angular.look(angular, self._turning * (right - left), self._now, begins=begins)
+            wrong = turns if wrong is None else wrong
         self._held = 0 if wrong is None else self._held + view.periods
         return wrong if self._held >= self._allowed else None
 
-    def _note(self, setpoint: Sequence[float], velocities: Sequence[float], periods: int) -> None:
-        """Keep what is asked; a robot that begins to follow may still move as it does."""
-        self._now += periods
-        for asked, value, velocity in zip(self._asked, setpoint, velocities, strict=True):
-            if not self._is_following:
-                asked.clear()
-                asked.add(velocity, self._now)
-            asked.add(value, self._now)
-        self._is_following = True
 
-    def _wrong(self, velocities: Sequence[float]) -> str | None:
-        for velocity, window, asked, (way, unit) in zip(velocities, self._windows, self._asked, _UNITS, strict=True):
-            if window is None:
-                continue
-            low, high = asked.low, asked.high
-            if self._may_rest:
-                low, high = min(low, 0.0), max(high, 0.0)
-            if not low - window <= velocity <= high + window:
-                return f"the robot goes {velocity:.2f} {unit} {way}, asked is {low:.2f} to {high:.2f} {unit}"
-        return None
+class _Way:
+    """One of the two velocities, against what was asked of it lately."""
+
+    def __init__(self, name: str, unit: str, window: float, span: int, *, may_rest: bool) -> None:
+        """Allow it to be off by `window`, in `unit`, from what was asked within `span` periods."""
+        self._name = name
+        self._unit = unit
+        self._window = window
+        self._may_rest = may_rest
+        self._asked = _Range(span)
+
+    def look(self, asked: float, velocity: float, now: int, *, begins: bool) -> str | None:
+        """Keep what is asked in period `now`, and say whether the velocity is wrong.
+
+        A robot that `begins` to follow may still move as it does.
+        """
+        if begins:
+            self._asked.clear()
+            self._asked.add(velocity, now)
+        self._asked.add(asked, now)
+        low, high = self._asked.low, self._asked.high
+        if self._may_rest:
+            low, high = min(low, 0.0), max(high, 0.0)
+        if low - self._window <= velocity <= high + self._window:
+            return None
+        return f"the robot goes {velocity:.2f} {self._unit} {self._name}, asked is {low:.2f} to {high:.2f} {self._unit}"
 
 
 class _Range:

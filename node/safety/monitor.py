@@ -12,7 +12,7 @@ from node.safety.following import FollowingError
 from node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
 from node.safety.rate import RateMeter, StillWatch
 from node.safety.settings import SafetySettings
-from node.safety.tilt import TiltWatch
+from node.safety.tilt import TiltWatch, imu_vectors
 
 _SIDES: Final = ("left", "right")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
@@ -38,7 +38,7 @@ class SafetyMonitor:
         self._settings = settings
         self._signals = {name: index for index, name in enumerate(signals)}
         has_imu = all(name in self._signals for name in _IMU)
-        self._imu = tuple(self._signals[name] for name in _IMU) if has_imu else ()
+        self._imu: tuple[int, ...] = tuple(self._signals[name] for name in _IMU) if has_imu else ()
         self._period_ns = period_ns
         self._period_s = period_ns / 1e9
         self._tilt = self._make_tilt()
@@ -79,14 +79,20 @@ class SafetyMonitor:
         elapsed_s = self._period_s if self._start_ns is None else (start_ns - self._start_ns) * 1e-9
         self._start_ns = start_ns
         view = View(values, valid, max(round(elapsed_s / self._period_s), 1), setpoint, elapsed_s)
-        found = [check.look(view) for check in self._checks]
+        faults: list[str] = []
+        for check in self._checks:
+            fault = check.look(view)
+            if fault is not None:
+                faults.append(fault)
         if self._deadlines is not None:
-            found.append(self._deadlines.look(self._advance(start_ns - lateness_ns), lateness_ns))
+            missed = self._deadlines.look(self._advance(start_ns - lateness_ns), lateness_ns)
+            if missed is not None:
+                faults.append(missed)
         self._rate.mark(start_ns)
         if self._still is not None:
             self._look_still(self._still, view)
-        self.faults = [fault for fault in found if fault is not None]
-        return self.faults
+        self.faults = faults
+        return faults
 
     def checklist(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
@@ -126,8 +132,8 @@ class SafetyMonitor:
 
     def _look_still(self, still: StillWatch, view: View) -> None:
         if view.has(self._imu):
-            values = view.pick(self._imu)
-            still.look(values[:3], values[3:], view.periods)
+            gyro, accelerometer = imu_vectors(view.values, self._imu)
+            still.look(gyro, accelerometer, view.periods)
         else:
             still.interrupt()
 

@@ -2,9 +2,10 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from operator import itemgetter
+from typing import Final
 
-from node.safety.check import Signal, View, periods_in
+from node.safety.check import Check, Signal, View, periods_in
 from node.safety.settings import VelocityConsistency, YawConsistency
 
 MOVING: Final = 0.5
@@ -14,7 +15,7 @@ _LAG_PERIODS: Final = 2
 """A velocity may be this many periods older than the angle: while the wheel speeds up, that makes them differ."""
 
 
-class Frozen:
+class Frozen(Check):
     """A set of values that repeats bit for bit for too long; see `Check`."""
 
     def __init__(self, name: str, indices: Sequence[int], periods: int, wheels: Sequence[int] | None) -> None:
@@ -28,34 +29,41 @@ class Frozen:
         """
         self.needs: tuple[int, ...] = (*indices, *(wheels or ()))
         self._name = name
-        self._indices = tuple(indices)
+        self._pick = itemgetter(*indices)
         self._allowed = periods
-        self._wheels = wheels
-        self._last: tuple[float, ...] | None = None
+        self._wheels = None if wheels is None else tuple(wheels)
+        self._last: object = None
         self._held = 0
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
-        values = view.pick(self._indices) if view.has(self.needs) else None
-        repeats = values is not None and values == self._last and self._must_change(view)
+        if not view.has(self.needs):
+            self._last, self._held = None, 0
+            return None
+        values: object = self._pick(view.values)
+        repeats = values == self._last and self._must_change(view.values)
         self._held = self._held + view.periods if repeats else 0
         self._last = values
-        return f"{self._name} is frozen: {self._held} periods without a change" if self._is_over else None
+        if self._held < self._allowed:
+            return None
+        return f"{self._name} is frozen: {self._held} periods without a change"
 
-    @property
-    def _is_over(self) -> bool:
-        return self._held >= self._allowed
+    def _must_change(self, values: Sequence[float]) -> bool:
+        if self._wheels is None:
+            return True
+        for wheel in self._wheels:  # noqa: SIM110 - a generator in any() takes three times as long
+            if abs(values[wheel]) > MOVING:
+                return True
+        return False
 
-    def _must_change(self, view: View) -> bool:
-        return self._wheels is None or any(abs(velocity) > MOVING for velocity in view.pick(self._wheels))
 
-
-class YawAgreement:
+class YawAgreement(Check):
     """The wheels' and the gyro's yaw rates, not too different for too long; see `Check`."""
 
     def __init__(self, left: int, right: int, gyro_z: int, settings: YawConsistency, period_s: float) -> None:
         """Compare the wheel velocities with the gyro, which are at these places."""
         self.needs: tuple[int, ...] = (left, right, gyro_z)
+        self._left, self._right, self._gyro_z = left, right, gyro_z
         self._per_wheel_speed = settings.wheel_radius / settings.track
         self._tolerance = settings.tolerance_rad_s
         self._allowed = periods_in(settings.for_s, period_s)
@@ -66,8 +74,9 @@ class YawAgreement:
         if not view.has(self.needs):
             self._held = 0
             return None
-        left, right, gyro = view.pick(self.needs)
-        wheels = (right - left) * self._per_wheel_speed
+        values = view.values
+        gyro = values[self._gyro_z]
+        wheels = (values[self._right] - values[self._left]) * self._per_wheel_speed
         agrees = abs(wheels - gyro) <= self._tolerance
         self._held = 0 if agrees else self._held + view.periods
         if self._held < self._allowed:
@@ -75,17 +84,11 @@ class YawAgreement:
         return f"the wheels turn the robot at {wheels:.2f} rad/s, the gyro says {gyro:.2f} rad/s"
 
 
-class _Sample(NamedTuple):
-    """A wheel, when it was there, and how far its velocity alone would have brought it."""
-
-    now: int
-    now_s: float
-    angle: float
-    velocity: float
-    travelled: float
+_Sample = tuple[int, float, float, float, float]
+"""When a wheel was seen, in periods and in s; its angle, its velocity, and how far that alone would have brought it."""
 
 
-class VelocityAgreement:
+class VelocityAgreement(Check):
     """A wheel's velocity and the change of its angle, alike over a window; see `Check`.
 
     What repeats bit for bit though the wheel moves is no new sample: either the robot passes to its other line, or the
@@ -95,6 +98,7 @@ class VelocityAgreement:
     def __init__(self, angle: Signal, velocity: Signal, settings: VelocityConsistency, period_s: float) -> None:
         """Compare the two signals."""
         self.needs: tuple[int, ...] = (angle.index, velocity.index)
+        self._angle, self._velocity = angle.index, velocity.index
         self._angle_name, self._velocity_name = angle.name, velocity.name
         self._tolerance = settings.tolerance_rad_s
         self._window = periods_in(settings.for_s, period_s)
@@ -111,28 +115,27 @@ class VelocityAgreement:
             return None
         self._now += view.periods
         self._now_s += view.periods * self._period_s if view.elapsed_s is None else view.elapsed_s
-        angle, velocity = view.pick(self.needs)
+        angle, velocity = view.values[self._angle], view.values[self._velocity]
         if not self._samples:
-            self._samples.append(_Sample(self._now, self._now_s, angle, velocity, angle))
+            self._samples.append((self._now, self._now_s, angle, velocity, angle))
             return None
-        last = self._samples[-1]
-        if (angle, velocity) == (last.angle, last.velocity) and abs(velocity) > MOVING:
+        _, last_s, last_angle, last_velocity, travelled = self._samples[-1]
+        if (angle, velocity) == (last_angle, last_velocity) and abs(velocity) > MOVING:
             return None
-        travelled = last.travelled + 0.5 * (last.velocity + velocity) * (self._now_s - last.now_s)
-        self._samples.append(_Sample(self._now, self._now_s, angle, velocity, travelled))
-        return self._compare()
+        travelled += 0.5 * (last_velocity + velocity) * (self._now_s - last_s)
+        self._samples.append((self._now, self._now_s, angle, velocity, travelled))
+        return self._compare(angle, velocity, travelled)
 
-    def _compare(self) -> str | None:
-        """Forget what is older than it has to be, and compare the newest sample with the oldest."""
-        newest = self._samples[-1]
-        while newest.now - self._samples[1].now >= self._window:
-            self._samples.popleft()
-        oldest = self._samples[0]
-        span = newest.now - oldest.now
+    def _compare(self, angle: float, velocity: float, travelled: float) -> str | None:
+        """Forget what is older than it has to be, and compare the newest sample, of now, with the oldest."""
+        samples = self._samples
+        while self._now - samples[1][0] >= self._window:
+            samples.popleft()
+        then, _, old_angle, old_velocity, old_travelled = samples[0]
+        span = self._now - then
         if span < self._window:
             return None
-        change = newest.angle - oldest.angle
-        off = (change - (newest.travelled - oldest.travelled)) / (span * self._period_s)
-        if abs(off) <= self._tolerance + abs(newest.velocity - oldest.velocity) * _LAG_PERIODS / span:
+        off = ((angle - old_angle) - (travelled - old_travelled)) / (span * self._period_s)
+        if abs(off) <= self._tolerance + abs(velocity - old_velocity) * _LAG_PERIODS / span:
             return None
         return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"

@@ -1,11 +1,10 @@
 """The rate that the loop really achieves, and for how long the IMU has been still."""
 
-import math
 from collections import deque
-from collections.abc import Sequence
+from math import hypot
 from typing import Final
 
-from node.safety.tilt import GRAVITY
+from node.safety.tilt import GRAVITY, Vector
 
 _NS_PER_S: Final = 1_000_000_000
 WINDOW_S: Final = 1.0
@@ -42,10 +41,11 @@ class StillWatch:
         self._rate_limit = rate_limit
         self._acceleration_limit = acceleration_limit
 
-    def look(self, gyro: Sequence[float], accelerometer: Sequence[float], periods: int) -> None:
+    def look(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
         """Take a sample, so many periods after the last."""
-        turns = math.hypot(*gyro) > self._rate_limit
-        moves = abs(math.hypot(*accelerometer) - GRAVITY) > self._acceleration_limit
+        (gx, gy, gz), (ax, ay, az) = gyro, accelerometer
+        turns = hypot(gx, gy, gz) > self._rate_limit
+        moves = abs(hypot(ax, ay, az) - GRAVITY) > self._acceleration_limit
         self.periods = 0 if turns or moves else self.periods + periods
 
     def interrupt(self) -> None:

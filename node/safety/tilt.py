@@ -1,10 +1,10 @@
 """How far the body leans, from the IMU alone and independent of the robot's control model."""
 
-import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from math import atan2, hypot, inf
+from typing import Final
 
-from node.safety.check import View
+from node.safety.check import Check, View
 
 GRAVITY: Final = 9.80665
 """Standard gravity, m/s2."""
@@ -15,16 +15,8 @@ _CORRECTION_S: Final = 2.0
 _GRAVITY_WITHIN: Final = 0.1
 """The accelerometer is believed while its magnitude is this near to gravity, as a fraction: else the body is pushed."""
 
-
-class Vector(NamedTuple):
-    """In the robot's axes: x forward, y left, z up."""
-
-    x: float
-    y: float
-    z: float
-
-
-_UPRIGHT: Final = Vector(0.0, 0.0, 1.0)
+Vector = tuple[float, float, float]
+"""In the robot's axes: x forward, y left, z up."""
 
 
 class TiltEstimate:
@@ -38,9 +30,10 @@ class TiltEstimate:
     def __init__(self, period_s: float) -> None:
         """Know nothing yet; `update` is called once per period, s."""
         self._period_s = period_s
-        self._up: Vector | None = None
+        self._up: Vector = (0.0, 0.0, 1.0)
+        self._is_known = False
 
-    def update(self, gyro: Sequence[float], accelerometer: Sequence[float], periods: int) -> None:
+    def update(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
         """Take a sample.
 
         Args:
@@ -48,46 +41,53 @@ class TiltEstimate:
             accelerometer: Specific force, m/s2; +g upward at rest.
             periods: Passed since the last one.
         """
-        measured = _unit(*accelerometer)
-        if self._up is None:
-            self._up = measured
+        ax, ay, az = accelerometer
+        felt = hypot(ax, ay, az)
+        mx, my, mz = _unit(ax, ay, az, felt)
+        if not self._is_known:
+            self._up, self._is_known = (mx, my, mz), True
             return
         elapsed_s = periods * self._period_s
-        turned = _turn(self._up, Vector(*gyro), elapsed_s)
-        trusted = abs(math.hypot(*accelerometer) - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
+        x, y, z = _turn(self._up, gyro, elapsed_s)
+        trusted = abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         gain = min(elapsed_s / _CORRECTION_S, 1.0) if trusted else 0.0
-        self._up = _unit(*(u + gain * (m - u) for u, m in zip(turned, measured, strict=True)))
+        x += gain * (mx - x)
+        y += gain * (my - y)
+        z += gain * (mz - z)
+        self._up = _unit(x, y, z, hypot(x, y, z))
 
     def forget(self) -> None:
         """Begin anew with the next sample."""
-        self._up = None
+        self._is_known = False
 
     @property
     def tilt(self) -> float | None:
         """Angle between the body's z axis and up, 0 to pi rad; None before the first sample."""
-        if self._up is None:
-            return None
-        return math.atan2(math.hypot(self._up.x, self._up.y), self._up.z)
+        return self._angle() if self._is_known else None
+
+    def _angle(self) -> float:
+        x, y, z = self._up
+        return atan2(hypot(x, y), z)
 
 
-class TiltWatch:
+class TiltWatch(Check):
     """Tilt and the rate of tilting, within limits; see `Check`."""
 
     def __init__(self, imu: Sequence[int], period_s: float, tilt_limit: float | None, rate_limit: float | None) -> None:
         """Watch the IMU whose angular velocities, then accelerations, are at these places; limits in rad and rad/s."""
         self.needs: tuple[int, ...] = tuple(imu)
         self.estimate = TiltEstimate(period_s)
-        self._tilt_limit = math.inf if tilt_limit is None else tilt_limit
-        self._rate_limit = math.inf if rate_limit is None else rate_limit
+        self._tilt_limit = inf if tilt_limit is None else tilt_limit
+        self._rate_limit = inf if rate_limit is None else rate_limit
 
     def look(self, view: View) -> str | None:
         """See `Check`."""
         if not view.has(self.needs):
             self.estimate.forget()
             return None
-        values = view.pick(self.needs)
-        self.estimate.update(values[:3], values[3:], view.periods)
-        rate, tilt = math.hypot(*values[:2]), self.estimate.tilt or 0.0
+        gyro, accelerometer = imu_vectors(view.values, self.needs)
+        self.estimate.update(gyro, accelerometer, view.periods)
+        rate, tilt = hypot(gyro[0], gyro[1]), self.estimate.tilt or 0.0
         if not tilt <= self._tilt_limit:
             return f"the body leans {tilt:.2f} rad, beyond {self._tilt_limit:g} rad"
         if not rate <= self._rate_limit:
@@ -95,16 +95,18 @@ class TiltWatch:
         return None
 
 
+def imu_vectors(values: Sequence[float], imu: tuple[int, ...]) -> tuple[Vector, Vector]:
+    """Angular velocity and specific force of the IMU whose values are at these places, in this order."""
+    gx, gy, gz, ax, ay, az = imu
+    return (values[gx], values[gy], values[gz]), (values[ax], values[ay], values[az])
+
+
 def _turn(up: Vector, rate: Vector, elapsed_s: float) -> Vector:
     """Up, seen from a body that turned: d(up)/dt = up x rate."""
-    return Vector(
-        up.x + (up.y * rate.z - up.z * rate.y) * elapsed_s,
-        up.y + (up.z * rate.x - up.x * rate.z) * elapsed_s,
-        up.z + (up.x * rate.y - up.y * rate.x) * elapsed_s,
-    )
+    (x, y, z), (p, q, r) = up, rate
+    return x + (y * r - z * q) * elapsed_s, y + (z * p - x * r) * elapsed_s, z + (x * q - y * p) * elapsed_s
 
 
-def _unit(x: float, y: float, z: float) -> Vector:
-    """A vector of length one in that direction; upright where there is no direction, as in free fall."""
-    length = math.hypot(x, y, z)
-    return Vector(x / length, y / length, z / length) if length > 0.0 else _UPRIGHT
+def _unit(x: float, y: float, z: float, length: float) -> Vector:
+    """The vector of length one in the direction of one of `length`; upright where there is none, as in free fall."""
+    return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 1.0)

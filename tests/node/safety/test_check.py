@@ -15,9 +15,9 @@ def test_signals_may_be_used_only_where_each_of_them_is_valid(indices: list[int]
     assert VIEW.has(indices) is may_be_used
 
 
-def test_values_are_picked_in_the_order_that_is_asked_for() -> None:
-    assert VIEW.pick([3, 0]) == (4.0, 1.0)
-    assert VIEW.pick([]) == ()
+@pytest.mark.parametrize("indices", [[0], [0, 1, 2], []])
+def test_where_every_signal_is_valid_any_of_them_may_be_used(indices: list[int]) -> None:
+    assert View((1.0, 2.0, 3.0), [True] * 3, 1).has(indices)
 
 
 @pytest.mark.parametrize(("duration", "periods"), [(0.1, 20), (0.001, 1), (0.012, 2), (0.013, 3)])

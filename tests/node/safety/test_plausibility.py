@@ -11,8 +11,8 @@ STEP = 0.005
 MS_100 = 20
 
 
-def see(*values: float, valid: bool = True, periods: int = 1) -> View:
-    return View(values, (valid,) * len(values), periods)
+def see(*values: float, valid: bool = True, periods: int = 1, elapsed_s: float | None = None) -> View:
+    return View(values, (valid,) * len(values), periods, elapsed_s=elapsed_s)
 
 
 def encoder() -> Frozen:
@@ -233,8 +233,7 @@ def test_a_cycle_that_starts_late_has_gone_as_far_as_the_time_says() -> None:
     for n in range(100):
         elapsed_s = 0.018 if n == 50 else STEP
         angle += 30.0 * elapsed_s
-        view = see(angle, 30.0)._replace(elapsed_s=elapsed_s)
-        assert check.look(view) is None
+        assert check.look(see(angle, 30.0, elapsed_s=elapsed_s)) is None
     assert check.look(see(angle + 5.0, 30.0)) is not None
 
 

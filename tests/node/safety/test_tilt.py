@@ -59,7 +59,7 @@ def test_lying_on_the_side_is_a_tilt_too() -> None:
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_gyro_turns_it_at_once_even_where_the_accelerometer_is_not_believed(rate: float, axis: int) -> None:
     estimate = settled(0.0)
-    gyro = tuple(rate if n == axis else 0.0 for n in range(3))
+    gyro = (rate, 0.0, 0.0) if axis == 0 else (0.0, rate, 0.0)
     for step in range(1, 101):
         estimate.update(gyro, (0.0, 0.0, 2.0 * G), 1)
         assert tilt_of(estimate) == pytest.approx(abs(rate) * STEP * step, abs=1e-3)
