@@ -51,6 +51,7 @@ class SectionedModel:
             self.p[name] = _finite(name, value)
         # Of equal names the first counts: looked for once, since the cycle reads and writes by name.
         self._state_at = {v.name: place for place, v in reversed([*enumerate(self.states)])}
+        self._now_at = {name: at for name, at in self._state_at.items() if self.states[at].write is Write.NOW}
         self._parameter_at = {v.name: v for v in reversed(self.parameters)}
         self._port_at = {v.name: ("_y", place) for place, v in reversed([*enumerate(self.outputs)])}
         self._port_at |= {v.name: ("_u", place) for place, v in reversed([*enumerate(self.inputs)])}
@@ -117,6 +118,10 @@ class SectionedModel:
 
     def write(self, name: str, value: float) -> None:
         """Write a parameter or state; see `Model.write`."""
+        now_at = self._now_at.get(name)
+        if now_at is not None:  # what a cycle writes: its set-points
+            self.s[now_at] = _finite(name, value)
+            return
         place = self._state_at.get(name)
         variable = self._parameter_at.get(name) if place is None else self.states[place]
         if variable is None:
@@ -133,7 +138,7 @@ class SectionedModel:
         self._run_static(variable)
 
     def _take(self, u: Sequence[float]) -> None:
-        if len(u) != len(self.inputs):
+        if len(u) != len(self._u):
             raise ModelError(f"model '{self.name}' has {len(self.inputs)} inputs and was given {len(u)}")
         self._u = list(u)
         self.input(u)
