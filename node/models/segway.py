@@ -8,6 +8,8 @@ are those of REP-103; pitch is positive when the body leans forward.
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
+from msgspec.structs import astuple
+
 from node.errors import ModelError
 from node.model.methods import Method
 from node.model.sectioned import SectionedModel
@@ -89,13 +91,12 @@ def _states(prefix: str, names: Sequence[str]) -> tuple[Variable, ...]:
 
 _STATES: Final = (
     *SETPOINTS,
-    *_states("Estimated", Estimate._fields),
-    *_states("Reference", Motion._fields),
-    *_states("Doing", Progress._fields),
+    *_states("Estimated", Estimate.__struct_fields__),
+    *_states("Reference", Motion.__struct_fields__),
+    *_states("Doing", Progress.__struct_fields__),
 )
 _ESTIMATE_AT: Final = len(SETPOINTS)
-_MOTION_AT: Final = _ESTIMATE_AT + len(Estimate._fields)
-_PROGRESS_AT: Final = _MOTION_AT + len(Motion._fields)
+_MOTION_AT: Final = _ESTIMATE_AT + len(Estimate.__struct_fields__)
 
 _OUTPUTS: Final = (
     Variable("X", "m"),
@@ -110,7 +111,16 @@ _OUTPUTS: Final = (
 
 
 class SegwayController(SectionedModel):
-    """IMU and encoders in, torques of the wheels out."""
+    """IMU and encoders in, torques of the wheels out.
+
+    Its states tell by name what it holds in the attributes below; nobody but the model writes those.
+
+    Attributes:
+        measured: What is measured.
+        estimate: What is known of the robot.
+        motion: Where the robot should be, and what was sent.
+        progress: What the robot is doing.
+    """
 
     name = "segway-controller"
     step_size = STEP_SIZE
@@ -123,6 +133,9 @@ class SegwayController(SectionedModel):
     def initial(self) -> None:
         """Nothing was measured yet."""
         self.measured = Measured(*(0.0 for _ in _INPUTS))
+        self.estimate = Estimate()
+        self.motion = Motion()
+        self.progress = Progress()
 
     def static(self) -> None:
         """Gather the parameters as the equations use them.
@@ -143,44 +156,40 @@ class SegwayController(SectionedModel):
         )
         self.law = Law(STEP_SIZE, p)
         self.rules = PhaseRules(STEP_SIZE, p)
+        self.torque_limit = p["TorqueLimit"]
 
     def input(self, u: Sequence[float]) -> None:
         """Take what is measured; the first time, it says how the robot lies."""
         self.measured = Measured(*u)
         if self.estimate.since == 0.0:
-            self.s[_ESTIMATE_AT:_MOTION_AT] = self.estimator.start(self.measured)
+            self.estimate = self.estimator.start(self.measured)
+            self.s[_ESTIMATE_AT:_MOTION_AT] = astuple(self.estimate)
 
     def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:  # noqa: ARG002 - nothing depends on the time
         """The next states."""
-        linear, angular, stand = s[:_ESTIMATE_AT]
-        before = Progress(*s[_PROGRESS_AT:])
-        estimate = self.estimator.advance(self.estimate, self.measured, resting=before.is_resting)
-        progress = self.rules.advance(before, estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
-        motion = self.moved(Motion(*s[_MOTION_AT:_PROGRESS_AT]), estimate, progress, (linear, angular))
-        return (linear, angular, stand, *estimate, *motion, *progress)
+        linear, angular, stand = s[0], s[1], s[2]
+        self.estimate = self.estimator.advance(self.estimate, self.measured, resting=self.progress.is_resting)
+        self.progress = self.rules.advance(self.progress, self.estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
+        self.motion = self.moved(linear, angular)
+        return (linear, angular, stand, *astuple(self.estimate), *astuple(self.motion), *astuple(self.progress))
 
-    def moved(self, motion: Motion, e: Estimate, progress: Progress, setpoint: tuple[float, float]) -> Motion:
-        """The reference one period later, with the torques that are sent now."""
-        law, limit = self.law, self.p["TorqueLimit"]
-        match progress.doing:
+    def moved(self, linear: float, angular: float) -> Motion:
+        """The reference one period later towards the set-points, m/s and rad/s, with the torques that are sent now."""
+        law, motion, e, limit = self.law, self.motion, self.estimate, self.torque_limit
+        match self.progress.phase:
+            case Phase.BALANCING:  # for nearly all of its time, and so asked for first
+                return law.balanced(law.ramped(motion, e, linear, angular), e, limit)
             case Phase.STANDING_UP:
                 return law.balanced(law.here(motion, e), e, limit)
-            case Phase.BALANCING:
-                return law.balanced(law.ramped(motion, e, *setpoint), e, limit)
             case Phase.SITTING_DOWN:
                 return law.braked(law.here(motion, e), self.rules.torque_down(e), limit)
             case _:
                 return stopped(law.here(motion, e))
 
     @property
-    def estimate(self) -> Estimate:
-        """What is known of the robot."""
-        return Estimate(*self.s[_ESTIMATE_AT:_MOTION_AT])
-
-    @property
     def torques(self) -> Torques:
         """What the wheels are to push."""
-        return torques(Motion(*self.s[_MOTION_AT:_PROGRESS_AT]))
+        return torques(self.motion)
 
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the torques."""
@@ -189,7 +198,8 @@ class SegwayController(SectionedModel):
     def told(self) -> Sequence[float]:
         """What is published of the robot."""
         e = self.estimate
-        return e.x, e.y, e.heading, e.velocity, e.yaw_rate, e.pitch, e.pitch_rate, self.s[_PROGRESS_AT]
+        phase = float(self.progress.phase)
+        return e.x, e.y, e.heading, e.velocity, e.yaw_rate, e.pitch, e.pitch_rate, phase
 
 
 class SegwayVoltageController(SegwayController):
@@ -208,17 +218,22 @@ class SegwayVoltageController(SegwayController):
         Variable("SupplyVoltage", "V", PUBLISHED.supply_voltage, Write.STATIC),
     )
 
+    def static(self) -> None:
+        """Gather the parameters; see `SegwayController.static`."""
+        super().static()
+        p = self.p
+        self.resistance = p["MotorResistance"]
+        self.wheel_constant = p["MotorConstant"] * p["GearRatio"]
+        self.supply = p["SupplyVoltage"]
+
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the voltages."""
-        m = self.measured
-        resting = Progress(*self.s[_PROGRESS_AT:]).is_resting
-        left, right = self.torques
-        voltages = (0.0, 0.0) if resting else (self.volts(left, m.left_velocity), self.volts(right, m.right_velocity))
-        return (*self.told(), *voltages)
+        if self.progress.is_resting:
+            return (*self.told(), 0.0, 0.0)
+        m, (left, right) = self.measured, self.torques
+        return (*self.told(), self.volts(left, m.left_velocity), self.volts(right, m.right_velocity))
 
     def volts(self, torque: float, velocity: float) -> float:
         """The voltage for a torque at the wheel, N m, that turns at a velocity against the body, rad/s."""
-        p = self.p
-        constant = p["MotorConstant"] * p["GearRatio"]
-        voltage = p["MotorResistance"] * torque / constant + constant * velocity
-        return min(max(voltage, -p["SupplyVoltage"]), p["SupplyVoltage"])
+        voltage = self.resistance * torque / self.wheel_constant + self.wheel_constant * velocity
+        return min(max(voltage, -self.supply), self.supply)

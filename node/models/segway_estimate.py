@@ -9,9 +9,10 @@ What an accelerometer at a height h above the axle feels along the body, with th
 The encoders turn with the body: a wheel has turned by its encoder's angle plus the pitch.
 """
 
-import math
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from math import atan2, cos, hypot, sin
+from typing import Final
+
+import msgspec
 
 STANDARD_GRAVITY: Final = 9.80665
 _LEAST_GRAVITY: Final = 0.5 * STANDARD_GRAVITY
@@ -23,7 +24,7 @@ _LARGEST_INNOVATION: Final = 0.2
 _REST_TIME_S: Final = 0.2
 
 
-class Measured(NamedTuple):
+class Measured(msgspec.Struct, frozen=True, gc=False):
     """What is measured: encoders (rad, rad/s), gyro (rad/s) and accelerometer (m/s2)."""
 
     left_angle: float
@@ -38,7 +39,7 @@ class Measured(NamedTuple):
     acceleration_z: float
 
 
-class Estimate(NamedTuple):
+class Estimate(msgspec.Struct, frozen=True, gc=False):
     """What is known of the robot.
 
     Attributes:
@@ -70,91 +71,94 @@ class Estimate(NamedTuple):
     heading: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
 class Estimator:
-    """Turns what is measured into what is known.
+    """Turns what is measured into what is known."""
 
-    Attributes:
-        period: Time between two measurements, s.
-        radius: Of the wheels, m.
-        track: Between the wheels, m.
-        imu_height: Of the IMU above the axle, along the body, m.
-        tilt_time: How slowly the pitch follows the accelerometer, s.
-        bias_time: How slowly the biases follow, s.
-    """
+    def __init__(  # noqa: PLR0913 - what the robot is made of, and how fast to believe it
+        self, *, period: float, radius: float, track: float, imu_height: float, tilt_time: float, bias_time: float
+    ) -> None:
+        """Work out what stays the same from one period to the next.
 
-    period: float
-    radius: float
-    track: float
-    imu_height: float
-    tilt_time: float
-    bias_time: float
+        Args:
+            period: Time between two measurements, s.
+            radius: Of the wheels, m.
+            track: Between the wheels, m.
+            imu_height: Of the IMU above the axle, along the body, m.
+            tilt_time: How slowly the pitch follows the accelerometer, s.
+            bias_time: How slowly the biases follow, s.
+        """
+        self._period = period
+        self._radius = radius
+        self._imu_height = imu_height
+        self._tilt_time = tilt_time
+        self._pull_time = tilt_time * bias_time
+        self._yaw_rate_per_speed = radius / track
+        self._drawn = period / bias_time
+        # The part of what a resting gyro says that is taken for bias in one period.
+        self._settled = period / _REST_TIME_S
 
     def start(self, m: Measured) -> Estimate:
         """The estimate at rest, from what is measured first; not begun where the accelerometer feels nothing."""
-        if math.hypot(m.acceleration_x, m.acceleration_z) < _LEAST_GRAVITY:
+        if hypot(m.acceleration_x, m.acceleration_z) < _LEAST_GRAVITY:
             return Estimate()
-        pitch = math.atan2(-m.acceleration_x, m.acceleration_z)
-        return Estimate(since=self.period, pitch=pitch, rotation=_rotation(m, pitch))
+        pitch = atan2(-m.acceleration_x, m.acceleration_z)
+        return Estimate(since=self._period, pitch=pitch, rotation=_rotation(m, pitch))
 
     def advance(self, e: Estimate, m: Measured, *, resting: bool) -> Estimate:
         """The estimate one period later; `resting` says that the motors are off."""
-        if e.since == 0.0:
+        since, pitch, pitch_bias = e.since, e.pitch, e.pitch_bias
+        if since == 0.0:
             return self.start(m)
-        rate = m.gyro_y - e.pitch_bias
-        velocity = self.radius * (0.5 * (m.left_velocity + m.right_velocity) + rate)
-        innovation = self._innovation(e, m, rate, velocity)
-        still = abs(rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
-        tilt_time = _REST_TIME_S if still and resting else self.tilt_time
-        pitch = e.pitch + self.period * (0.5 * (rate + e.pitch_rate) + innovation / tilt_time)
-        pitch_bias = self._pitch_bias(e, m, innovation, resting=resting) if still else e.pitch_bias
-        yaw_rate, yaw_bias = self._yaw(e, m, still_at_rest=still and resting)
+        period, cos_pitch, sin_pitch = self._period, cos(pitch), sin(pitch)
+        left_velocity, right_velocity = m.left_velocity, m.right_velocity
+        pitch_rate = m.gyro_y - pitch_bias
+        velocity = self._radius * (0.5 * (left_velocity + right_velocity) + pitch_rate)
+        still = abs(pitch_rate) < _STILL_RATE and abs(velocity) < _STILL_SPEED
+
+        # How far the accelerometer's "up" is from the estimate, rad, without what the robot's own motion adds.
+        rate_before = e.pitch_rate
+        ahead = (velocity - e.velocity) / period
+        turning = (pitch_rate - rate_before) / period
+        fx = m.acceleration_x - ahead * cos_pitch - self._imu_height * turning
+        fz = m.acceleration_z - ahead * sin_pitch + self._imu_height * pitch_rate * pitch_rate
+        innovation = _within(atan2(-fx, fz) - pitch, _LARGEST_INNOVATION)
+
+        tilt_time = _REST_TIME_S if still and resting else self._tilt_time
+        pitch += period * (0.5 * (pitch_rate + rate_before) + innovation / tilt_time)
+        if still:
+            # At rest the gyro should say zero; while it balances, what the accelerometer keeps pulling at is bias.
+            pulled = period * innovation / self._pull_time
+            bias = pitch_bias + self._settled * pitch_rate if resting else pitch_bias - pulled
+            pitch_bias = _within(bias, _LARGEST_BIAS)
+        gyro = m.gyro_z * cos_pitch - m.gyro_x * sin_pitch
+        wheels = self._yaw_rate_per_speed * (right_velocity - left_velocity)
+        yaw_rate, yaw_bias = self._yaw(gyro, wheels, e.yaw_bias, still_at_rest=still and resting)
+
         rotation = _rotation(m, pitch)
-        step = self.radius * (rotation - e.rotation)
-        heading = e.heading + self.period * yaw_rate
+        step = self._radius * (rotation - e.rotation)
+        heading = e.heading + period * yaw_rate
         middle = 0.5 * (e.heading + heading)
         return Estimate(
-            since=e.since + self.period,
-            pitch=pitch,
-            pitch_rate=rate,
-            pitch_bias=pitch_bias,
-            yaw_bias=yaw_bias,
-            rotation=rotation,
-            travel=e.travel + step,
-            velocity=velocity,
-            yaw_rate=yaw_rate,
-            x=e.x + step * math.cos(middle),
-            y=e.y + step * math.sin(middle),
-            heading=heading,
+            since + period,
+            pitch,
+            pitch_rate,
+            pitch_bias,
+            yaw_bias,
+            rotation,
+            e.travel + step,
+            velocity,
+            yaw_rate,
+            e.x + step * cos(middle),
+            e.y + step * sin(middle),
+            heading,
         )
 
-    def _innovation(self, e: Estimate, m: Measured, rate: float, velocity: float) -> float:
-        """How far the accelerometer's "up" is from the estimate, rad, without what the robot's own motion adds."""
-        ahead = (velocity - e.velocity) / self.period
-        turning = (rate - e.pitch_rate) / self.period
-        fx = m.acceleration_x - ahead * math.cos(e.pitch) - self.imu_height * turning
-        fz = m.acceleration_z - ahead * math.sin(e.pitch) + self.imu_height * rate * rate
-        return _within(math.atan2(-fx, fz) - e.pitch, _LARGEST_INNOVATION)
-
-    def _pitch_bias(self, e: Estimate, m: Measured, innovation: float, *, resting: bool) -> float:
-        """At rest the gyro should say zero; while it balances, what the accelerometer keeps pulling at is bias."""
-        pulled = self.period * innovation / (self.tilt_time * self.bias_time)
-        bias = e.pitch_bias + self._settled(m.gyro_y, e.pitch_bias) if resting else e.pitch_bias - pulled
-        return _within(bias, _LARGEST_BIAS)
-
-    def _yaw(self, e: Estimate, m: Measured, *, still_at_rest: bool) -> tuple[float, float]:
+    def _yaw(self, gyro: float, wheels: float, bias: float, *, still_at_rest: bool) -> tuple[float, float]:
         """Yaw rate and the bias of the gyro about the vertical: the gyro knows the short run, the wheels the long."""
-        gyro = m.gyro_z * math.cos(e.pitch) - m.gyro_x * math.sin(e.pitch)
-        if still_at_rest and abs(gyro - e.yaw_bias) < _STILL_RATE:
-            return 0.0, _within(e.yaw_bias + self._settled(gyro, e.yaw_bias), _LARGEST_BIAS)
-        yaw_rate = gyro - e.yaw_bias
-        wheels = self.radius / self.track * (m.right_velocity - m.left_velocity)
-        drawn = self.period / self.bias_time * _within(yaw_rate - wheels, _LARGEST_BIAS)
-        return yaw_rate, _within(e.yaw_bias + drawn, _LARGEST_BIAS)
-
-    def _settled(self, value: float, bias: float) -> float:
-        """How much of what a resting gyro says is taken for bias in one period, rad/s."""
-        return self.period / _REST_TIME_S * (value - bias)
+        yaw_rate = gyro - bias
+        if still_at_rest and abs(yaw_rate) < _STILL_RATE:
+            return 0.0, _within(bias + self._settled * yaw_rate, _LARGEST_BIAS)
+        return yaw_rate, _within(bias + self._drawn * _within(yaw_rate - wheels, _LARGEST_BIAS), _LARGEST_BIAS)
 
 
 def _rotation(m: Measured, pitch: float) -> float:
@@ -162,4 +166,5 @@ def _rotation(m: Measured, pitch: float) -> float:
 
 
 def _within(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+    # The comparison that mostly holds takes a third of the time of what it saves.
+    return value if -limit <= value <= limit else min(max(value, -limit), limit)

@@ -11,8 +11,10 @@ the pitch at rest). The heading is held by feedback of its error and of the yaw 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
+from msgspec.structs import replace
 
 from node.models.segway_estimate import Estimate
 
@@ -21,7 +23,7 @@ _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
 
 
-class Motion(NamedTuple):
+class Motion(msgspec.Struct, frozen=True, gc=False):
     """Where the robot should be, and what was sent to get it there.
 
     Attributes:
@@ -49,47 +51,63 @@ class Motion(NamedTuple):
     turning: float = 0.0
 
 
-class Torques(NamedTuple):
-    """What each wheel is to push, N m."""
-
-    left: float
-    right: float
+Torques = tuple[float, float]
+"""What the left and the right wheel are to push, N m."""
 
 
-@dataclass(frozen=True, slots=True)
 class Law:
-    """The controller's equations with its parameters `p`; see `node.models.segway` for their names and units."""
+    """The controller's equations with its parameters."""
 
-    period: float
-    p: Mapping[str, float]
+    def __init__(self, period: float, p: Mapping[str, float]) -> None:
+        """Take the parameters `p` of `node.models.segway`, which has their units, and the period, s."""
+        self._period = period
+        self._ramp_part = period / _RAMP_LAG_S
+        self._torque_step = p["TorqueSlew"] * period
+        self._travel_gain = p["TravelGain"]
+        self._velocity_gain = p["VelocityGain"]
+        self._pitch_gain = p["PitchGain"]
+        self._pitch_rate_gain = p["PitchRateGain"]
+        self._sent_gain = p["SentGain"]
+        self._sent_before_gain = p["SentBeforeGain"]
+        self._integral_gain = p["IntegralGain"]
+        self._pitch_per_acceleration = p["PitchPerAcceleration"]
+        self._torque_per_acceleration = p["TorquePerAcceleration"]
+        self._heading_gain = p["HeadingGain"]
+        self._yaw_rate_gain = p["YawRateGain"]
+        self._torque_per_yaw_acceleration = p["TorquePerYawAcceleration"]
+        self._max_speed = p["MaxSpeed"]
+        self._max_acceleration = p["MaxAcceleration"]
+        self._max_yaw_rate = p["MaxYawRate"]
+        self._max_yaw_acceleration = p["MaxYawAcceleration"]
+        self._max_travel_error = p["MaxTravelError"]
+        self._max_heading_error = p["MaxHeadingError"]
+        self._max_integral = p["MaxIntegral"]
+        self._max_turning_torque = p["MaxTurningTorque"]
 
     def ramped(self, motion: Motion, e: Estimate, linear: float, angular: float) -> Motion:
         """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed."""
-        p = self.p
-        linear, angular = _within(linear, p["MaxSpeed"]), _within(angular, p["MaxYawRate"])
-        velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, p["MaxAcceleration"])
+        linear, angular = _within(linear, self._max_speed), _within(angular, self._max_yaw_rate)
+        velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, self._max_acceleration)
         yaw_rate, yaw_acceleration = self._ramp(
-            motion.yaw_rate, motion.yaw_acceleration, angular, p["MaxYawAcceleration"]
+            motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
         )
-        travel = _near(motion.travel + self.period * velocity, e.travel, p["MaxTravelError"])
-        heading = _near(motion.heading + self.period * yaw_rate, e.heading, p["MaxHeadingError"])
         return Motion(
-            travel=travel,
-            velocity=velocity,
-            acceleration=acceleration,
-            heading=heading,
-            yaw_rate=yaw_rate,
-            yaw_acceleration=yaw_acceleration,
-            integral=motion.integral,
-            sent=motion.sent,
-            sent_before=motion.sent_before,
-            turning=motion.turning,
+            _near(motion.travel + self._period * velocity, e.travel, self._max_travel_error),
+            velocity,
+            acceleration,
+            _near(motion.heading + self._period * yaw_rate, e.heading, self._max_heading_error),
+            yaw_rate,
+            yaw_acceleration,
+            motion.integral,
+            motion.sent,
+            motion.sent_before,
+            motion.turning,
         )
 
     def _ramp(self, rate: float, acceleration: float, wanted: float, limit: float) -> tuple[float, float]:
         asked = _within(_RAMP_RATE * (wanted - rate), limit)
-        acceleration += self.period / _RAMP_LAG_S * (asked - acceleration)
-        return rate + self.period * acceleration, acceleration
+        acceleration += self._ramp_part * (asked - acceleration)
+        return rate + self._period * acceleration, acceleration
 
     def here(self, motion: Motion, e: Estimate) -> Motion:
         """A reference that is where the robot is, at rest; what was sent is kept."""
@@ -103,61 +121,66 @@ class Law:
 
     def balanced(self, motion: Motion, e: Estimate, limit: float) -> Motion:
         """Send what keeps the robot up and on its way, each wheel within `limit`, N m."""
-        p = self.p
-        ahead = p["TorquePerAcceleration"] * motion.acceleration
+        acceleration, sent_before = motion.acceleration, motion.sent
+        ahead = self._torque_per_acceleration * acceleration
         error = e.travel - motion.travel
+        integral = motion.integral
         u = (
             ahead
-            - p["TravelGain"] * error
-            - p["VelocityGain"] * (e.velocity - motion.velocity)
-            - p["PitchGain"] * (e.pitch - p["PitchPerAcceleration"] * motion.acceleration)
-            - p["PitchRateGain"] * e.pitch_rate
-            - p["SentGain"] * (motion.sent - ahead)
-            - p["SentBeforeGain"] * (motion.sent_before - ahead)
-            - p["IntegralGain"] * motion.integral
+            - self._travel_gain * error
+            - self._velocity_gain * (e.velocity - motion.velocity)
+            - self._pitch_gain * (e.pitch - self._pitch_per_acceleration * acceleration)
+            - self._pitch_rate_gain * e.pitch_rate
+            - self._sent_gain * (sent_before - ahead)
+            - self._sent_before_gain * (motion.sent_before - ahead)
+            - self._integral_gain * integral
         )
-        sent = self._reachable(u, motion.sent, 2.0 * limit)
-        # What cannot be sent is no reason to ask for more: the integral waits.
-        integral = motion.integral if sent != u else motion.integral + self.period * error
-        turning = self._turning(motion, e, limit, sent)
-        return motion._replace(
-            integral=_within(integral, p["MaxIntegral"]), sent=sent, sent_before=motion.sent, turning=turning
+        sent = self._reachable(u, sent_before, 2.0 * limit)
+        if sent == u:  # what cannot be sent is no reason to ask for more: the integral waits
+            integral += self._period * error
+        return replace(
+            motion,
+            integral=_within(integral, self._max_integral),
+            sent=sent,
+            sent_before=sent_before,
+            turning=self._turning(motion, e, limit, sent),
         )
 
     def braked(self, motion: Motion, torque: float, limit: float) -> Motion:
         """Send a sum of torques, N m, and hold no heading."""
         sent = self._reachable(torque, motion.sent, 2.0 * limit)
-        return motion._replace(sent=sent, sent_before=motion.sent, turning=0.0)
+        return replace(motion, sent=sent, sent_before=motion.sent, turning=0.0)
 
     def _reachable(self, torque: float, sent: float, limit: float) -> float:
         """The nearest torque that the motors can give, and that is not too far from the one before."""
-        step = self.p["TorqueSlew"] * self.period
-        return _within(_near(torque, sent, step), limit)
+        return _within(_near(torque, sent, self._torque_step), limit)
 
     def _turning(self, motion: Motion, e: Estimate, limit: float, sent: float) -> float:
         """Difference of torques, right less left: balance comes first, and turning has what it leaves."""
-        p = self.p
         wanted = (
-            p["TorquePerYawAcceleration"] * motion.yaw_acceleration
-            - p["HeadingGain"] * (e.heading - motion.heading)
-            - p["YawRateGain"] * (e.yaw_rate - motion.yaw_rate)
+            self._torque_per_yaw_acceleration * motion.yaw_acceleration
+            - self._heading_gain * (e.heading - motion.heading)
+            - self._yaw_rate_gain * (e.yaw_rate - motion.yaw_rate)
         )
-        return _within(wanted, min(p["MaxTurningTorque"], 2.0 * limit - abs(sent)))
+        return _within(wanted, min(self._max_turning_torque, 2.0 * limit - abs(sent)))
 
 
 def torques(motion: Motion) -> Torques:
     """What was sent last, wheel by wheel."""
-    return Torques(0.5 * (motion.sent - motion.turning), 0.5 * (motion.sent + motion.turning))
+    sent, turning = motion.sent, motion.turning
+    return 0.5 * (sent - turning), 0.5 * (sent + turning)
 
 
 def stopped(motion: Motion) -> Motion:
     """Send nothing."""
-    return motion._replace(sent=0.0, sent_before=motion.sent, turning=0.0, integral=0.0)
+    return replace(motion, sent=0.0, sent_before=motion.sent, turning=0.0, integral=0.0)
 
 
+# The comparison that mostly holds takes a third of the time of what it saves.
 def _within(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+    return value if -limit <= value <= limit else min(max(value, -limit), limit)
 
 
 def _near(value: float, centre: float, distance: float) -> float:
-    return min(max(value, centre - distance), centre + distance)
+    low, high = centre - distance, centre + distance
+    return value if low <= value <= high else min(max(value, low), high)

@@ -2,8 +2,9 @@
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from node.models.segway_estimate import Estimate
 
@@ -39,99 +40,98 @@ class Phase(enum.IntEnum):
     """Down, the motors give nothing; it fell or did not get up, and waits to be told to sit before it tries again."""
 
 
-_PHASES: Final = tuple(Phase)
-"""By number, which takes a quarter of the time of `Phase(number)`."""
-
-
-class Progress(NamedTuple):
+class Progress(msgspec.Struct, frozen=True, gc=False):
     """A phase, and how far it has come.
 
     Attributes:
-        phase: A `Phase`, as a number.
+        phase: The phase.
         elapsed: How long it has lasted, s.
         lasting: How long the robot has been where the phase leads, or ends, s.
         wrong: How long the wheels have been too fast, s.
     """
 
-    phase: float = Phase.RESTING
+    phase: Phase = Phase.RESTING
     elapsed: float = 0.0
     lasting: float = 0.0
     wrong: float = 0.0
 
     @property
-    def doing(self) -> Phase:
-        """The phase."""
-        return _PHASES[int(self.phase)]
-
-    @property
     def is_resting(self) -> bool:
         """Whether the motors give nothing."""
-        return self.doing in (Phase.RESTING, Phase.GIVEN_UP)
+        return self.phase is Phase.RESTING or self.phase is Phase.GIVEN_UP
 
 
-@dataclass(frozen=True, slots=True)
 class PhaseRules:
-    """When one phase becomes another, by the parameters `p`; see `node.models.segway`."""
+    """When one phase becomes another."""
 
-    period: float
-    p: Mapping[str, float]
+    def __init__(self, period: float, p: Mapping[str, float]) -> None:
+        """Take the parameters `p` of `node.models.segway`, and the period, s."""
+        self._period = period
+        self._settling_time = p["SettlingTime"]
+        self._stand_up_time = p["StandUpTime"]
+        self._fall_time = p["FallTime"]
+        self._sit_down_time = p["SitDownTime"]
+        self._sit_down_rate = p["SitDownRate"]
+        self._down_pitch = _AT_STOP * p["StopPitch"]
+        self._runaway_speed = p["RunawaySpeed"]
+        self._torque_per_pitch = p["TorquePerAcceleration"] / p["PitchPerAcceleration"]
+        self._torque_per_rate = _RATE_FACTOR * p["PitchRateGain"]
 
     def advance(self, progress: Progress, e: Estimate, *, stand: bool) -> Progress:
         """The phase one period later; `stand` says whether it is told to stand."""
+        phase, period = progress.phase, self._period
         goal = self._next(progress, e, stand=stand)
-        if goal is not progress.doing:
-            return Progress(phase=goal)
+        if goal is not phase:
+            return Progress(goal)
         return Progress(
-            phase=progress.phase,
-            elapsed=progress.elapsed + self.period,
-            lasting=progress.lasting + self.period if self._is_ending(progress, e) else 0.0,
-            wrong=progress.wrong + self.period if self._is_wrong(e) else 0.0,
+            phase,
+            progress.elapsed + period,
+            progress.lasting + period if self._is_ending(phase, e) else 0.0,
+            progress.wrong + period if self._is_wrong(e) else 0.0,
         )
 
     def torque_down(self, e: Estimate) -> float:
         """Sum of torques while it sits down, N m: lean forward at a given rate; once down, stop rolling."""
-        if abs(e.pitch) > _AT_STOP * self.p["StopPitch"] and abs(e.pitch_rate) < _LANDED_RATE:
+        if abs(e.pitch) > self._down_pitch and abs(e.pitch_rate) < _LANDED_RATE:
             return -_BRAKE_GAIN * e.velocity
-        p = self.p
-        holding = p["TorquePerAcceleration"] / p["PitchPerAcceleration"] * e.pitch
-        return holding - _RATE_FACTOR * p["PitchRateGain"] * (e.pitch_rate - p["SitDownRate"])
+        return self._torque_per_pitch * e.pitch - self._torque_per_rate * (e.pitch_rate - self._sit_down_rate)
 
     def _next(self, progress: Progress, e: Estimate, *, stand: bool) -> Phase:
-        match progress.doing:
+        match progress.phase:
+            case Phase.BALANCING:  # for nearly all of its time, and so asked for first
+                return self._from_balancing(progress, stand=stand)
             case Phase.RESTING:
-                is_settled = min(e.since, progress.elapsed) > self.p["SettlingTime"]
+                is_settled = min(e.since, progress.elapsed) > self._settling_time
                 return Phase.STANDING_UP if stand and is_settled else Phase.RESTING
             case Phase.STANDING_UP:
                 return self._from_standing_up(progress, stand=stand)
-            case Phase.BALANCING:
-                return self._from_balancing(progress, stand=stand)
             case Phase.SITTING_DOWN:
-                is_over = progress.lasting > _STILL_TIME_S or progress.elapsed > self.p["SitDownTime"]
+                is_over = progress.lasting > _STILL_TIME_S or progress.elapsed > self._sit_down_time
                 return Phase.RESTING if is_over else Phase.SITTING_DOWN
             case Phase.GIVEN_UP:
                 return Phase.GIVEN_UP if stand else Phase.RESTING
 
     def _from_standing_up(self, progress: Progress, *, stand: bool) -> Phase:
-        if progress.elapsed > self.p["StandUpTime"] or progress.wrong > _RUNAWAY_TIME_S:
+        if progress.elapsed > self._stand_up_time or progress.wrong > _RUNAWAY_TIME_S:
             return Phase.GIVEN_UP
         if not stand:
             return Phase.SITTING_DOWN
         return Phase.BALANCING if progress.lasting > _UP_TIME_S else Phase.STANDING_UP
 
     def _from_balancing(self, progress: Progress, *, stand: bool) -> Phase:
-        if progress.lasting > self.p["FallTime"] or progress.wrong > _RUNAWAY_TIME_S:
+        if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
             return Phase.GIVEN_UP
         return Phase.BALANCING if stand else Phase.SITTING_DOWN
 
-    def _is_ending(self, progress: Progress, e: Estimate) -> bool:
+    def _is_ending(self, phase: Phase, e: Estimate) -> bool:
         """Whether the robot is where its phase leads to, or has fallen while it balanced."""
-        if progress.doing is Phase.STANDING_UP:
+        if phase is Phase.STANDING_UP:
             return abs(e.pitch) < _UP_PITCH and abs(e.pitch_rate) < _UP_RATE
-        is_down = abs(e.pitch) > _AT_STOP * self.p["StopPitch"]
-        if progress.doing is Phase.BALANCING:
+        is_down = abs(e.pitch) > self._down_pitch
+        if phase is Phase.BALANCING:
             return is_down
         return is_down and abs(e.velocity) < _STILL_SPEED and abs(e.pitch_rate) < _STILL_RATE
 
     def _is_wrong(self, e: Estimate) -> bool:
         """Whether the wheels turn faster than the robot is ever asked to go, as they do in the air."""
-        return abs(e.velocity) > self.p["RunawaySpeed"]
+        return abs(e.velocity) > self._runaway_speed

@@ -20,7 +20,8 @@ GAINS = {
     "YawRateGain": 0.5,
     "TorquePerYawAcceleration": 0.04,
 }
-LAW = Law(0.005, {**{v.name: v.value for v in SegwayController.parameters}, **GAINS})
+PARAMETERS = {**{v.name: v.value for v in SegwayController.parameters}, **GAINS}
+LAW = Law(0.005, PARAMETERS)
 
 
 def sent(motion: Motion, estimate: Estimate) -> float:
@@ -60,7 +61,7 @@ def test_heading_and_yaw_rate_turn_the_robot_back() -> None:
 def test_what_is_sent_is_remembered_limited_and_changes_no_faster_than_allowed() -> None:
     first = LAW.balanced(Motion(sent=0.5), Estimate(pitch=1.0), 1.3)
     assert (first.sent, first.sent_before) == (2.6, 0.5)
-    slow = Law(0.005, {**LAW.p, "TorqueSlew": 10.0}).balanced(Motion(), Estimate(pitch=1.0), 1.3)
+    slow = Law(0.005, {**PARAMETERS, "TorqueSlew": 10.0}).balanced(Motion(), Estimate(pitch=1.0), 1.3)
     assert slow.sent == pytest.approx(0.05)
 
 
