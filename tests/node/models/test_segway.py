@@ -4,6 +4,7 @@ import itertools
 import math
 
 import pytest
+from msgspec.structs import astuple
 
 from node.cli.design import designed
 from node.config import load_robot
@@ -261,6 +262,33 @@ def test_voltages_stop_at_the_supply_and_are_zero_at_rest() -> None:
     resting.initialize(inputs(0.5, LeftVelocity=10.0))
     resting.step(inputs(0.5, LeftVelocity=10.0))
     assert told(resting, "LeftVoltage", "RightVoltage") == [0.0, 0.0]
+
+
+def test_its_states_tell_what_it_holds() -> None:
+    model = balancing()
+    model.write("LinearSetpoint", 0.5)
+    for _ in range(20):
+        model.step(inputs(0.02, GyroY=0.1, GyroZ=0.2, LeftVelocity=1.0, RightVelocity=2.0))
+    holds = [*astuple(model.estimate), *astuple(model.motion), *astuple(model.progress)]
+    assert told(model, *(v.name for v in model.states[3:])) == holds
+    assert sum(value != 0.0 for value in holds) == 20, "so that the line above could have failed"
+
+
+def test_one_that_is_started_again_knows_nothing_of_before() -> None:
+    again, new = balancing(), controller()
+    assert again.initialize(inputs(0.3)) == new.initialize(inputs(0.3))
+    for _ in range(200):
+        assert again.step(inputs(0.3, GyroY=0.01)) == new.step(inputs(0.3, GyroY=0.01))
+
+
+def test_a_parameter_that_is_written_acts_in_the_next_step() -> None:
+    torque, voltage = balancing(), balancing(SegwayVoltageController)
+    torque.write("TorqueLimit", 0.25)
+    voltage.write("SupplyVoltage", 0.5)
+    for model in (torque, voltage):
+        model.step(inputs(0.0, GyroY=5.0))
+    assert told(torque, "LeftTorque", "RightTorque") == [0.25, 0.25]
+    assert told(voltage, "LeftVoltage", "RightVoltage") == [0.5, 0.5]
 
 
 def test_without_gains_it_does_not_start_and_says_what_to_do() -> None:
