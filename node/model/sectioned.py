@@ -1,7 +1,7 @@
 """Models written in Python as the six sections of a 20-sim model."""
 
-import math
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
@@ -160,6 +160,6 @@ def _names(variables: Sequence[Variable]) -> list[str]:
 
 
 def _finite(name: str, value: float) -> float:
-    if not math.isfinite(value):
+    if not isfinite(value):
         raise ModelError(f"'{name}' cannot be {value}: only finite values are taken")
     return float(value)

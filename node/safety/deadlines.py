@@ -26,9 +26,10 @@ class DeadlineWatch:
         """Take a cycle that comes `periods` after the last one, and started this late; what is wrong, if anything."""
         self._deadline += periods
         is_late = lateness_ns > self._late_ns
-        skipped = range(self._deadline - periods + 1, self._deadline)
-        self._missed.extend(skipped[-(self._missed.maxlen or 1) :])
-        self._row += len(skipped)
+        if periods > 1:
+            skipped = range(self._deadline - periods + 1, self._deadline)
+            self._missed.extend(skipped[-(self._missed.maxlen or 1) :])
+            self._row += len(skipped)
         if is_late:
             self._missed.append(self._deadline)
             self._row += 1

@@ -103,8 +103,9 @@ class _Range:
             lows.pop()
         while highs and highs[-1][1] <= value:
             highs.pop()
-        lows.append((now, value))
-        highs.append((now, value))
+        added = (now, value)
+        lows.append(added)
+        highs.append(added)
         oldest = now - self._span
         while lows[0][0] < oldest:
             lows.popleft()

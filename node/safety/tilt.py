@@ -63,9 +63,8 @@ class TiltEstimate:
     @property
     def tilt(self) -> float | None:
         """Angle between the body's z axis and up, 0 to pi rad; None before the first sample."""
-        return self._angle() if self._is_known else None
-
-    def _angle(self) -> float:
+        if not self._is_known:
+            return None
         x, y, z = self._up
         return atan2(hypot(x, y), z)
 
