@@ -53,8 +53,8 @@ class SectionedModel:
         self._state_at = {v.name: place for place, v in reversed([*enumerate(self.states)])}
         self._now_at = {name: at for name, at in self._state_at.items() if self.states[at].write is Write.NOW}
         self._parameter_at = {v.name: v for v in reversed(self.parameters)}
-        self._port_at = {v.name: ("_y", place) for place, v in reversed([*enumerate(self.outputs)])}
-        self._port_at |= {v.name: ("_u", place) for place, v in reversed([*enumerate(self.inputs)])}
+        self._input_at = {v.name: place for place, v in reversed([*enumerate(self.inputs)])}
+        self._output_at = {v.name: place for place, v in reversed([*enumerate(self.outputs)])}
 
     # The sections. `u` is valid for one step; `output` returns the outputs in order.
 
@@ -111,9 +111,10 @@ class SectionedModel:
             return self.p[name]
         if name in self._state_at:
             return self.s[self._state_at[name]]
-        if name in self._port_at:
-            ports, place = self._port_at[name]
-            return float(getattr(self, ports)[place])
+        if name in self._input_at:
+            return float(self._u[self._input_at[name]])
+        if name in self._output_at:
+            return float(self._y[self._output_at[name]])
         raise UnknownNameError(f"variable of model '{self.name}'", name, self._names())
 
     def write(self, name: str, value: float) -> None:
