@@ -1,13 +1,13 @@
 """What must hold before the robot arms: each item says what was measured, and if it refuses, how to mend it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+import msgspec
 
 from node.safety.settings import ChecklistSettings, SupplyWindow
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(msgspec.Struct, frozen=True):
     """What was measured; None for what the robot does not have, or what is not known yet.
 
     Attributes:
@@ -37,8 +37,7 @@ class Measured:
     real_time: bool | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+class Item(msgspec.Struct, frozen=True, gc=False):
     """One item of the list.
 
     Attributes:

@@ -38,6 +38,8 @@ class SafetyMonitor:
         self._settings = settings
         self._signals = {name: index for index, name in enumerate(signals)}
         has_imu = all(name in self._signals for name in _IMU)
+        self._wheels = [self._signals[name] for name in _VELOCITIES if name in self._signals]
+        self._supply = self._signals.get(_SUPPLY)
         self._imu: tuple[int, ...] = tuple(self._signals[name] for name in _IMU) if has_imu else ()
         self._period_ns = period_ns
         self._period_s = period_ns / 1e9
@@ -106,23 +108,24 @@ class SafetyMonitor:
     def _measure(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
     ) -> Measured:
-        names = list(self._signals)
+        names, needs = list(self._signals), self.needs
+        stale = [names[index] for index in needs if not valid[index]]
         return Measured(
             wanted_hz=self._rate.wanted_hz,
             rate_hz=self._rate.rate_hz,
-            newest_age_s=min((ages[index] for index in self.needs), default=None),
-            is_heard=any(valid[index] for index in self.needs),
-            stale=[names[index] for index in self.needs if not valid[index]],
+            newest_age_s=min([ages[index] for index in needs], default=None),
+            is_heard=len(stale) < len(needs),
+            stale=stale,
             faults=self.faults,
             still_s=self._still.periods * self._period_s if self._still else None,
             tilt=self._tilt.estimate.tilt if self._tilt else None,
-            wheels=[values[self._signals[name]] for name in _VELOCITIES if name in self._signals],
+            wheels=[values[index] for index in self._wheels],
             supply_v=self._supply_v(values, valid),
             real_time=real_time,
         )
 
     def _supply_v(self, values: Sequence[float], valid: Sequence[bool]) -> float | None:
-        index = self._signals.get(_SUPPLY)
+        index = self._supply
         return None if index is None or not valid[index] else values[index]
 
     def _advance(self, deadline_ns: int) -> int:

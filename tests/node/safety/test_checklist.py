@@ -1,7 +1,7 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from node.safety.checklist import Item, Measured, drives_item, no_checklist, obstacles, run_checklist
 from node.safety.settings import ChecklistSettings, SupplyWindow
