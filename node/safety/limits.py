@@ -6,9 +6,12 @@ from math import isfinite
 
 def not_finite(values: Sequence[float]) -> int | None:
     """The index of the first value that is not finite, if any."""
-    if all(map(isfinite, values)):
+    if isfinite(sum(values)):  # in nearly every cycle: a sum is finite only where all of its terms are
         return None
-    return next(index for index, value in enumerate(values) if not isfinite(value))
+    for index, value in enumerate(values):
+        if not isfinite(value):
+            return index
+    return None
 
 
 def limit(commands: Sequence[float], limits: Sequence[float]) -> tuple[float, ...]:

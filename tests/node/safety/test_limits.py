@@ -12,6 +12,9 @@ from node.safety.limits import limit, not_finite
     [
         ([], None),
         ([0.0, -1e308], None),
+        ([1e308, 1e308, 1e308], None),
+        ([1e308, 1e308, math.nan], 2),
+        ([math.inf, -math.inf], 0),
         ([math.nan], 0),
         ([0.0, math.inf], 1),
         ([0.0, 1.0, -math.inf], 2),
