@@ -14,7 +14,7 @@ from node.errors import ModelError
 from node.model.methods import Method
 from node.model.sectioned import SectionedModel
 from node.model.variables import Variable, Write
-from node.models.segway_estimate import Estimate, Estimator, Measured
+from node.models.segway_estimate import Estimate, Estimator, Measured, within
 from node.models.segway_law import Law, Motion, Torques, stopped, torques
 from node.models.segway_parameters import PUBLISHED
 from node.models.segway_phases import Phase, PhaseRules, Progress
@@ -236,4 +236,4 @@ class SegwayVoltageController(SegwayController):
     def volts(self, torque: float, velocity: float) -> float:
         """The voltage for a torque at the wheel, N m, that turns at a velocity against the body, rad/s."""
         voltage = self.resistance * torque / self.wheel_constant + self.wheel_constant * velocity
-        return min(max(voltage, -self.supply), self.supply)
+        return within(voltage, self.supply)

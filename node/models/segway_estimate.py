@@ -121,7 +121,7 @@ class Estimator:
         turning = (pitch_rate - rate_before) / period
         fx = m.acceleration_x - ahead * cos_pitch - self._imu_height * turning
         fz = m.acceleration_z - ahead * sin_pitch + self._imu_height * pitch_rate * pitch_rate
-        innovation = _within(atan2(-fx, fz) - pitch, _LARGEST_INNOVATION)
+        innovation = within(atan2(-fx, fz) - pitch, _LARGEST_INNOVATION)
 
         tilt_time = _REST_TIME_S if still and resting else self._tilt_time
         pitch += period * (0.5 * (pitch_rate + rate_before) + innovation / tilt_time)
@@ -129,7 +129,7 @@ class Estimator:
             # At rest the gyro should say zero; while it balances, what the accelerometer keeps pulling at is bias.
             pulled = period * innovation / self._pull_time
             bias = pitch_bias + self._settled * pitch_rate if resting else pitch_bias - pulled
-            pitch_bias = _within(bias, _LARGEST_BIAS)
+            pitch_bias = within(bias, _LARGEST_BIAS)
         gyro = m.gyro_z * cos_pitch - m.gyro_x * sin_pitch
         wheels = self._yaw_rate_per_speed * (right_velocity - left_velocity)
         yaw_rate, yaw_bias = self._yaw(gyro, wheels, e.yaw_bias, still_at_rest=still and resting)
@@ -157,14 +157,15 @@ class Estimator:
         """Yaw rate and the bias of the gyro about the vertical: the gyro knows the short run, the wheels the long."""
         yaw_rate = gyro - bias
         if still_at_rest and abs(yaw_rate) < _STILL_RATE:
-            return 0.0, _within(bias + self._settled * yaw_rate, _LARGEST_BIAS)
-        return yaw_rate, _within(bias + self._drawn * _within(yaw_rate - wheels, _LARGEST_BIAS), _LARGEST_BIAS)
+            return 0.0, within(bias + self._settled * yaw_rate, _LARGEST_BIAS)
+        return yaw_rate, within(bias + self._drawn * within(yaw_rate - wheels, _LARGEST_BIAS), _LARGEST_BIAS)
 
 
 def _rotation(m: Measured, pitch: float) -> float:
     return 0.5 * (m.left_angle + m.right_angle) + pitch
 
 
-def _within(value: float, limit: float) -> float:
+def within(value: float, limit: float) -> float:
+    """The nearest value to this one from minus to plus the limit."""
     # The comparison that mostly holds takes a third of the time of what it saves.
     return value if -limit <= value <= limit else min(max(value, -limit), limit)

@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 from msgspec.structs import replace
 
-from node.models.segway_estimate import Estimate
+from node.models.segway_estimate import Estimate, within
 
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
@@ -86,7 +86,7 @@ class Law:
 
     def ramped(self, motion: Motion, e: Estimate, linear: float, angular: float) -> Motion:
         """Move the reference for one period towards the set-points, m/s and rad/s, not further ahead than allowed."""
-        linear, angular = _within(linear, self._max_speed), _within(angular, self._max_yaw_rate)
+        linear, angular = within(linear, self._max_speed), within(angular, self._max_yaw_rate)
         velocity, acceleration = self._ramp(motion.velocity, motion.acceleration, linear, self._max_acceleration)
         yaw_rate, yaw_acceleration = self._ramp(
             motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
@@ -105,7 +105,7 @@ class Law:
         )
 
     def _ramp(self, rate: float, acceleration: float, wanted: float, limit: float) -> tuple[float, float]:
-        asked = _within(_RAMP_RATE * (wanted - rate), limit)
+        asked = within(_RAMP_RATE * (wanted - rate), limit)
         acceleration += self._ramp_part * (asked - acceleration)
         return rate + self._period * acceleration, acceleration
 
@@ -140,7 +140,7 @@ class Law:
             integral += self._period * error
         return replace(
             motion,
-            integral=_within(integral, self._max_integral),
+            integral=within(integral, self._max_integral),
             sent=sent,
             sent_before=sent_before,
             turning=self._turning(motion, e, limit, sent),
@@ -153,7 +153,7 @@ class Law:
 
     def _reachable(self, torque: float, sent: float, limit: float) -> float:
         """The nearest torque that the motors can give, and that is not too far from the one before."""
-        return _within(_near(torque, sent, self._torque_step), limit)
+        return within(_near(torque, sent, self._torque_step), limit)
 
     def _turning(self, motion: Motion, e: Estimate, limit: float, sent: float) -> float:
         """Difference of torques, right less left: balance comes first, and turning has what it leaves."""
@@ -162,7 +162,7 @@ class Law:
             - self._heading_gain * (e.heading - motion.heading)
             - self._yaw_rate_gain * (e.yaw_rate - motion.yaw_rate)
         )
-        return _within(wanted, min(self._max_turning_torque, 2.0 * limit - abs(sent)))
+        return within(wanted, min(self._max_turning_torque, 2.0 * limit - abs(sent)))
 
 
 def torques(motion: Motion) -> Torques:
@@ -174,11 +174,6 @@ def torques(motion: Motion) -> Torques:
 def stopped(motion: Motion) -> Motion:
     """Send nothing."""
     return replace(motion, sent=0.0, sent_before=motion.sent, turning=0.0, integral=0.0)
-
-
-# The comparison that mostly holds takes a third of the time of what it saves.
-def _within(value: float, limit: float) -> float:
-    return value if -limit <= value <= limit else min(max(value, -limit), limit)
 
 
 def _near(value: float, centre: float, distance: float) -> float:
