@@ -138,7 +138,7 @@ class Estimator:
         step = self._radius * (rotation - e.rotation)
         heading = e.heading + period * yaw_rate
         middle = 0.5 * (e.heading + heading)
-        return Estimate(
+        return Estimate(  # in the order of the fields: by their names takes four times as long
             since + period,
             pitch,
             pitch_rate,

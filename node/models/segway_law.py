@@ -91,17 +91,14 @@ class Law:
         yaw_rate, yaw_acceleration = self._ramp(
             motion.yaw_rate, motion.yaw_acceleration, angular, self._max_yaw_acceleration
         )
-        return Motion(
-            _near(motion.travel + self._period * velocity, e.travel, self._max_travel_error),
-            velocity,
-            acceleration,
-            _near(motion.heading + self._period * yaw_rate, e.heading, self._max_heading_error),
-            yaw_rate,
-            yaw_acceleration,
-            motion.integral,
-            motion.sent,
-            motion.sent_before,
-            motion.turning,
+        return replace(
+            motion,
+            travel=_near(motion.travel + self._period * velocity, e.travel, self._max_travel_error),
+            velocity=velocity,
+            acceleration=acceleration,
+            heading=_near(motion.heading + self._period * yaw_rate, e.heading, self._max_heading_error),
+            yaw_rate=yaw_rate,
+            yaw_acceleration=yaw_acceleration,
         )
 
     def _ramp(self, rate: float, acceleration: float, wanted: float, limit: float) -> tuple[float, float]:
@@ -121,28 +118,27 @@ class Law:
 
     def balanced(self, motion: Motion, e: Estimate, limit: float) -> Motion:
         """Send what keeps the robot up and on its way, each wheel within `limit`, N m."""
-        acceleration, sent_before = motion.acceleration, motion.sent
+        acceleration, integral, last = motion.acceleration, motion.integral, motion.sent
         ahead = self._torque_per_acceleration * acceleration
         error = e.travel - motion.travel
-        integral = motion.integral
         u = (
             ahead
             - self._travel_gain * error
             - self._velocity_gain * (e.velocity - motion.velocity)
             - self._pitch_gain * (e.pitch - self._pitch_per_acceleration * acceleration)
             - self._pitch_rate_gain * e.pitch_rate
-            - self._sent_gain * (sent_before - ahead)
+            - self._sent_gain * (last - ahead)
             - self._sent_before_gain * (motion.sent_before - ahead)
             - self._integral_gain * integral
         )
-        sent = self._reachable(u, sent_before, 2.0 * limit)
+        sent = self._reachable(u, last, 2.0 * limit)
         if sent == u:  # what cannot be sent is no reason to ask for more: the integral waits
             integral += self._period * error
         return replace(
             motion,
             integral=within(integral, self._max_integral),
             sent=sent,
-            sent_before=sent_before,
+            sent_before=last,
             turning=self._turning(motion, e, limit, sent),
         )
 
