@@ -16,4 +16,9 @@ def not_finite(values: Sequence[float]) -> int | None:
 
 def limit(commands: Sequence[float], limits: Sequence[float]) -> tuple[float, ...]:
     """Clamp each finite command to plus or minus its limit, in the command's unit."""
-    return tuple([min(max(value, -bound), bound) for value, bound in zip(commands, limits, strict=True)])
+    return tuple(
+        [
+            value if -bound <= value <= bound else min(max(value, -bound), bound)
+            for value, bound in zip(commands, limits, strict=True)
+        ]
+    )
