@@ -171,7 +171,7 @@ class SegwayController(SectionedModel):
         self.estimate = self.estimator.advance(self.estimate, self.measured, resting=self.progress.is_resting)
         self.progress = self.rules.advance(self.progress, self.estimate, stand=stand >= 0.5)  # noqa: PLR2004 - half way from 0 to 1
         self.motion = self.moved(linear, angular)
-        return (linear, angular, stand, *astuple(self.estimate), *astuple(self.motion), *astuple(self.progress))
+        return [linear, angular, stand, *astuple(self.estimate), *astuple(self.motion), *astuple(self.progress)]
 
     def moved(self, linear: float, angular: float) -> Motion:
         """The reference one period later towards the set-points, m/s and rad/s, with the torques that are sent now."""
@@ -193,7 +193,7 @@ class SegwayController(SectionedModel):
 
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the torques."""
-        return (*self.told(), *self.torques)
+        return [*self.told(), *self.torques]
 
     def told(self) -> Sequence[float]:
         """What is published of the robot."""
@@ -229,9 +229,9 @@ class SegwayVoltageController(SegwayController):
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the voltages."""
         if self.progress.is_resting:
-            return (*self.told(), 0.0, 0.0)
+            return [*self.told(), 0.0, 0.0]
         m, (left, right) = self.measured, self.torques
-        return (*self.told(), self.volts(left, m.left_velocity), self.volts(right, m.right_velocity))
+        return [*self.told(), self.volts(left, m.left_velocity), self.volts(right, m.right_velocity)]
 
     def volts(self, torque: float, velocity: float) -> float:
         """The voltage for a torque at the wheel, N m, that turns at a velocity against the body, rad/s."""
