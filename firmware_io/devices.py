@@ -3,9 +3,8 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
-import msgspec
-
 from firmware_io.links.link import Frame
+from firmware_io.value import Value
 
 SUPPLY_VOLTAGE: Final = "supply.voltage"
 """The signal of what feeds the motors, V. A robot has one: of two drives that each tell it, the left one's."""
@@ -18,7 +17,7 @@ class FrameKey(NamedTuple):
     is_extended: bool = False
 
 
-class Readings(msgspec.Struct, frozen=True):
+class Readings(Value, frozen=True):
     """The newest values of one device, in the order of its `signals`; see `Sensors`."""
 
     values: tuple[float, ...]

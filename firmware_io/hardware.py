@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-import msgspec
+from firmware_io.value import Value
 
 
-class Sensors(msgspec.Struct, frozen=True):
+class Sensors(Value, frozen=True):
     """One consistent snapshot of everything the hardware measured.
 
     The three sequences are in the order of `Hardware.signals`.

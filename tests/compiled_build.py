@@ -11,9 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firmware_io.devices import Readings
+from firmware_io.drives.wheel_board.frames import Wheel
+from firmware_io.links.link import Frame
+from firmware_io.value import Value
 from hil.plants.segway_sensors import Encoder
 from node.cycle import cycle
+from node.models.segway_estimate import Estimate
 from node.models.segway_parameters import PUBLISHED
+from node.models.segway_phases import Progress
 from node.safety.limits import limit, not_finite
 from tests.compiled_modules import COMPILED
 
@@ -28,6 +34,12 @@ def test_a_module_is_compiled_and_its_source_is_there(path: str) -> None:
     assert module.__file__ is not None
     assert module.__file__.endswith(tuple(EXTENSION_SUFFIXES))
     assert (Path(module.__file__).parent / Path(path).name).is_file()
+
+
+@pytest.mark.parametrize("kind", [Frame, Readings, Wheel, Estimate, Progress])
+def test_a_value_cannot_be_changed_and_is_no_business_of_the_collector(kind: type[Value]) -> None:
+    """mypyc drops the options of a class; those of its base stay."""
+    assert (kind.__struct_config__.frozen, kind.__struct_config__.gc) == (True, False)
 
 
 @pytest.mark.parametrize("value", [-113.0, -0.0, 0.0, math.nan, math.inf, -math.inf, 113, np.float64(-113.0)])

@@ -52,6 +52,14 @@ def test_no_class_in_plain_python_builds_on_one_that_is_compiled() -> None:
 
 
 @pytest.mark.parametrize("path", COMPILED)
+def test_no_class_that_is_compiled_has_options_of_its_own(path: str) -> None:
+    """mypyc drops them without a word: they are inherited from `firmware_io.value.Value`."""
+    for kind in _classes(path):
+        options = {keyword.arg for keyword in kind.keywords}
+        assert not options or (options == {"frozen"} and ast.unparse(kind.bases[0]) == "Value"), kind.name
+
+
+@pytest.mark.parametrize("path", COMPILED)
 def test_no_tuple_of_floats_is_final_without_a_wider_type(path: str) -> None:
     """Compiled, reading it raises NameError (mypyc issue 1183): write `Final[Sequence[float]]`."""
     for node in TREES[path].body:

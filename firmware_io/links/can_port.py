@@ -1,7 +1,10 @@
 """The seam between a CAN link and what it is open on."""
 
 import errno
-from collections.abc import Iterator
+import functools
+import select
+import socket
+from collections.abc import Callable, Iterator
 from typing import Final, Protocol
 
 from firmware_io.links.link import Frame
@@ -59,6 +62,16 @@ class CanPort(Protocol):
 def port_error(error: OSError) -> PortError:
     """What the system says of a socket, as a port tells it."""
     return PortError(str(error.strerror), is_gone=error.errno in GONE)
+
+
+def asker(sock: socket.socket) -> Callable[[], object]:
+    """What tells whether more has arrived at a socket, by a truth value.
+
+    Receiving where nothing has ends in an exception, which takes longer than to ask: many times, where caches are cold.
+    """
+    waiting = select.poll()
+    waiting.register(sock, select.POLLIN)
+    return functools.partial(waiting.poll, 0)
 
 
 def wire_word(frame: Frame) -> int:

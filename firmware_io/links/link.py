@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
-import msgspec
+from firmware_io.value import Value
 
 
-class Frame(msgspec.Struct, frozen=True, gc=False):
+class Frame(Value, frozen=True):
     """A classic CAN frame; on a serial line, what the line carries in place of one.
 
     Attributes:

@@ -12,6 +12,7 @@ from firmware_io.links.can_port import (
     REMOTE,
     STANDARD_IDENTIFIER,
     Arrival,
+    asker,
     port_error,
     wire_data,
     wire_length,
@@ -64,6 +65,7 @@ class LocalPort:
         self._to = (group, PORT)
         self._sender = new_sender()
         self._socket = multicast_socket(group)
+        self._more = asker(self._socket)
 
     def send(self, frame: Frame) -> None:
         """Send a frame; see `CanPort.send`."""
@@ -82,14 +84,13 @@ class LocalPort:
                 return
             except OSError as error:
                 raise port_error(error) from error
-            if frame is None:
+            if frame is None or not _is_whole(frame[2]):
                 self._counters.undecodable += 1
-                continue
-            sender, stamp_ns, word, _, data = frame
-            if not _is_whole(word):
-                self._counters.undecodable += 1
-            elif sender != own:
+            elif frame[0] != own:
+                _, stamp_ns, word, _, data = frame
                 yield word, data, stamp_ns
+            if not self._more():
+                return
 
     def close(self) -> None:
         """Leave the bus."""

@@ -12,7 +12,7 @@ The encoders turn with the body: a wheel has turned by its encoder's angle plus 
 from math import atan2, cos, hypot, sin
 from typing import Final
 
-import msgspec
+from firmware_io.value import Value
 
 STANDARD_GRAVITY: Final = 9.80665
 _LEAST_GRAVITY: Final = 0.5 * STANDARD_GRAVITY
@@ -24,7 +24,7 @@ _LARGEST_INNOVATION: Final = 0.2
 _REST_TIME_S: Final = 0.2
 
 
-class Measured(msgspec.Struct, frozen=True, gc=False):
+class Measured(Value, frozen=True):
     """What is measured: encoders (rad, rad/s), gyro (rad/s) and accelerometer (m/s2)."""
 
     left_angle: float
@@ -39,7 +39,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     acceleration_z: float
 
 
-class Estimate(msgspec.Struct, frozen=True, gc=False):
+class Estimate(Value, frozen=True):
     """What is known of the robot.
 
     Attributes:

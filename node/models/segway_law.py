@@ -13,9 +13,9 @@ the pitch at rest). The heading is held by feedback of its error and of the yaw 
 from collections.abc import Mapping
 from typing import Final
 
-import msgspec
 from msgspec.structs import replace
 
+from firmware_io.value import Value
 from node.models.segway_estimate import Estimate, within
 
 _RAMP_RATE: Final = 2.0
@@ -23,7 +23,7 @@ _RAMP_LAG_S: Final = 0.2
 """The ramp of a set-point is (1 + lag s) s + rate: well damped, and without a step in acceleration."""
 
 
-class Motion(msgspec.Struct, frozen=True, gc=False):
+class Motion(Value, frozen=True):
     """Where the robot should be, and what was sent to get it there.
 
     Attributes:

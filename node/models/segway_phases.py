@@ -4,8 +4,7 @@ import enum
 from collections.abc import Mapping
 from typing import Final
 
-import msgspec
-
+from firmware_io.value import Value
 from node.models.segway_estimate import Estimate
 
 _UP_PITCH: Final = 0.1
@@ -40,7 +39,7 @@ class Phase(enum.IntEnum):
     """Down, the motors give nothing; it fell or did not get up, and waits to be told to sit before it tries again."""
 
 
-class Progress(msgspec.Struct, frozen=True, gc=False):
+class Progress(Value, frozen=True):
     """A phase, and how far it has come.
 
     Attributes:

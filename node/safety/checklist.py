@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 
-import msgspec
-
+from firmware_io.value import Value
 from node.safety.settings import ChecklistSettings, SupplyWindow
 
 
-class Measured(msgspec.Struct, frozen=True):
+class Measured(Value, frozen=True):
     """What was measured; None for what the robot does not have, or what is not known yet.
 
     Attributes:
@@ -37,7 +36,7 @@ class Measured(msgspec.Struct, frozen=True):
     real_time: bool | None = None
 
 
-class Item(msgspec.Struct, frozen=True, gc=False):
+class Item(Value, frozen=True):
     """One item of the list.
 
     Attributes:

@@ -5,9 +5,8 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final
 
-import msgspec
-
 from firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
+from firmware_io.value import Value
 
 MAX_VOLTAGE: Final = 30.0
 MAX_ANGLE: Final = 200_000.0
@@ -75,7 +74,7 @@ class BoardState(enum.IntEnum):
     """Motors off because the board found something wrong; lasts as long as the cause."""
 
 
-class WheelCommand(msgspec.Struct, frozen=True, gc=False):
+class WheelCommand(Value, frozen=True):
     """Motor voltages, V, within +-30; `enable` False switches the motors off."""
 
     left_voltage: float
@@ -83,20 +82,20 @@ class WheelCommand(msgspec.Struct, frozen=True, gc=False):
     enable: bool
 
 
-class BoardSetup(msgspec.Struct, frozen=True, gc=False):
+class BoardSetup(Value, frozen=True):
     """The watchdog's time-out, s, 0.02 to 1."""
 
     watchdog_s: float
 
 
-class Wheel(msgspec.Struct, frozen=True, gc=False):
+class Wheel(Value, frozen=True):
     """Angle since power-on, rad, and angular velocity, rad/s; positive when the robot rolls forward."""
 
     angle: float
     velocity: float
 
 
-class AngularVelocity(msgspec.Struct, frozen=True, gc=False):
+class AngularVelocity(Value, frozen=True):
     """Angular velocity in the frame of the IMU, rad/s, each within +-32; x ahead, y left, z up (REP-103)."""
 
     x: float
@@ -104,7 +103,7 @@ class AngularVelocity(msgspec.Struct, frozen=True, gc=False):
     z: float
 
 
-class LinearAcceleration(msgspec.Struct, frozen=True, gc=False):
+class LinearAcceleration(Value, frozen=True):
     """Specific force in the frame of the IMU, m/s2, each within +-160; +g on z when upright (REP-145)."""
 
     x: float
@@ -112,7 +111,7 @@ class LinearAcceleration(msgspec.Struct, frozen=True, gc=False):
     z: float
 
 
-class BoardStatus(msgspec.Struct, frozen=True, gc=False):
+class BoardStatus(Value, frozen=True):
     """State, supply voltage (V), the watchdog in force (s, 0 is off), and frames refused since power-on modulo 256."""
 
     state: BoardState

@@ -1,7 +1,9 @@
 import errno
+import os
 import socket
 import struct
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ class FakeSocket:
         self.bound: object = None
         self.is_blocking = True
         self.closed = 0
+        self.readable = os.eventfd(1)
 
     def setblocking(self, flag: bool) -> None:  # noqa: FBT001 - the standard library's signature
         self.is_blocking = flag
@@ -61,12 +64,15 @@ class FakeSocket:
             raise arriving
         return arriving
 
+    def fileno(self) -> int:
+        return self.readable
+
     def close(self) -> None:
         self.closed += 1
 
 
 @pytest.fixture
-def sock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeSocket:
+def sock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[FakeSocket]:
     fake = FakeSocket()
     (tmp_path / "can0").mkdir()
     (tmp_path / "can0" / "type").write_text("280\n")
@@ -74,7 +80,8 @@ def sock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeSocket:
     monkeypatch.setattr(can_interfaces, "NETWORK_DEVICES", tmp_path)
     monkeypatch.setattr(interface_watch, "read_interface_state", lambda _: UNKNOWN)
     monkeypatch.setattr(socket, "socket", lambda *_: fake)
-    return fake
+    yield fake
+    os.close(fake.readable)
 
 
 @pytest.fixture
