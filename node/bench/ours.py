@@ -14,14 +14,15 @@ from node.cli import run
 from node.cli.main import main
 from node.cycle.clock import RealClock
 
-_UNTOLD: Final = (0,) * (len(COLUMNS) - 3)
+_TAKEN: Final = 3
+"""Columns of a sample; the others, our loop tells in its own way."""
 
 
 class SamplingClock(RealClock):
-    """The machine's clock, which keeps a sample each time it has slept; see `node.bench.columns.COLUMNS`.
+    """The machine's clock, which keeps a sample each time it has slept.
 
     Attributes:
-        samples: All of them, one after the other.
+        samples: All of them, one after the other, the first columns of `node.bench.columns.COLUMNS` each.
     """
 
     samples: "ClassVar[array.array[int]]" = array.array("q")
@@ -29,12 +30,20 @@ class SamplingClock(RealClock):
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Sleep, and keep a sample."""
         super().sleep_until_ns(deadline_ns)
-        self.samples.extend((deadline_ns, self.now_ns(), time.thread_time_ns(), *_UNTOLD))
+        self.samples.extend((deadline_ns, self.now_ns(), time.thread_time_ns()))
+
+
+def whole(taken: "array.array[int]") -> "array.array[int]":
+    """Samples with all their columns, those that were not taken 0."""
+    samples = array.array("q", bytes(len(taken) // _TAKEN * len(COLUMNS) * taken.itemsize))
+    for place in range(_TAKEN):
+        samples[place :: len(COLUMNS)] = taken[place::_TAKEN]
+    return samples
 
 
 if __name__ == "__main__":
     _, file, *words = sys.argv
     run.RealClock = SamplingClock  # type: ignore[attr-defined]  # the verb makes its clock of this name
     code = main(words)
-    Path(file).write_bytes(SamplingClock.samples.tobytes())
+    Path(file).write_bytes(whole(SamplingClock.samples).tobytes())
     sys.exit(code)
