@@ -155,7 +155,7 @@ def _played(stage: Stage) -> dict[str, int | None] | None:
 
 
 def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
-    counters, lateness = loop.counters, loop.lateness.summary()
+    counters, timing = loop.counters, loop.timing()
     if as_json:
         print_json(
             {
@@ -165,7 +165,7 @@ def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
                 "skipped": counters.skipped,
                 "mean_rate_hz": counters.mean_rate_hz,
                 "stop_reason": loop.stop_reason,
-                "timing": {name: dataclasses.asdict(summary) for name, summary in loop.timing().items()},
+                "timing": {name: dataclasses.asdict(summary) for name, summary in timing.items()},
                 "sequence": _played(stage),
                 "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
             }
@@ -175,6 +175,6 @@ def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
         {
             "cycles": f"{counters.cycles} at {counters.mean_rate_hz:.4f} Hz",
             "late": f"{counters.late} started late, {counters.overrun} ended late, {counters.skipped} skipped",
-            "lateness": lateness.as_text(),
+            "lateness": timing["lateness"].as_text(),
         }
     )

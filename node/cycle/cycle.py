@@ -27,6 +27,7 @@ from node.safety.monitor import SafetyMonitor
 from node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
 from node.safety.slew import Restraint
 
+LATENESS: Final = "lateness"
 WHOLE: Final = "cycle"
 _EVENTS_KEPT: Final = 64
 # As CycleRecord(...) does too, but through a function in Python: microseconds, in a loop whose caches are cold.
@@ -72,7 +73,7 @@ class Cycle:
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
-        self._tally = Tally((*PHASES, WHOLE))
+        self._tally = Tally((LATENESS, *PHASES, WHOLE))
         self.sensors = Sensors()
         self.events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._model = model
@@ -160,11 +161,11 @@ class Cycle:
         )
         self._initial = None
         end_ns = now_ns()
-        self._tally.note((*durations_ns, end_ns - limited_ns, end_ns - start_ns))
+        self._tally.note((lateness_ns, *durations_ns, end_ns - limited_ns, end_ns - start_ns))
 
     @property
     def histograms(self) -> dict[str, Histogram]:
-        """Duration of each phase, by name, and of the whole cycle."""
+        """How late each cycle started, and the durations of its phases and of the whole of it, by name."""
         return self._tally.histograms
 
     @property

@@ -15,7 +15,7 @@ from node.cycle.cycle import Cycle
 from node.cycle.report import DiagnosticReport
 from node.cycle.seams import Stage
 from node.cycle.status import Status
-from node.cycle.timing import Histogram, Summary
+from node.cycle.timing import Summary
 from node.safety.modes import Modes
 from node.service import NotifySocket, Service
 
@@ -62,7 +62,6 @@ class Loop:
 
     Attributes:
         counters: How the deadlines were met.
-        lateness: How long after its deadline each cycle started.
         stop_reason: Why the loop ended, once it has.
         service: Who is told that the loop runs and lives; at first nobody.
     """
@@ -70,7 +69,6 @@ class Loop:
     def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
         """Prepare the loop; `run` runs it."""
         self.counters = LoopCounters()
-        self.lateness = Histogram()
         self.stop_reason: str | None = None
         self.service = Service(NotifySocket(""), period_ns)
         self._cycle = cycle
@@ -81,7 +79,7 @@ class Loop:
         self._robot_name = robot_name
         self._late_ns = round(_LATE_FRACTION * period_ns)
         self._slack_ns = round(_SLACK_FRACTION * period_ns)
-        self._diagnostics = DiagnosticReport(cycle, self.counters, self.lateness, period_ns, robot_name)
+        self._diagnostics = DiagnosticReport(cycle, self.counters, period_ns, robot_name)
         self._deliveries: deque[Callable[[], None]] = deque()
         self._collect_due = False
         self._announcer = Announcer(clock)
@@ -98,8 +96,7 @@ class Loop:
 
     def timing(self) -> dict[str, Summary]:
         """Lateness, and the duration of the cycle and its phases, by name."""
-        histograms = {"lateness": self.lateness, **self._cycle.histograms}
-        return {name: histogram.summary() for name, histogram in histograms.items()}
+        return {name: histogram.summary() for name, histogram in self._cycle.histograms.items()}
 
     def statuses(self) -> Sequence[Status]:
         """The robot's diagnostics as of now; takes too long for the loop itself."""
@@ -175,7 +172,6 @@ class Loop:
     def _count_start(self, deadline_ns: int, lateness_ns: int) -> None:
         self.counters.last_ns = deadline_ns + lateness_ns
         self.counters.started_ns = self.counters.started_ns or self.counters.last_ns
-        self.lateness.add(lateness_ns)
         if lateness_ns > self._late_ns:
             self.counters.late += 1
 

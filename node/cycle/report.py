@@ -35,7 +35,7 @@ class Observed(Protocol):
 
     @property
     def histograms(self) -> dict[str, Histogram]:
-        """Duration of each phase, by name, and of the whole cycle."""
+        """How late each cycle started, and the durations of its phases and of the whole of it, by name."""
 
 
 class Deadlines(Protocol):
@@ -58,14 +58,11 @@ class DiagnosticReport:
         statuses: The newest complete set.
     """
 
-    def __init__(
-        self, cycle: Observed, deadlines: Deadlines, lateness: Histogram, period_ns: int, robot_name: str
-    ) -> None:
+    def __init__(self, cycle: Observed, deadlines: Deadlines, period_ns: int, robot_name: str) -> None:
         """Report on a cycle and its loop."""
         self.statuses: Sequence[Status] = ()
         self._cycle = cycle
         self._deadlines = deadlines
-        self._lateness = lateness
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
@@ -78,8 +75,7 @@ class DiagnosticReport:
         if self._pending:
             return
         self._gathered = []
-        histograms = {"lateness": self._lateness, **self._cycle.histograms}
-        self._pending += [partial(self._summarize, name, histogram) for name, histogram in histograms.items()]
+        self._pending += [partial(self._summarize, *named) for named in self._cycle.histograms.items()]
         parts: Sequence[Callable[[], Status]] = (self._mode, self._timing, self._setpoints, self._hardware)
         self._pending += [partial(self._gather, part) for part in parts]
 

@@ -23,7 +23,9 @@ class Observed:
     authority: Authority = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
     time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
-    histograms: dict[str, Histogram] = field(default_factory=lambda: {"ros": Histogram(), "limit": Histogram()})
+    histograms: dict[str, Histogram] = field(
+        default_factory=lambda: {name: Histogram() for name in ("lateness", "ros", "limit")}
+    )
 
     def __post_init__(self) -> None:
         self.authority = Authority(self.hardware, self.schedule, arm_at_start=False)
@@ -54,13 +56,8 @@ def deadlines() -> Deadlines:
 
 
 @pytest.fixture
-def lateness() -> Histogram:
-    return Histogram()
-
-
-@pytest.fixture
-def report(observed: Observed, deadlines: Deadlines, lateness: Histogram) -> DiagnosticReport:
-    return DiagnosticReport(observed, deadlines, lateness, PERIOD, "cart")
+def report(observed: Observed, deadlines: Deadlines) -> DiagnosticReport:
+    return DiagnosticReport(observed, deadlines, PERIOD, "cart")
 
 
 def gather(report: DiagnosticReport) -> Mapping[str, Status]:
@@ -122,11 +119,11 @@ def test_the_mode_is_told_with_its_reason_and_weight(observed: Observed, report:
 
 
 def test_timing_holds_the_counters_and_every_histogram(
-    observed: Observed, deadlines: Deadlines, lateness: Histogram, report: DiagnosticReport
+    observed: Observed, deadlines: Deadlines, report: DiagnosticReport
 ) -> None:
     deadlines.late, deadlines.overrun, deadlines.skipped = 3, 2, 1
     observed.time_base.follow(0, PERIOD)
-    lateness.add(60)
+    observed.histograms["lateness"].add(60)
     observed.histograms["ros"].add(20_000)
     status = gather(report)["cart: timing"]
     nothing = "p50 0.0 us, p99 0.0 us, p99.9 0.0 us, max 0.0 us"
@@ -209,7 +206,7 @@ def test_the_age_of_every_signal_is_told() -> None:
     hardware = RecordingHardware({"left.angle": "rad", "left.velocity": "rad/s"}, {}, ())
     hardware.health = {"link": "can0"}
     observed = Observed(hardware, Sensors((1.0, 2.0), (0.0042, float("inf")), (True, False)))
-    status = gather(DiagnosticReport(observed, Deadlines(), Histogram(), PERIOD, "cart"))["cart: hardware"]
+    status = gather(DiagnosticReport(observed, Deadlines(), PERIOD, "cart"))["cart: hardware"]
     assert status.values["age.left.angle"] == "4.2 ms"
     assert status.values["age.left.velocity"] == "inf ms"
 
