@@ -64,7 +64,7 @@ def port_error(error: OSError) -> PortError:
     return PortError(str(error.strerror), is_gone=error.errno in GONE)
 
 
-def asker(sock: socket.socket) -> Callable[[], object]:
+def readiness(sock: socket.socket) -> Callable[[], object]:
     """What tells whether more has arrived at a socket, by a truth value.
 
     Receiving where nothing has ends in an exception, which takes longer than to ask: many times, where caches are cold.

@@ -1,27 +1,17 @@
-"""What passes on the virtual bus of one machine: datagrams to a multicast group of its loopback device."""
+"""What passes on the virtual bus of one machine: a datagram for each frame."""
 
-import errno
-import hashlib
 import os
-import socket
 import struct
 import time
 from typing import Final
 
 from firmware_io.links.can_port import MAX_DATA
 
-PORT: Final = 48463
 BUFFER_BYTES: Final = 256
 """More than a datagram has, so that a longer one is known for what it is."""
-_LOOPBACK: Final = "127.0.0.1"
 _MAGIC: Final = b"ECC1"
 _DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
 """Magic, sender, wall-clock ns, arbitration id with the flags of linux/can.h, data length, data."""
-_RECEIVE_BUFFER_BYTES: Final = 1 << 20
-
-
-class LocalBusError(OSError):
-    """The virtual bus cannot be joined."""
 
 
 Datagram = tuple[int, int, int, int, bytes]
@@ -47,34 +37,3 @@ def decode(datagram: bytes) -> Datagram | None:
     if magic != _MAGIC or length > MAX_DATA:
         return None
     return sender, stamp_ns, word, length, data[:length]
-
-
-def multicast_group(channel: str) -> str:
-    """The loopback multicast address of a channel, from the range for local use (RFC 2365)."""
-    digest = hashlib.sha256(channel.encode()).digest()
-    return f"239.255.{digest[0]}.{digest[1]}"
-
-
-def multicast_socket(group: str) -> socket.socket:
-    """A socket that has joined the bus of a group and sends to it.
-
-    Raises:
-        LocalBusError: The loopback device does not let it.
-    """
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        # Bound to the group and not to any address: other channels share the port and must not be heard.
-        sock.bind((group, PORT))
-        loopback = socket.inet_aton(_LOOPBACK)
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + loopback)
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
-        # Time to live 0: a frame cannot leave this machine whatever its routes are.
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        sock.setblocking(False)  # noqa: FBT003 - the standard library's signature
-    except OSError as error:
-        sock.close()
-        hint = "bring the loopback device up: ip link set lo up" if error.errno == errno.ENODEV else "is lo up?"
-        raise LocalBusError(error.errno, f"cannot join the virtual bus: {error.strerror}; {hint}") from error
-    return sock

@@ -12,23 +12,15 @@ from firmware_io.links.can_port import (
     REMOTE,
     STANDARD_IDENTIFIER,
     Arrival,
-    asker,
     port_error,
+    readiness,
     wire_data,
     wire_length,
     wire_word,
 )
 from firmware_io.links.link import Frame, LinkCounters
-from firmware_io.links.local_datagrams import (
-    BUFFER_BYTES,
-    PORT,
-    LocalBusError,
-    decode,
-    encode,
-    multicast_group,
-    multicast_socket,
-    new_sender,
-)
+from firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
+from firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
 
 
 class LocalLink(BaseCanLink):
@@ -65,7 +57,7 @@ class LocalPort:
         self._to = (group, PORT)
         self._sender = new_sender()
         self._socket = multicast_socket(group)
-        self._more = asker(self._socket)
+        self._is_ready = readiness(self._socket)
 
     def send(self, frame: Frame) -> None:
         """Send a frame; see `CanPort.send`."""
@@ -89,7 +81,7 @@ class LocalPort:
             elif frame[0] != own:
                 _, stamp_ns, word, _, data = frame
                 yield word, data, stamp_ns
-            if not self._more():
+            if not self._is_ready():
                 return
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
 from firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
-from firmware_io.links.can_port import MAX_FRAMES, Arrival, asker, port_error, wire_data, wire_length, wire_word
+from firmware_io.links.can_port import MAX_FRAMES, Arrival, port_error, readiness, wire_data, wire_length, wire_word
 from firmware_io.links.link import Frame, LinkCounters
 
 _CAN_FRAME: Final = struct.Struct("=IB3x8s")
@@ -75,7 +75,7 @@ class SocketCanPort:
         except OSError:
             self._socket.close()
             raise
-        self._more = asker(self._socket)
+        self._is_ready = readiness(self._socket)
 
     def send(self, frame: Frame) -> None:
         """Queue a frame; see `CanPort.send`."""
@@ -99,7 +99,7 @@ class SocketCanPort:
                 yield word, data[:length], self._stamp_ns(ancillary)
             else:
                 self._counters.undecodable += 1
-            if not self._more():
+            if not self._is_ready():
                 return
 
     def close(self) -> None:

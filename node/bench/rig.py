@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from firmware_io.links.local_datagrams import multicast_group
+from firmware_io.links.local_socket import multicast_group
 from node.errors import ConfigurationError
 from node.native.load import load_native
 

@@ -218,20 +218,20 @@ class Cycle:
 
     def _report(self, cycle: int, stamp_ns: int, published: Sequence[float], now_ns: int) -> Report:
         modes, echo = self.authority.modes, self._supervision.echo(now_ns)
-        return Report(
-            stamp_ns=stamp_ns,
-            mode=modes.mode,
-            values=published,
-            applied=self._applied,
-            topics=[self._model.read(variable) for variable in self._wiring.topics.values()],
-            reason=modes.reason,
-            cycle=cycle,
-            drives="none" if not self._zero else _drives(self.sensors),
-            is_zero=not any(self._commands),
-            heartbeat=echo.heartbeat if echo else None,
-            heartbeat_age_ns=now_ns - echo.heard_ns if echo else 0,
-            set_values=tuple(self._set_values),
-            at_ns=now_ns,
+        return Report(  # in the order of the fields: by their names takes four times as long
+            stamp_ns,
+            modes.mode,
+            published,
+            self._applied,
+            [self._model.read(variable) for variable in self._wiring.topics.values()],
+            modes.reason,
+            cycle,
+            _drives(self.sensors) if self._zero else "none",
+            not any(self._commands),
+            echo.heartbeat if echo else None,
+            now_ns - echo.heard_ns if echo else 0,
+            tuple(self._set_values),
+            now_ns,
         )
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:
@@ -250,11 +250,13 @@ class Cycle:
         return setpoint
 
     def _faults(self, sensors: Sensors) -> list[str]:
-        too_old = [
-            f"{self._signal_names[index]} is too old: {sensors.ages[index] * 1e3:.0f} ms"
-            for index in self._monitor.needs
-            if not sensors.valid[index]
-        ]
+        too_old: list[str] = []
+        if False in sensors.valid:
+            too_old = [
+                f"{self._signal_names[index]} is too old: {sensors.ages[index] * 1e3:.0f} ms"
+                for index in self._monitor.needs
+                if not sensors.valid[index]
+            ]
         return [*sensors.faults, *too_old, *self._monitor.faults]
 
     def _checklist(self) -> Sequence[Item]:

@@ -103,8 +103,11 @@ class WheelBoard:
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
-        return Readings(tuple(values), tuple(ages), tuple(valid)).plus(self._status.bus_voltage, supply_age)
+        age, is_fresh = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
+        values.append(self._status.bus_voltage)
+        ages.append(age)
+        valid.append(is_fresh)
+        return Readings(tuple(values), tuple(ages), tuple(valid))
 
     def obstacles(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""

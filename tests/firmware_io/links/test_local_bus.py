@@ -14,9 +14,9 @@ import can
 import can.bus
 import pytest
 
-from firmware_io.links import local_datagrams
+from firmware_io.links import local_socket
 from firmware_io.links.local_bus import LocalBus
-from firmware_io.links.local_datagrams import PORT, multicast_group
+from firmware_io.links.local_socket import PORT, multicast_group
 
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""
@@ -228,7 +228,7 @@ def test_a_closed_bus_raises_python_cans_error(channel: str) -> None:
 
 
 def test_a_bus_that_cannot_be_joined_names_the_cure(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_datagrams, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
+    monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
     with pytest.raises(can.CanInitializationError, match="No such device; bring the loopback device up: ip link set"):
         can.Bus(interface="local", channel=channel)
 

@@ -7,10 +7,11 @@ import pytest
 from msgspec.structs import replace
 
 from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links import local_datagrams
+from firmware_io.links import local_socket
 from firmware_io.links.link import Frame, Link
-from firmware_io.links.local_datagrams import PORT, encode, multicast_group, multicast_socket
+from firmware_io.links.local_datagrams import encode
 from firmware_io.links.local_link import LocalLink
+from firmware_io.links.local_socket import PORT, multicast_group, multicast_socket
 
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""
@@ -123,7 +124,7 @@ def test_a_flood_is_taken_in_pieces(link: Link, bus: can.BusABC) -> None:
 
 
 def test_a_bus_that_cannot_be_joined_names_the_cure(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_datagrams, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
+    monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
     with pytest.raises(BusNotFoundError, match="bring the loopback device up: ip link set"):
         LocalLink(channel, 500_000).open()
 
