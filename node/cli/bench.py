@@ -30,7 +30,7 @@ from node.latency.result import Latency, Where
 from node.ros.runtime import missing_packages
 
 _FULL_HOLD_S: Final = 30.0
-_FULL_DURATION_S: Final = 20.0
+_FULL_DURATION_S: Final = 10.0
 _LEAST_S: Final = 1.0
 _TRIALS: Final = 100
 _FULL_TRIALS: Final = 1000
@@ -64,12 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", type=float, nargs="+", default=[100.0, 1000.0], metavar="HZ", help="of the loops (default: 100 1000)"
     )
-    parser.add_argument("--duration", type=float, default=3.0, metavar="S", help="of each of their runs (default: 3)")
-    parser.add_argument("--repeats", type=int, default=2, metavar="N", help="runs of each program (default: 2)")
+    parser.add_argument("--duration", type=float, default=2.0, metavar="S", help="of each of their runs (default: 2)")
+    parser.add_argument("--repeats", type=int, default=4, metavar="N", help="runs of each program (default: 4)")
     parser.add_argument(
         "--hold", type=float, default=1.5, metavar="S", help="how long each rate is held (default: 1.5)"
     )
-    parser.add_argument("--full", action="store_true", help="rates held for 30 s, runs of 20 s: half an hour in all")
+    parser.add_argument("--full", action="store_true", help="rates held for 30 s, runs of 10 s: half an hour in all")
     parser.add_argument("--channel", help="CAN interface of the programs (default: a virtual one, else a local bus)")
     parser.add_argument("--plant-channel", metavar="CHANNEL", help="of the plant, where that is another controller")
     parser.add_argument("--check", action="store_true", help="end with 1 where a ratio is not what it is to be")

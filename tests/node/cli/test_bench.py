@@ -91,7 +91,7 @@ def test_programs_are_left_out_where_others_are_named(segway_ecc: Run) -> None:
 
 def test_a_full_run_is_long(segway_ecc: Run, asked: list[tuple[float, float, int]]) -> None:
     segway_ecc("bench", "--only", "loops", "--full")
-    assert asked == [(100.0, 20.0, 2), (1000.0, 20.0, 2)]
+    assert asked == [(100.0, 10.0, 4), (1000.0, 10.0, 4)]
 
 
 @pytest.mark.usefixtures("asked")
