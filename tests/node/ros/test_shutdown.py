@@ -17,7 +17,7 @@ from firmware_io.links.local_bus import LocalBus
 from node.config import read_text
 from node.soak.usage import children
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
 Start = Callable[..., "subprocess.Popen[str]"]
 BOARD = importlib.resources.files("firmware_io") / "drives" / "wheel_board"

@@ -10,7 +10,7 @@ import pytest
 
 from tests.node.supervisor.whole_stack import DOWN, NAMESPACE, Seat, Stack, chromium, ros_of_our_own, seat_at, until
 
-pytestmark = [pytest.mark.ros, pytest.mark.browser]
+pytestmark = [pytest.mark.ros, pytest.mark.browser, pytest.mark.real_time]
 
 LOST = "the base station is lost"
 STATION = "{timeout_s: 1.0, sit_down_after_s: 3.0, sit_down: {stand: 0.0}, disarm_after_s: 8.0}"

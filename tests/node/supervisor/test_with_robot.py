@@ -19,7 +19,7 @@ from node.supervisor.station import Station
 from node.supervisor.views import Act, Drive, RobotView
 from tests.node.supervisor.operated import PATIENCE_S, Operated
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
 LOST = "the base station is lost"
 CART = "/alice"
