@@ -24,9 +24,10 @@ class Readings(Value, frozen=True):
     ages: tuple[float, ...]
     valid: tuple[bool, ...]
 
-    def plus(self, value: float, age: tuple[float, bool]) -> "Readings":
-        """These, and one value more: in SI, with its age, s, and whether it is fresh enough."""
-        return Readings((*self.values, value), (*self.ages, age[0]), (*self.valid, age[1]))
+
+def with_one_more(readings: Readings, value: float, age: tuple[float, bool]) -> Readings:
+    """Readings and one value more: in SI, with its age, s, and whether it is fresh enough."""
+    return Readings((*readings.values, value), (*readings.ages, age[0]), (*readings.valid, age[1]))
 
 
 class Sensor(Protocol):

@@ -43,8 +43,7 @@ class DisturbedBus(FaultyLink):
         if self.fault is not None:
             return super().send(frame)
         if not active and not self._out:
-            if self._repeats:
-                self._remember(frame, is_sent=True)
+            self._remember((frame,), is_sent=True)
             return self.behind.send(frame)
         self._out.extend(self._disturbed(frame, active, is_sent=True))
         return self._flush()
@@ -54,9 +53,7 @@ class DisturbedBus(FaultyLink):
         active = self._set_fault()
         frames = super().receive()
         if not active and not self._in and not self._out:
-            if self._repeats:
-                for frame in frames:
-                    self._remember(frame, is_sent=False)
+            self._remember(frames, is_sent=False)
             return frames
         for frame in frames:
             self._in.extend(self._disturbed(frame, active, is_sent=False))
@@ -65,14 +62,14 @@ class DisturbedBus(FaultyLink):
 
     def _set_fault(self) -> Sequence[Injection]:
         """Fail as a whole where that is asked for; returns what is there now."""
-        if not self._injections:
-            return ()
         active = [injection for injection in self._injections if injection.is_active]
         self.fault = next((_FAULTS[i.fault.type] for i in active if i.fault.type in _FAULTS), None) if active else None
         return active
 
-    def _remember(self, frame: Frame, *, is_sent: bool) -> None:
-        self._newest[frame.arbitration_id, is_sent] = frame
+    def _remember(self, frames: Sequence[Frame], *, is_sent: bool) -> None:
+        if self._repeats:
+            for frame in frames:
+                self._newest[frame.arbitration_id, is_sent] = frame
 
     def _flush(self) -> bool:
         """Send what is due; False where something was not taken."""
@@ -98,8 +95,7 @@ class DisturbedBus(FaultyLink):
                     frames += self._older(frame, is_sent=is_sent)
                 case "delayed":
                     delay_ns += round((injection.fault.size or 0.0) * 1e9)
-        if self._repeats:
-            self._remember(frame, is_sent=is_sent)
+        self._remember((frame,), is_sent=is_sent)
         begun_ns = self._now_ns() if is_sent else frame.received_ns
         return [(begun_ns + delay_ns, f) for f in frames]
 

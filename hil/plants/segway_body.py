@@ -166,7 +166,7 @@ class SegwayBody:
         A step in which the body reaches the stop is made again in short ones, so that it is reached when it is.
         """
         self._rests = self._is_held(left, right)
-        before_v, before_q, before_w, before_pitch = self.v, self.q, self.w, self.pitch
+        before = self.v, self.q, self.w, self.pitch
         if self._rests or self.slope or self._push:
             moved = self._integrate(h, left, right)
         else:
@@ -174,7 +174,7 @@ class SegwayBody:
         self.v, self.q, self.w, self.pitch, way, turn = moved
         if not -self._stop_angle < self.pitch + self.slope < self._stop_angle:
             if h > _IMPACT_STEP and not self._rests:
-                self.v, self.q, self.w, self.pitch = before_v, before_q, before_w, before_pitch
+                self.v, self.q, self.w, self.pitch = before
                 return self._step_in_parts(h, left, right)
             self._hit_the_stop()
             self.accelerate(left, right)

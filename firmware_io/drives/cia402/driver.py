@@ -4,7 +4,7 @@ import importlib.util
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
 from firmware_io.drives.cia402.plan import Plan
 from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
@@ -90,7 +90,7 @@ class Cia402Pair:
         """The wheels' angles, velocities and torques, and the supply's voltage as the left drive measures it."""
         left, right = (wheel.read() for wheel in self._wheels)
         readings = Readings(left.values + right.values, left.ages + right.ages, left.valid + right.valid)
-        return readings.plus(self._wheels[0].supply_voltage, self._wheels[0].supply_age)
+        return with_one_more(readings, self._wheels[0].supply_voltage, self._wheels[0].supply_age)
 
     def obstacles(self) -> list[str]:
         """A drive that is not there, not set up with its watchdog on, or not operational."""

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from firmware_io.drives.odrive import telemetry as t
 from firmware_io.drives.odrive.commands import AxisState
 from firmware_io.drives.odrive.errors import WATCHDOG, error_names
@@ -123,7 +123,9 @@ class AxisListener:
         torque_age, torque_valid = self.age("torque")
         values = (wheel(position * TURN), wheel(velocity * TURN), self._drivetrain.wheel_torque(self._torque))
         readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
-        return readings.plus(self._supply, self.age("supply")) if SUPPLY_VOLTAGE in self.signals else readings
+        if SUPPLY_VOLTAGE not in self.signals:
+            return readings
+        return with_one_more(readings, self._supply, self.age("supply"))
 
     @property
     def is_closed_loop(self) -> bool:

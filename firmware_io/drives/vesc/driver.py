@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from firmware_io.drives.enabling import Enabling, Phase
 from firmware_io.drives.off_word import OffWord
 from firmware_io.drives.vesc.buffers import decode_short
@@ -130,7 +130,7 @@ class Vesc:
         )
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
-        return readings.plus(self._bus_voltage, self._fresh.age(Command.STATUS_5, SUPPLY_STALE_NS))
+        return with_one_more(readings, self._bus_voltage, self._fresh.age(Command.STATUS_5, SUPPLY_STALE_NS))
 
     def obstacles(self) -> list[str]:
         """Silence, a time-out that does not act or has not been measured yet, or a fault."""

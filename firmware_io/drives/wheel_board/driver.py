@@ -6,7 +6,7 @@ from typing import Final
 
 from msgspec.structs import astuple
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings
+from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from firmware_io.drives.enabling import Enabling, Phase
 from firmware_io.drives.off_word import OffWord
 from firmware_io.drives.wheel_board.endpoint import Endpoint
@@ -99,15 +99,12 @@ class WheelBoard:
         valid: list[bool] = []
         now_ns = self._now_ns()
         for frame_id, measured in self._newest.items():
-            age, is_fresh = self._fresh.age(frame_id, None, now_ns)
+            age, is_fresh = self._fresh.age(frame_id, now_ns=now_ns)
             values += measured
             ages += [age] * len(measured)
             valid += [is_fresh] * len(measured)
-        age, is_fresh = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
-        values.append(self._status.bus_voltage)
-        ages.append(age)
-        valid.append(is_fresh)
-        return Readings(tuple(values), tuple(ages), tuple(valid))
+        supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
+        return with_one_more(Readings(tuple(values), tuple(ages), tuple(valid)), self._status.bus_voltage, supply_age)
 
     def obstacles(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""
