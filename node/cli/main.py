@@ -49,6 +49,8 @@ VERBS: Final = {
     "bench": "how fast this machine runs the loop, beside a user's loop and one in C",
 }
 _INTERRUPTED: Final = 130
+_OPENSSL: Final = "_hashlib"
+"""Where `hashlib` finds OpenSSL: 3.5 MB for some digests that Python has too, and takes where this is not to be had."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,6 +81,8 @@ def _options(words: list[str]) -> argparse.Namespace:
         verb_parser = verbs.add_parser(verb, help=text, description=text)
         if verb == chosen:
             # Only the verb in use is imported: a robot starts without what the others need.
+            if verb == "run":
+                sys.modules.setdefault(_OPENSSL, None)  # type: ignore[arg-type]  # None: is not to be had
             module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
             module.add_arguments(verb_parser)
             verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)

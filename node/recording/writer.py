@@ -21,7 +21,7 @@ from node.ring import RingReader, slot_for
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
-_PAUSE_S: Final = 0.1
+_PAUSE_S: Final = 0.25
 """Between two looks: what is there is safe from all but a loss of power, and many at once cost less than each alone."""
 _SHORT_PAUSE_S: Final = 0.01
 _MANY: Final = 128

@@ -1,12 +1,12 @@
 """The topic `mode`: what the robot may do and why, and the echo of the base station's heartbeat."""
 
-from collections.abc import Callable
 from typing import Final
 
 from node.cycle.report import MODE_LEVELS, MODE_SUFFIX
 from node.cycle.seams import Report
 from node.cycle.status import Level
 from node.ros.messages import message_type
+from node.ros.publishers import Topic
 from node.ros.untyped import RosObject
 
 _DEPTH: Final = 10
@@ -14,7 +14,7 @@ _PERIOD_NS: Final = 100_000_000
 _NS_PER_MS: Final = 1e6
 
 
-def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) -> Callable[[Report], None]:
+def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) -> Topic:
     """Publishes at once where mode, reason, drives, zero or stand changed, else ten times a second by the stamps.
 
     One message is made, once, and filled anew. Measured: 0.3 us where nothing is published, 12 us (p99 25) where it is.
@@ -54,7 +54,7 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
         fill(report)
         publisher.publish(message)
 
-    return publish
+    return Topic(publisher, publish)
 
 
 def _is_as(report: Report, told: Report, stand: int | None) -> bool:

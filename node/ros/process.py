@@ -37,8 +37,12 @@ _AFTER_NS: Final = 200_000
 _SHORTEST_S: Final = 0.0001
 _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
+_UNHEARD_S: Final = 0.05
+"""Between two looks where nobody subscribes to what is told of each cycle, or `_UNHEARD_CYCLES` where that is sooner:
+the loop's ring has room for four times as many. So much later the answer to a request may be."""
+_UNHEARD_CYCLES: Final = 16
 _LOOK_S: Final = 0.1
-"""Between two looks whether the loop's process has gone."""
+"""Between two looks who subscribes, and whether the loop's process has gone."""
 HANGS_S: Final = 10
 """After so long in a call of DDS the kernel ends this process (SIGALRM): the loop then knows that it has no ROS."""
 _LEAVES_S: Final = 4
@@ -54,6 +58,7 @@ class Publishing:
         self._arrivals = arrivals
         self._reports = reports
         self._period_ns = period_ns
+        self._unheard_s = min(_UNHEARD_S, _UNHEARD_CYCLES * period_ns * 1e-9)
         self._statuses: list[Status] = []
         self._reported_ns = 0
         self._is_over = False
@@ -62,11 +67,14 @@ class Publishing:
         """Publish; `source` is a file descriptor which ends when the loop's process has."""
         signal.alarm(HANGS_S)
         pause_s, looked_s = _SHORTEST_S, time.monotonic()
+        is_heard = self._stage.look_who_listens()
         while not self._is_over and self._arrivals.is_running:
             before_ns = self._reported_ns
             for kind, body in self._reports.take_all():
                 self._do(kind, body)
-            if self._reported_ns == before_ns:
+            if not is_heard:
+                time.sleep(self._unheard_s)
+            elif self._reported_ns == before_ns:
                 time.sleep(pause_s)
                 pause_s = min(2.0 * pause_s, _LONGEST_S)
             else:
@@ -77,6 +85,7 @@ class Publishing:
             if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()
                 signal.alarm(HANGS_S)
+                is_heard = self._stage.look_who_listens()
                 self._is_over = self._is_over or _has_ended(source)
 
     def _do(self, kind: int, body: bytes) -> None:

@@ -10,18 +10,16 @@ from node.cycle.setpoints import Setpoint
 from node.cycle.status import Status
 from node.ros.graph import mismatch
 from node.ros.job import Job
-from node.ros.messages import diagnostic_array, message_type, newest_only, set_stamp, stamp_ns
+from node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
 from node.ros.mode import make_mode_publisher
 from node.ros.parameters import ModelParameters
-from node.ros.publishers import make_publishers, make_scalar_publishers
+from node.ros.publishers import AHEAD_DEPTH, Topic, make_publishers, make_scalar_publishers, make_setpoint_publisher
 from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
 
 _TAKEN_PER_CYCLE: Final = 100
 """Messages taken from one topic at once at most, so that a flood holds up none of the others."""
 _COMMAND_DEPTH: Final = 10
-_AHEAD_DEPTH: Final = 500
-"""Set-points stamped ahead come in bunches, and each of them counts."""
 LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _STAND: Final = "stand"
@@ -44,12 +42,13 @@ class RosStage:
         self._node = node
         ros, set_names = job.ros, job.set_names
         stand = set_names.index(_STAND) if _STAND in set_names else None
-        self._publish_mode = make_mode_publisher(node, job.robot, stand=stand)
-        self._publishers = make_publishers(node, ros, job.published)
-        self._topics = make_scalar_publishers(node, job.topics)
+        self._seldom = [make_mode_publisher(node, job.robot, stand=stand), make_setpoint_publisher(node, ros)]
+        self._steady = [*make_publishers(node, ros, job.published), *make_scalar_publishers(node, job.topics)]
+        self._heard: list[Topic] = []
+        self._is_heard = False
         self._subscriptions = [
             self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _from_twist),
-            self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _AHEAD_DEPTH, _from_twist_stamped),
+            self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, _from_twist_stamped),
         ]
         trigger = message_type("std_srvs/srv/Trigger")
         self._request_type, self._response_type = trigger.Request, trigger.Response
@@ -65,8 +64,6 @@ class RosStage:
         self._parameters = ModelParameters(node, job.parameters, write, own)
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
-        self._setpoint = node.create_publisher(message_type("geometry_msgs/msg/TwistStamped"), "setpoint", _AHEAD_DEPTH)
-        self._base_frame = ros.base_frame
         self._looks = 0
         self._told: set[str] = set()
 
@@ -87,15 +84,21 @@ class RosStage:
             self._guarded(self._take, inbox, ready)
         return inbox
 
+    def look_who_listens(self) -> bool:
+        """Look which topics are subscribed to: until the next look, `publish` tells nobody what nobody listens to.
+
+        Returns:
+            Whether any topic that tells of the cycles is.
+        """
+        self._guarded(self._look_who_listens)
+        return self._is_heard
+
     def publish(self, report: Report) -> None:
-        """Publish every topic of the cycle, the mode first: a stop is confirmed by it."""
-        self._guarded(self._publish_mode, report)
-        for publish in self._publishers:
-            self._guarded(publish, report.stamp_ns, report.values)
-        for tell, value in zip(self._topics, report.topics, strict=True):
-            self._guarded(tell, value)
-        if report.applied is not None:
-            self._guarded(self._publish_setpoint, report.applied)
+        """Publish what there is to tell of the cycle, the mode first: a stop is confirmed by it."""
+        for topic in self._seldom:
+            self._guarded(topic.publish, report)
+        for topic in self._heard:
+            self._guarded(topic.publish, report)
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
         """Publish a diagnostic_msgs/DiagnosticArray."""
@@ -125,13 +128,9 @@ class RosStage:
             if request is not None:
                 inbox.requests.append(Request(action, self._answer(service, header)))
 
-    def _publish_setpoint(self, applied: StampedSetpoint) -> None:
-        """Tell which set-point came into force, and when: whoever sent it can check that it did."""
-        message = self._setpoint.msg_type()
-        set_stamp(message.header, applied.stamp_ns or 0)
-        message.header.frame_id = self._base_frame
-        message.twist.linear.x, message.twist.angular.z = applied.setpoint
-        self._setpoint.publish(message)
+    def _look_who_listens(self) -> None:
+        self._heard = [topic for topic in self._steady if topic.is_heard()]
+        self._is_heard = bool(self._heard) or any(topic.is_heard() for topic in self._seldom)
 
     def _look_at(self, subscription: RosObject) -> None:
         for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):

@@ -36,7 +36,7 @@ class Listener:
         self.topics: list[tuple[str, str, int]] = []
         self.heard: list[dict[str, str]] = []
         self.messages: list[Any] = []
-        self.publish = make_mode_publisher(self, "alice", stand=stand)
+        self.publish = make_mode_publisher(self, "alice", stand=stand).publish
 
     def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
         self.topics.append((kind.__name__, topic, depth))

@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from node.cycle.seams import Report
 from node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
 from node.ros.publishers import make_publishers
 from node.ros.section import RosSection
+from node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 
@@ -36,11 +38,15 @@ class Node:
         return SimpleNamespace(publish=lambda message: self.said.update({topic: as_message(message, kind)}))
 
 
+def report(stamp_ns: int, values: list[float]) -> Report:
+    return Report(stamp_ns, Mode.ARMED, values, None)
+
+
 def published(signals: list[str]) -> Node:
     """A node that has published the numbers 1, 2, 3 and so on for these signals."""
     node = Node()
-    for publish in make_publishers(node, RosSection(), signals):
-        publish(STAMP_NS, [float(number) for number in range(1, len(signals) + 1)])
+    for topic in make_publishers(node, RosSection(), signals):
+        topic.publish(report(STAMP_NS, [float(number) for number in range(1, len(signals) + 1)]))
     return node
 
 
@@ -78,9 +84,9 @@ def battery(told: list[tuple[int, float]]) -> list[Any]:
             publish=lambda message: said.append((kind.__name__, topic, message.header.stamp.nanosec, message.voltage))
         )
     )
-    (publish,) = make_publishers(node, RosSection(), ["left.angle", SUPPLY_SIGNAL])
+    (topic,) = make_publishers(node, RosSection(), ["left.angle", SUPPLY_SIGNAL])
     for stamp_ns, volts in told:
-        publish(stamp_ns, [0.0, volts])
+        topic.publish(report(stamp_ns, [0.0, volts]))
     return said
 
 

@@ -1,0 +1,88 @@
+"""What the stage tells of a cycle, and whom it tells nothing, in a node that only remembers."""
+
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import pytest
+
+from node.cycle.seams import Report, StampedSetpoint
+from node.cycle.setpoints import REST
+from node.cycle.wiring import PUBLISHED_SIGNALS
+from node.ros.job import Job
+from node.ros.section import RosSection
+from node.ros.stage import RosStage
+from node.safety.modes import Mode
+
+pytestmark = pytest.mark.ros
+
+STEADY = ["linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data", "battery_state"]
+JOB = Job(
+    robot="alice",
+    ros=RosSection(),
+    namespace="",
+    ros_arguments=(),
+    period_ns=10_000_000,
+    published=tuple(PUBLISHED_SIGNALS),
+    topics=("track",),
+    set_names=(),
+    parameters=(),
+    reports=-1,
+    inboxes=-1,
+)
+
+
+class Graph:
+    """Who subscribes to what, and on which topics was published since it was asked last."""
+
+    def __init__(self) -> None:
+        self.subscribers: set[str] = set()
+        self._told: list[str] = []
+        node = MagicMock()
+        node.create_publisher = self._create_publisher
+        self.stage = RosStage(node, JOB, lambda _name, _value: None)
+
+    def _create_publisher(self, _kind: type, topic: str, _depth: int) -> SimpleNamespace:
+        return SimpleNamespace(
+            publish=lambda _: self._told.append(topic), get_subscription_count=lambda: int(topic in self.subscribers)
+        )
+
+    def told_of(self, cycle: int) -> list[str]:
+        """The topics on which something is told of this cycle."""
+        applied = StampedSetpoint(REST, cycle)
+        values = [1.0] * len(PUBLISHED_SIGNALS)
+        self.stage.publish(Report(cycle * 10**9, Mode.ARMED, values, applied, topics=(0.3,), cycle=cycle))
+        told, self._told = self._told, []
+        return told
+
+
+def test_what_nobody_subscribes_to_is_not_told_but_for_what_is_told_seldom() -> None:
+    graph = Graph()
+    assert not graph.stage.look_who_listens()
+    assert graph.told_of(1) == ["mode", "setpoint"]
+
+
+@pytest.mark.parametrize("topic", [*STEADY, "track"])
+def test_who_subscribes_is_told_from_the_next_look_on_and_to_nobody_else_until_it_leaves(topic: str) -> None:
+    graph = Graph()
+    graph.stage.look_who_listens()
+    graph.subscribers.add(topic)
+    assert graph.told_of(1) == ["mode", "setpoint"]
+    assert graph.stage.look_who_listens()
+    assert graph.told_of(2) == ["mode", "setpoint", topic]
+    graph.subscribers.clear()
+    assert not graph.stage.look_who_listens()
+    assert graph.told_of(3) == ["mode", "setpoint"]
+
+
+def test_with_all_subscribed_to_the_mode_comes_first() -> None:
+    graph = Graph()
+    graph.subscribers = {*STEADY, "track"}
+    graph.stage.look_who_listens()
+    assert graph.told_of(1) == ["mode", "setpoint", *STEADY, "track"]
+
+
+@pytest.mark.parametrize("topic", ["mode", "setpoint"])
+def test_also_who_waits_for_what_is_told_seldom_is_somebody_who_listens(topic: str) -> None:
+    graph = Graph()
+    graph.subscribers = {topic}
+    assert graph.stage.look_who_listens()
