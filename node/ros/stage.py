@@ -1,8 +1,8 @@
 """The robot in ROS: takes from its own handles and publishes; no executor runs."""
 
-import itertools
 import logging
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Final
 
 from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
@@ -17,7 +17,7 @@ from node.ros.publishers import AHEAD_DEPTH, Topic, make_publishers, make_scalar
 from node.ros.untyped import RosObject
 from node.safety.modes import Action, Answer
 
-_TAKEN_PER_CYCLE: Final = 100
+_TAKEN_AT_ONCE: Final = 100
 """Messages taken from one topic at once at most, so that a flood holds up none of the others."""
 _COMMAND_DEPTH: Final = 10
 LONGEST_NAME: Final = 80
@@ -46,22 +46,22 @@ class RosStage:
         self._steady = [*make_publishers(node, ros, job.published), *make_scalar_publishers(node, job.topics)]
         self._heard: list[Topic] = []
         self._is_heard = False
+        self._takers: dict[int, Callable[[Inbox], None]] = {}
         self._subscriptions = [
-            self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _from_twist),
-            self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, _from_twist_stamped),
+            self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _take_twist),
+            self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, _take_twist_stamped),
         ]
+        self._watched = tuple(self._subscriptions)
+        for place, name in enumerate(set_names):
+            take = partial(_take_value, place)
+            self._subscriptions.append(self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, take))
+        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
+        station = self._subscribe("station", "std_msgs/msg/Header", newest_only(), _take_heartbeat, at_once=1)
+        self._subscriptions.append(station)
         trigger = message_type("std_srvs/srv/Trigger")
         self._request_type, self._response_type = trigger.Request, trigger.Response
-        self._services = [(action, node.create_service(trigger, f"~/{action}", _never_called)) for action in Action]
-        self._values = [
-            node.create_subscription(message_type("std_msgs/msg/Float64"), f"set/{name}", _never_called, _COMMAND_DEPTH)
-            for name in set_names
-        ]
-        self._station = node.create_subscription(
-            message_type("std_msgs/msg/Header"), "station", _never_called, newest_only()
-        )
-        own = [service for _, service in self._services]
-        self._parameters = ModelParameters(node, job.parameters, write, own)
+        self._services = [self._serve(node, trigger, action) for action in Action]
+        self._parameters = ModelParameters(node, job.parameters, write, self._services)
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._looks = 0
@@ -70,18 +70,19 @@ class RosStage:
     @property
     def subscriptions(self) -> Sequence[RosObject]:
         """Where something may arrive for `take`."""
-        return [*(subscription for subscription, _ in self._subscriptions), *self._values, self._station]
+        return self._subscriptions
 
     @property
     def services(self) -> Sequence[RosObject]:
         """Where something may arrive for `take`, or for `serve_parameters`."""
-        return [*(service for _, service in self._services), *self._parameters.services]
+        return [*self._services, *self._parameters.services]
 
     def take(self, ready: Collection[int]) -> Inbox:
         """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
         inbox = Inbox()
-        if ready:
-            self._guarded(self._take, inbox, ready)
+        for pointer in ready:
+            if pointer in self._takers:
+                self._guarded(self._takers[pointer], inbox)
         return inbox
 
     def look_who_listens(self) -> bool:
@@ -112,21 +113,7 @@ class RosStage:
     def look_around(self) -> None:
         """Look for publishers that never reach us, on another topic each time, and say each once."""
         self._looks += 1
-        self._guarded(self._look_at, self._subscriptions[self._looks % len(self._subscriptions)][0])
-
-    def _take(self, inbox: Inbox, ready: Collection[int]) -> None:
-        for subscription, convert in self._subscriptions:
-            inbox.setpoints += [convert(message) for message in _taken(subscription, ready)]
-        for index, subscription in enumerate(self._values):
-            inbox.values += [SetValue(index, message.data) for message in _taken(subscription, ready)]
-        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
-        inbox.stations += [_heartbeat(message) for message in itertools.islice(_taken(self._station, ready), 1)]
-        for action, service in self._services:
-            if service.handle.pointer not in ready:
-                continue
-            request, header = service.handle.service_take_request(self._request_type)
-            if request is not None:
-                inbox.requests.append(Request(action, self._answer(service, header)))
+        self._guarded(self._look_at, self._watched[self._looks % len(self._watched)])
 
     def _look_who_listens(self) -> None:
         self._heard = [topic for topic in self._steady if topic.is_heard()]
@@ -151,9 +138,39 @@ class RosStage:
             _logger.warning(text)
 
     def _subscribe(
-        self, topic: str, type_name: str, depth: int, convert: Callable[[RosObject], StampedSetpoint]
-    ) -> tuple[RosObject, Callable[[RosObject], StampedSetpoint]]:
-        return self._node.create_subscription(message_type(type_name), topic, _never_called, depth), convert
+        self,
+        topic: str,
+        type_name: str,
+        qos: RosObject,
+        take: Callable[[Inbox, RosObject], None],
+        at_once: int = _TAKEN_AT_ONCE,
+    ) -> RosObject:
+        """Subscribe, and remember how what arrives is taken."""
+        kind = message_type(type_name)
+        subscription = self._node.create_subscription(kind, topic, _never_called, qos)
+        handle = subscription.handle
+
+        def take_all(inbox: Inbox) -> None:
+            for _ in range(at_once):
+                taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
+                if taken is None:
+                    return
+                take(inbox, taken[0])
+
+        self._takers[handle.pointer] = take_all
+        return subscription
+
+    def _serve(self, node: RosObject, trigger: RosObject, action: Action) -> RosObject:
+        """Offer a service, and remember how a request is taken."""
+        service = node.create_service(trigger, f"~/{action}", _never_called)
+
+        def take(inbox: Inbox) -> None:
+            request, header = service.handle.service_take_request(self._request_type)
+            if request is not None:
+                inbox.requests.append(Request(action, self._answer(service, header)))
+
+        self._takers[service.handle.pointer] = take
+        return service
 
     def _answer(self, service: RosObject, header: RosObject) -> Callable[[Answer], None]:
         def send(answer: Answer) -> None:
@@ -161,18 +178,6 @@ class RosStage:
             self._guarded(service.handle.service_send_response, response, header.request_id)
 
         return send
-
-
-def _taken(subscription: RosObject, ready: Collection[int]) -> Iterator[RosObject]:
-    """The messages that wait, oldest first; none where the handle is at none of these pointers."""
-    if subscription.handle.pointer not in ready:
-        return
-    handle, kind = subscription.handle, subscription.msg_type
-    for _ in range(_TAKEN_PER_CYCLE):
-        taken = handle.take_message(kind, False)  # noqa: FBT003 - rclpy's signature: not raw
-        if taken is None:
-            return
-        yield taken[0]
 
 
 def _never_called(*_: RosObject) -> None:
@@ -184,14 +189,18 @@ def _type_name(kind: RosObject) -> str:
     return f"{package}/msg/{kind.__name__}"
 
 
-def _from_twist(message: RosObject) -> StampedSetpoint:
-    return StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None)
+def _take_twist(inbox: Inbox, message: RosObject) -> None:
+    inbox.setpoints.append(StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None))
 
 
-def _from_twist_stamped(message: RosObject) -> StampedSetpoint:
+def _take_twist_stamped(inbox: Inbox, message: RosObject) -> None:
     setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
-    return StampedSetpoint(setpoint, stamp_ns(message.header))
+    inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
 
 
-def _heartbeat(message: RosObject) -> Heartbeat:
-    return Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message))
+def _take_value(place: int, inbox: Inbox, message: RosObject) -> None:
+    inbox.values.append(SetValue(place, message.data))
+
+
+def _take_heartbeat(inbox: Inbox, message: RosObject) -> None:
+    inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
