@@ -18,6 +18,7 @@ import ctypes
 import enum
 import math
 import shutil
+import struct
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -60,7 +61,9 @@ class NativeModel:
         self._library = _load_copy(library)
         self._u = (ctypes.c_double * max(len(description.inputs), 1))()
         self._y = (ctypes.c_double * max(len(description.outputs), 1))()
-        self._inputs, self._outputs = len(description.inputs), len(description.outputs)
+        self._inputs = len(description.inputs)
+        self._fill = struct.Struct(f"{self._inputs}d").pack_into
+        self._shown = struct.Struct(f"{len(description.outputs)}d").unpack_from
         self._places = {
             variable.name: (kind, index, variable)
             for kind, variables in (
@@ -71,7 +74,9 @@ class NativeModel:
             )
             for index, variable in enumerate(variables)
         }
-        self._step = self._library.ecc_step
+        # Without declared types, and with references made once: what ctypes converts in a call costs more than a step.
+        self._step = self._library["ecc_step"]
+        self._arguments = ctypes.byref(self._u), ctypes.byref(self._y)
 
     @property
     def name(self) -> str:
@@ -108,18 +113,16 @@ class NativeModel:
         self._take(u)
         self.stopped = False
         self._check(self._library.ecc_initialize(self._u, self._y), "initialize")
-        return self._y[: self._outputs]
+        return list(self._shown(self._y))
 
     def step(self, u: Sequence[float]) -> list[float]:
         """Advance one step; see `Model.step`."""
-        if len(u) != self._inputs:
-            self._take(u)
-        self._u[: self._inputs] = list(u)
-        status = self._step(self._u, self._y)
+        self._take(u)
+        status = self._step(*self._arguments)
         if status:
             self._check(status, "step")
             self.stopped = True
-        return self._y[: self._outputs]
+        return list(self._shown(self._y))
 
     def terminate(self) -> None:
         """Run the final section."""
@@ -144,7 +147,7 @@ class NativeModel:
     def _take(self, u: Sequence[float]) -> None:
         if len(u) != self._inputs:
             raise ModelError(f"model '{self.name}' has {self._inputs} inputs and was given {len(u)}")
-        self._u[: self._inputs] = list(u)
+        self._fill(self._u, 0, *u)
 
     def _find(self, name: str) -> tuple[Kind, int, Variable]:
         if name not in self._places:

@@ -60,11 +60,14 @@ class CycleLog:
         events, cycle = self._codec.messages(record)
         if events is not None:
             self.write_events(events)
-        self._write_cycle(record, cycle)
+        self.write_cycle(cycle)
 
     def write_cycle(self, message: bytes) -> None:
         """Log a cycle that is a message already; what happened in it has been logged before."""
-        self._write_cycle(self._codec.message.unpack(message).record, message)
+        log, stamp_ns = self._log, stamp_of(message)
+        log.add(CYCLE_TOPIC, CYCLE_TYPE, self._codec.message.schema, stamp_ns, message)
+        log.twist("/setpoint", stamp_ns, *self._codec.message.setpoint(message))
+        self._write_published(stamp_ns, self._codec.message.published(message))
 
     def write_events(self, message: bytes) -> None:
         """Log what happened in a cycle."""
@@ -87,18 +90,16 @@ class CycleLog:
         """Finish the log."""
         self._log.close()
 
-    def _write_cycle(self, record: CycleRecord, message: bytes) -> None:
-        log, stamp_ns = self._log, record.stamp_ns
-        log.add(CYCLE_TOPIC, CYCLE_TYPE, self._codec.message.schema, stamp_ns, message)
-        log.twist("/setpoint", stamp_ns, record.setpoint.linear_velocity, record.setpoint.angular_velocity)
+    def _write_published(self, stamp_ns: int, published: Sequence[float]) -> None:
+        log = self._log
         if self._odometry is not None:
-            log.odometry("/odom", stamp_ns, *(record.published[index] for index in self._odometry))
+            log.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
         if self._joints is not None:
-            left, right, left_velocity, right_velocity = measured = [record.published[i] for i in self._joints]
+            left, right, left_velocity, right_velocity = measured = [published[index] for index in self._joints]
             if all(map(math.isfinite, measured)):
                 log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
         if self._imu is not None:
-            wx, wy, wz, ax, ay, az = measured = [record.published[index] for index in self._imu]
+            wx, wy, wz, ax, ay, az = measured = [published[index] for index in self._imu]
             if all(map(math.isfinite, measured)):
                 log.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
 

@@ -55,9 +55,11 @@ class CycleMessage:
         )
         self._counts = (2, *map(len, groups))
         self._sensors = len(layout.sensors)
-        self._struct = struct.Struct(
-            f"<4siI8sQqq{len(_PHASES)}q{sum(self._counts)}dIB??{self._sensors}?",
-        )
+        head = f"<4siI8sQqq{len(_PHASES)}q"
+        self._struct = struct.Struct(f"{head}{sum(self._counts)}dIB??{self._sensors}?")
+        self._setpoint = struct.Struct(f"<{struct.calcsize(head)}x2d")
+        before = struct.calcsize(head) + 8 * sum(self._counts[:-1])
+        self._published = struct.Struct(f"<{before}x{self._counts[-1]}d")
         self._pack = self._struct.pack
         self.schema = _schema(layout)
 
@@ -93,6 +95,14 @@ class CycleMessage:
             sensors.off,
             *sensors.valid,
         )
+
+    def setpoint(self, data: bytes) -> Sequence[float]:
+        """The set-point in a message: m/s and rad/s."""
+        return self._setpoint.unpack_from(data)
+
+    def published(self, data: bytes) -> Sequence[float]:
+        """The published signals in a message, in the order of the layout."""
+        return self._published.unpack_from(data)
 
     def unpack(self, data: bytes) -> LoggedCycle:
         """A message as a cycle.

@@ -61,18 +61,19 @@ class Publishing:
         self._unheard_s = min(_UNHEARD_S, _UNHEARD_CYCLES * period_ns * 1e-9)
         self._statuses: list[Status] = []
         self._reported_ns = 0
+        self._is_heard = False
         self._is_over = False
 
     def run(self, source: int) -> None:
         """Publish; `source` is a file descriptor which ends when the loop's process has."""
         signal.alarm(HANGS_S)
         pause_s, looked_s = _SHORTEST_S, time.monotonic()
-        is_heard = self._stage.look_who_listens()
+        self._is_heard = self._stage.look_who_listens()
         while not self._is_over and self._arrivals.is_running:
             before_ns = self._reported_ns
             for kind, body in self._reports.take_all():
                 self._do(kind, body)
-            if not is_heard:
+            if not self._is_heard:
                 time.sleep(self._unheard_s)
             elif self._reported_ns == before_ns:
                 time.sleep(pause_s)
@@ -85,11 +86,13 @@ class Publishing:
             if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()
                 signal.alarm(HANGS_S)
-                is_heard = self._stage.look_who_listens()
+                self._is_heard = self._stage.look_who_listens()
                 self._is_over = self._is_over or _has_ended(source)
 
     def _do(self, kind: int, body: bytes) -> None:
         match kind:
+            case FromLoop.REPORT if not self._is_heard:
+                pass
             case FromLoop.REPORT:
                 report = decode_report(body)
                 self._reported_ns = report.at_ns

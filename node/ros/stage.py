@@ -42,10 +42,13 @@ class RosStage:
         self._node = node
         ros, set_names = job.ros, job.set_names
         stand = set_names.index(_STAND) if _STAND in set_names else None
-        self._seldom = [make_mode_publisher(node, job.robot, stand=stand), make_setpoint_publisher(node, ros)]
-        self._steady = [*make_publishers(node, ros, job.published), *make_scalar_publishers(node, job.topics)]
+        self._topics = [
+            make_mode_publisher(node, job.robot, stand=stand),  # the first: a stop is confirmed by it
+            make_setpoint_publisher(node, ros),
+            *make_publishers(node, ros, job.published),
+            *make_scalar_publishers(node, job.topics),
+        ]
         self._heard: list[Topic] = []
-        self._is_heard = False
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self._subscriptions = [
             self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _take_twist),
@@ -86,18 +89,16 @@ class RosStage:
         return inbox
 
     def look_who_listens(self) -> bool:
-        """Look which topics are subscribed to: until the next look, `publish` tells nobody what nobody listens to.
+        """Look which topics that tell of cycles are subscribed to: until the next look only those are published.
 
         Returns:
-            Whether any topic that tells of the cycles is.
+            Whether any is.
         """
         self._guarded(self._look_who_listens)
-        return self._is_heard
+        return bool(self._heard)
 
     def publish(self, report: Report) -> None:
-        """Publish what there is to tell of the cycle, the mode first: a stop is confirmed by it."""
-        for topic in self._seldom:
-            self._guarded(topic.publish, report)
+        """Publish what there is to tell of the cycle to who listens."""
         for topic in self._heard:
             self._guarded(topic.publish, report)
 
@@ -116,8 +117,7 @@ class RosStage:
         self._guarded(self._look_at, self._watched[self._looks % len(self._watched)])
 
     def _look_who_listens(self) -> None:
-        self._heard = [topic for topic in self._steady if topic.is_heard()]
-        self._is_heard = bool(self._heard) or any(topic.is_heard() for topic in self._seldom)
+        self._heard = [topic for topic in self._topics if topic.is_heard()]
 
     def _look_at(self, subscription: RosObject) -> None:
         for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):

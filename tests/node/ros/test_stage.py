@@ -15,7 +15,8 @@ from node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 
-STEADY = ["linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data", "battery_state"]
+TOPICS = ["mode", "setpoint", "linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data"]
+TOPICS += ["battery_state", "track"]
 JOB = Job(
     robot="alice",
     ros=RosSection(),
@@ -55,34 +56,27 @@ class Graph:
         return told
 
 
-def test_what_nobody_subscribes_to_is_not_told_but_for_what_is_told_seldom() -> None:
+def test_what_nobody_subscribes_to_is_not_told() -> None:
     graph = Graph()
     assert not graph.stage.look_who_listens()
-    assert graph.told_of(1) == ["mode", "setpoint"]
+    assert graph.told_of(1) == []
 
 
-@pytest.mark.parametrize("topic", [*STEADY, "track"])
-def test_who_subscribes_is_told_from_the_next_look_on_and_to_nobody_else_until_it_leaves(topic: str) -> None:
+@pytest.mark.parametrize("topic", TOPICS)
+def test_who_subscribes_is_told_from_the_next_look_on_until_it_leaves_and_nobody_else_is(topic: str) -> None:
     graph = Graph()
     graph.stage.look_who_listens()
     graph.subscribers.add(topic)
-    assert graph.told_of(1) == ["mode", "setpoint"]
+    assert graph.told_of(1) == []
     assert graph.stage.look_who_listens()
-    assert graph.told_of(2) == ["mode", "setpoint", topic]
+    assert graph.told_of(2) == [topic]
     graph.subscribers.clear()
     assert not graph.stage.look_who_listens()
-    assert graph.told_of(3) == ["mode", "setpoint"]
+    assert graph.told_of(3) == []
 
 
 def test_with_all_subscribed_to_the_mode_comes_first() -> None:
     graph = Graph()
-    graph.subscribers = {*STEADY, "track"}
+    graph.subscribers = set(TOPICS)
     graph.stage.look_who_listens()
-    assert graph.told_of(1) == ["mode", "setpoint", *STEADY, "track"]
-
-
-@pytest.mark.parametrize("topic", ["mode", "setpoint"])
-def test_also_who_waits_for_what_is_told_seldom_is_somebody_who_listens(topic: str) -> None:
-    graph = Graph()
-    graph.subscribers = {topic}
-    assert graph.stage.look_who_listens()
+    assert graph.told_of(1) == TOPICS
