@@ -89,10 +89,14 @@ class Service:
     It is ready after a second in which it met its deadlines, and feeds the watchdog after each quarter of the
     watchdog's time-out in which it did. A cycle that starts later than half a period, or not at all, has missed its
     deadline; one in ten may. Time is counted in deadlines, so that only a loop that runs can tell that it does.
+
+    Attributes:
+        is_one: Whether this process was started as a service.
     """
 
     def __init__(self, notify: NotifySocket, period_ns: int, watchdog_ns: int | None = None) -> None:
         """Tell `notify` of a loop of this period, ns; no watchdog is fed where its time-out is None."""
+        self.is_one = notify.is_named
         self._notify = notify
         self._period_ns = period_ns
         self._late_ns = round(LATE_FRACTION * period_ns)
@@ -101,11 +105,6 @@ class Service:
         self._told = (0, 0)
         self._ready = _Stretch(READY_AFTER_NS, period_ns)
         self._watchdog = None if watchdog_ns is None else _Stretch(watchdog_ns // _FEEDS_IN_TIMEOUT, period_ns)
-
-    @property
-    def is_one(self) -> bool:
-        """Whether this process was started as a service."""
-        return self._notify.is_named
 
     def look(self, lateness_ns: int, skipped: int) -> None:
         """Take a cycle that has been run.
