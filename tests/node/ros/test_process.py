@@ -33,6 +33,47 @@ loop.put(FromLoop.REPORT, encoder.encode(Report(0, Mode.ARMED, [], None)))
 publishing.run(0)
 """
 
+UNHEARD = """
+import itertools, threading, time
+from node.cycle.seams import Report
+from node.ring import RingReader, RingWriter, open_ring
+from node.ros import process
+from node.ros.arrivals import Arrivals
+from node.ros.exchanged import FromLoop, encoder
+from node.safety.modes import Mode
+
+
+class Stage:
+    looks = 0
+    told = []
+
+    def look_who_listens(self):
+        self.looks += 1
+        return self.looks > 2
+
+    def publish(self, report):
+        self.told.append((self.looks, report.cycle))
+
+
+def report(stage):
+    for cycle in itertools.count(1):
+        if not loop.put(FromLoop.REPORT, encoder.encode(Report(0, Mode.ARMED, [], None, cycle=cycle, at_ns=cycle))):
+            print("no room")
+        if len(stage.told) >= 3:
+            loop.put(FromLoop.END, encoder.encode(None))
+            return
+        time.sleep(0.002)
+
+
+reports, inboxes = open_ring(64), open_ring(4)
+loop, stage = RingWriter(reports), Stage()
+publishing = process.Publishing(stage, Arrivals(RingWriter(inboxes), 10**6), RingReader(reports), 10**6)
+threading.Thread(target=report, args=(stage,)).start()
+publishing.run(0)
+(looks, first), (_, second), (_, third) = stage.told[:3]
+print(looks, first > 10, second - first, third - second)
+"""
+
 
 def test_where_dds_hangs_the_kernel_ends_it() -> None:
     done = subprocess.run([sys.executable, "-c", HANGING], check=False, capture_output=True, text=True, timeout=60.0)
@@ -48,3 +89,11 @@ def test_a_process_that_is_handed_nothing_ends_when_its_input_does() -> None:
         os.close(read)
         os.close(write)
         assert process.wait(60.0) == 0
+
+
+def test_reports_that_nobody_hears_make_room_and_who_comes_hears_the_newest_ones_and_all_from_then_on() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", UNHEARD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.read() == "3 True 1 1\n"
