@@ -1,5 +1,6 @@
 """A robot starts without what it does not need: each module costs time between a crash and the loop's return."""
 
+import hashlib
 import subprocess
 import sys
 
@@ -35,6 +36,15 @@ def test_what_is_looked_for_has_the_name_it_is_looked_for_by() -> None:
 @pytest.mark.parametrize("name", sorted(LATER))
 def test_a_start_does_not_import(name: str, loaded: set[str]) -> None:
     assert name not in loaded, LATER[name]
+
+
+def test_a_robot_takes_its_digests_without_openssl() -> None:
+    said = (
+        "import node.cli.main as m; m._options(['run', 'cart']); import hashlib; "
+        "print(hashlib.sha256(b'segway').hexdigest(), 'libcrypto' in open('/proc/self/maps').read())"
+    )
+    done = subprocess.run([sys.executable, "-c", said], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == [hashlib.sha256(b"segway").hexdigest(), "False"]
 
 
 def test_the_version_is_told_where_it_is_asked_for() -> None:
