@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import add_namespace, default_log, stopped_by_signals
 from node.config import load_robot, packaged_robots, read_text
 from node.errors import ConfigurationError
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Hand out until Ctrl-C or SIGTERM."""
     if not 0.0 < options.rate <= _FASTEST:

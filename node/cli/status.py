@@ -13,6 +13,7 @@ from typing import Final
 
 import msgspec
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import add_json, print_json, stopped_by_signals
 from node.errors import AbandonedError, ConfigurationError, NobodyListensError, RobotLostError
 from node.ros.runtime import discovery_text
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Look at the robots and show them."""
     if not 0.0 < options.wait <= _LONGEST_S:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals
 from node.errors import ConfigurationError
 from node.logs import messages
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--name", default="", help="what the robots know the station by (default: this machine's name)")
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     _require(options)

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Final
 
+from node.cli.interrupts import ends_at_once
 from node.cli.options import add_json, add_robot, print_json, robot_file, stopped_by_signals
 from node.config import NoHardwareSection
 from node.errors import ConfigurationError
@@ -27,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+@ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Listen until told to end."""
     if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
