@@ -3,6 +3,7 @@
 import ensurepip
 import json
 import shutil
+import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,9 @@ def operator(
     cache = module_robot.folder / "cache"
     wheels = cache / "segway-ecc" / "wheels" / target_from(probe(module_robot.store, module_robot.config)).key
     wheels.mkdir(parents=True)
-    for wheel in (Path(ensurepip.__file__).parent / "_bundled").glob("pip-*.whl"):
+    # A distribution may keep what comes with Python in a folder of its own.
+    bundled = sysconfig.get_config_var("WHEEL_PKG_DIR") or Path(ensurepip.__file__).parent / "_bundled"
+    for wheel in Path(bundled).glob("pip-*.whl"):
         shutil.copy(wheel, wheels)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     monkeypatch.setenv("PIP_CONFIG_FILE", "/dev/null")
