@@ -44,7 +44,7 @@ $(COMPILED)/.ready: pyproject.toml deploy/setup.sh $(shell find $(SOURCES) -name
 	deploy/setup.sh $(COMPILED)
 	rm -rf $(COPY) && mkdir -p $(COPY)/source $(COPY)/away
 	git ls-files -z --cached --others --exclude-standard | xargs -0 cp --parents -t $(COPY)/source
-	HATCH_BUILD_HOOKS_ENABLE=1 $(COMPILED)/bin/pip install --quiet --no-deps --force-reinstall $(COPY)/source
+	CFLAGS='-fvisibility=hidden -fno-plt' HATCH_BUILD_HOOKS_ENABLE=1 $(COMPILED)/bin/pip install --quiet --no-deps --force-reinstall $(COPY)/source
 	cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES) build out,$(wildcard *))) .
 	touch $@
 
