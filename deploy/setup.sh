@@ -13,17 +13,17 @@ fail() {
 # The system's own first: a ROS installation is built for it, an image has it, and distributions build it with optimizations
 # that one from elsewhere may lack (pyenv's does: the loop then takes up to a third longer).
 find_python() {
-    for name in ${PYTHON:-} /usr/bin/python3 python3 python3.14 python3.13 python3.12 python3.11; do
-        if "$name" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2> /dev/null; then
+    for name in ${PYTHON:-/usr/bin/python3 python3 python3.14 python3.13 python3.12 python3.11}; do
+        if "$name" -c "import sys$1; sys.exit(not (3, 11) <= sys.version_info < (3, 15))" 2> /dev/null; then
             echo "$name"
             return
         fi
     done
-    fail "no Python 3.11 to 3.14 found; install one, or name it: make PYTHON=/path/to/python3"
+    return 1
 }
-python=$(find_python)
 
-if ! "$python" -c 'import ensurepip, venv' 2> /dev/null; then
+if ! python=$(find_python ", ensurepip, venv"); then
+    python=$(find_python "") || fail "no Python 3.11 to 3.14 found; install one, or name it: make PYTHON=/path/to/python3"
     # Debian splits these off.
     package=$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
     [ "$(id -u)" = 0 ] && command -v apt-get > /dev/null || fail "$python cannot make virtual environments: sudo apt-get install $package"
