@@ -12,8 +12,6 @@ from node.recording.cycle_log import CycleLog
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
 
-FLUSH_NS: Final = 500_000_000
-"""How often what was logged is put onto the disk: a power cut loses this much, and what one flush takes."""
 _PARTS: Final = 9999
 
 

@@ -6,14 +6,13 @@ import os
 import select
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from node.errors import RecordingError
-from node.recording.bounded_log import FLUSH_NS, BoundedLog
+from node.recording.bounded_log import BoundedLog
 from node.recording.codec import CycleCodec, Message
 from node.recording.job import Job
 from node.recording.provenance import with_surroundings
@@ -21,11 +20,14 @@ from node.ring import RingReader, slot_for
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
-_PAUSE_S: Final = 0.25
-"""Between two looks: what is there is safe from all but a loss of power, and many at once cost less than each alone."""
+_PAUSE_S: Final = 0.5
+"""Between two looks, after each of which all goes to the disk: a power cut loses this much, and what one flush takes.
+
+What was handed over is safe from anything else, and many at once cost less than each alone.
+"""
 _SHORT_PAUSE_S: Final = 0.01
-_MANY: Final = 128
-"""So many at one look, and the next comes sooner, and what there is goes to the disk: memory is no larger for it."""
+_MANY: Final = 512
+"""So many at one look, and the next comes sooner: memory is no larger for it."""
 _LOOKS: Final = 2
 """At the end: a ring looks twice at what does not look whole."""
 
@@ -44,16 +46,13 @@ def write_log(source: int, memory: int) -> None:
     codec = CycleCodec(job.layout)
     ring = RingReader(memory, slot_for(codec.size))
     log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
-    due_ns, damaged, pause_s = time.monotonic_ns() + FLUSH_NS, 0, _SHORT_PAUSE_S
-    while not _is_over(source):
-        # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
-        time.sleep(pause_s)
+    damaged, pause_s = 0, _SHORT_PAUSE_S
+    # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
+    while not _is_over(source, pause_s):
         taken, lost = _keep_all(log, codec, ring)
         damaged += lost
         pause_s = _SHORT_PAUSE_S if taken == _MANY else _PAUSE_S
-        if taken == _MANY or time.monotonic_ns() >= due_ns:
-            log.flush()
-            due_ns = time.monotonic_ns() + FLUSH_NS
+        log.flush()
     looks_for_nothing = 0
     while looks_for_nothing < _LOOKS:
         taken, lost = _keep_all(log, codec, ring)
@@ -88,8 +87,9 @@ def _line(source: int) -> bytes:
         return stream.readline()
 
 
-def _is_over(source: int) -> bool:
-    return bool(select.select([source], [], [], 0)[0]) and not os.read(source, 1)
+def _is_over(source: int, within_s: float) -> bool:
+    """Whether the loop has ended; waits for so long where it has not."""
+    return bool(select.select([source], [], [], within_s)[0]) and not os.read(source, 1)
 
 
 def _tell(text: str) -> None:

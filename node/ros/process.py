@@ -37,7 +37,7 @@ _AFTER_NS: Final = 200_000
 _SHORTEST_S: Final = 0.0001
 _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
-_UNHEARD_S: Final = 0.05
+_UNHEARD_S: Final = 0.1
 """Between two looks where nobody subscribes to what is told of each cycle, or `_UNHEARD_CYCLES` where that is sooner:
 the loop's ring has room for four times as many. So much later the answer to a request may be."""
 _UNHEARD_CYCLES: Final = 16
