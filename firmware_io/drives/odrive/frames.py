@@ -15,8 +15,6 @@ from firmware_io.drives.odrive import telemetry as t
 from firmware_io.integrity import FrameRefusedError, Refusal
 from firmware_io.links.link import Frame
 
-MAX_NODE_ID: Final = 62
-"""Highest node that can be addressed; 63 is everybody's."""
 COMMANDS: Final = 32
 """Commands that an identifier can carry."""
 VERSION: Final = 0x00

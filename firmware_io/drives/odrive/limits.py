@@ -1,4 +1,4 @@
-"""The times that the driver keeps, and what it tolerates."""
+"""The times that the driver keeps, what it tolerates, and whom it can address."""
 
 from typing import Final
 
@@ -19,3 +19,6 @@ ANSWERS_WITHIN_NS: Final = 350_000_000
 
 STEPS_BITS: Final = 4_000
 """What it takes on the serial line to disable both axes and enable them again: 380 bytes of ten bits."""
+
+MAX_NODE_ID: Final = 62
+"""Highest node that can be addressed; 63 is everybody's."""

@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from firmware_io.drives.odrive.frames import MAX_NODE_ID
+from firmware_io.drives.odrive.limits import MAX_NODE_ID
 from firmware_io.settings import BusSettings, Positive, SerialSettings, WheelSettings
 
 NodeId = Annotated[int, msgspec.Meta(ge=0, le=MAX_NODE_ID)]

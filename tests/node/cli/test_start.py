@@ -15,6 +15,7 @@ LATER = {
     "node.ros.stage": "only with ROS",
     "firmware_io.drives.cia402.driver": "only with such drives",
     "firmware_io.drives.odrive.driver": "only with such drives",
+    "firmware_io.drives.odrive.frames": "only with such drives",
     "firmware_io.drives.vesc.driver": "only with such drives",
     "firmware_io.drives.wheel_board.driver": "only with such drives",
     "firmware_io.imus.xsens_mti.driver": "only with such an IMU",
