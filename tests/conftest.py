@@ -12,6 +12,7 @@ from hypothesis import settings
 from deploy.image import commands as image_commands
 from hil.kernels import qemu, uml
 from node.ros.runtime import missing_packages
+from tests import held_up
 
 # A run is the same every time; how long an example takes says more of the machine than of us.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -64,6 +65,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         lacking = missing()
         if lacking is not None:
             (pytest.fail if required() else pytest.skip)(f"needs {marker}: {lacking}; {cure}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(held_up)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -24,6 +24,10 @@ NowNs = Callable[[], int]
 
 _FAILURES: Final = 10
 """Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
+_TOGETHER_NS: Final = 100_000
+"""Two clocks that are read within this time tell how far one is ahead of the other."""
+_READINGS: Final = 3
+"""Tries at that; the last one counts in any case."""
 _MAX_IDENTIFIERS: Final = 4096
 """Of our own that are kept, to know them again; a robot has some tens."""
 
@@ -136,8 +140,8 @@ class BaseCanLink:
         """Take what has arrived; see `Link.receive`."""
         port = self._port or self._regain()
         frames: list[Frame] = []
-        now_ns = self._now_ns()
-        offset_ns, since_ns, own = now_ns - self._wall_ns(), self._drained_ns, self._own
+        now_ns, offset_ns = self._read_clocks()
+        since_ns, own = self._drained_ns, self._own
         try:
             for word, data, stamp_ns in port.drain():
                 is_extended = word >= EXTENDED
@@ -167,6 +171,18 @@ class BaseCanLink:
         if self._port is not None:
             self._port.close()
             self._port = None
+
+    def _read_clocks(self) -> tuple[int, int]:
+        """The loop's clock, and how far it is ahead of that of the stamps, ns.
+
+        Held up between the one and the other by a millisecond, every frame would look a millisecond older than it is.
+        """
+        for _ in range(_READINGS):
+            now_ns = self._now_ns()
+            wall_ns = self._wall_ns()
+            if self._now_ns() - now_ns < _TOGETHER_NS:
+                break
+        return now_ns, now_ns - wall_ns
 
     def _take_other(self, word: int, identifier: int, data: bytes, now_ns: int, frames: list[Frame]) -> None:
         """What came and is no data frame of somebody else."""

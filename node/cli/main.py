@@ -80,9 +80,9 @@ def _options(words: list[str]) -> argparse.Namespace:
     for verb, text in VERBS.items():
         verb_parser = verbs.add_parser(verb, help=text, description=text)
         if verb == chosen:
-            # Only the verb in use is imported: a robot starts without what the others need.
             if verb == "run":
                 sys.modules.setdefault(_OPENSSL, None)  # type: ignore[arg-type]  # None: is not to be had
+            # Only the verb in use is imported: a robot starts without what the others need.
             module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
             module.add_arguments(verb_parser)
             verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)

@@ -57,9 +57,9 @@ class CycleMessage:
         self._sensors = len(layout.sensors)
         head = f"<4siI8sQqq{len(_PHASES)}q"
         self._struct = struct.Struct(f"{head}{sum(self._counts)}dIB??{self._sensors}?")
-        self._setpoint = struct.Struct(f"<{struct.calcsize(head)}x2d")
-        before = struct.calcsize(head) + 8 * sum(self._counts[:-1])
-        self._published = struct.Struct(f"<{before}x{self._counts[-1]}d")
+        numbers = struct.calcsize(head)
+        self._setpoint = struct.Struct(f"<{numbers}x2d")
+        self._published = struct.Struct(f"<{numbers + 8 * sum(self._counts[:-1])}x{self._counts[-1]}d")
         self._pack = self._struct.pack
         self.schema = _schema(layout)
 

@@ -91,12 +91,11 @@ class Publishing:
 
     def _do(self, kind: int, body: bytes) -> None:
         match kind:
-            case FromLoop.REPORT if not self._is_heard:
-                pass
             case FromLoop.REPORT:
-                report = decode_report(body)
-                self._reported_ns = report.at_ns
-                self._stage.publish(report)
+                if self._is_heard:
+                    report = decode_report(body)
+                    self._reported_ns = report.at_ns
+                    self._stage.publish(report)
             case FromLoop.STATUS:
                 self._statuses.append(decode_status(body))
             case FromLoop.DIAGNOSTICS:

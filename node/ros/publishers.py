@@ -11,8 +11,6 @@ from node.ros.section import RosSection
 from node.ros.template import STAMP, Template
 from node.ros.untyped import RosObject
 
-Publish = Callable[[Report], None]
-
 _DEPTH: Final = 10
 AHEAD_DEPTH: Final = 500
 """Set-points stamped ahead come in bunches, and each of them counts."""
@@ -34,7 +32,7 @@ class Topic(NamedTuple):
     """
 
     publisher: RosObject
-    publish: Publish
+    publish: Callable[[Report], None]
 
     def is_heard(self) -> bool:
         """Whether anybody subscribes to it."""

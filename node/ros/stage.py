@@ -61,9 +61,7 @@ class RosStage:
         # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
         station = self._subscribe("station", "std_msgs/msg/Header", newest_only(), _take_heartbeat, at_once=1)
         self._subscriptions.append(station)
-        trigger = message_type("std_srvs/srv/Trigger")
-        self._request_type, self._response_type = trigger.Request, trigger.Response
-        self._services = [self._serve(node, trigger, action) for action in Action]
+        self._services = [self._serve(action) for action in Action]
         self._parameters = ModelParameters(node, job.parameters, write, self._services)
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
@@ -160,12 +158,13 @@ class RosStage:
         self._takers[handle.pointer] = take_all
         return subscription
 
-    def _serve(self, node: RosObject, trigger: RosObject, action: Action) -> RosObject:
+    def _serve(self, action: Action) -> RosObject:
         """Offer a service, and remember how a request is taken."""
-        service = node.create_service(trigger, f"~/{action}", _never_called)
+        kind = message_type("std_srvs/srv/Trigger")
+        service = self._node.create_service(kind, f"~/{action}", _never_called)
 
         def take(inbox: Inbox) -> None:
-            request, header = service.handle.service_take_request(self._request_type)
+            request, header = service.handle.service_take_request(kind.Request)
             if request is not None:
                 inbox.requests.append(Request(action, self._answer(service, header)))
 
@@ -174,7 +173,7 @@ class RosStage:
 
     def _answer(self, service: RosObject, header: RosObject) -> Callable[[Answer], None]:
         def send(answer: Answer) -> None:
-            response = self._response_type(success=answer.accepted, message=answer.message)
+            response = service.srv_type.Response(success=answer.accepted, message=answer.message)
             self._guarded(service.handle.service_send_response, response, header.request_id)
 
         return send

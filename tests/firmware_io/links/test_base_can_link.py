@@ -403,3 +403,29 @@ def test_what_the_kernel_knows_replaces_what_error_frames_failed_to_tell(
     kernel["can0"] = InterfaceState("can", True, LinkState.BUS_OFF, 500_000, 0, 249, 130)  # noqa: FBT003 - in order
     until(lambda: link.health["state"] == "bus-off")
     assert (link.health["tec"], link.health["rec"]) == ("249", "130")
+
+
+@pytest.mark.parametrize(("held_up", "age_ns"), [(0, 0), (1, 0), (2, 0), (9, 2_000_000)])
+def test_being_held_up_between_two_clocks_makes_no_frame_older(bus: Bus, held_up: int, age_ns: int) -> None:
+    """Held up for 2 ms after each of the first readings of the loop's clock; the wall clock is an hour ahead of it."""
+    readings = 0
+
+    def now_ns() -> int:
+        return bus.now_ns
+
+    def wall_ns() -> int:
+        nonlocal readings
+        readings += 1
+        if 1 < readings <= held_up + 1:
+            bus.now_ns += 2_000_000
+        return bus.now_ns + 3600 * S
+
+    link = BaseCanLink(CanSettings("fake bus", 500_000, None), bus.open, now_ns, wall_ns)
+    link.open()
+    link.receive()
+    bus.now_ns += S
+    bus.port.arriving.append((1, b"", bus.now_ns + 3600 * S))
+    arrived_ns = bus.now_ns
+    (frame,) = link.receive()
+    assert arrived_ns - frame.received_ns == age_ns
+    link.close()

@@ -25,6 +25,8 @@ pytestmark = pytest.mark.real_time
 Run = Callable[..., Any]
 PATIENCE_S = 30.0
 STATUS = 9
+DRIVEN = 10
+"""Commands to move that are heard before the node is harmed, so that the guard has seen it drive."""
 SEQUENCE = "segments: [{linear: 1.0, angular: 0.5, duration: 60.0}]"
 
 
@@ -145,7 +147,8 @@ def test_a_node_that_dies_or_hangs_is_followed_by_zeros(
     guard = processes.start("guard", "--json", robot="cart-vesc")
     processes.wait_for(lambda m: m.is_extended_id and m.arbitration_id >> 8 == STATUS)
     node = processes.start("run", "--no-ros", "--no-log", "--sequence", str(sequence), robot="cart-vesc")
-    processes.wait_for(lambda m: abs(current_for(m) or 0.0) > 0.5)
+    for _ in range(DRIVEN):
+        processes.wait_for(lambda m: abs(current_for(m) or 0.0) > 0.5)
     node.send_signal(number)
     heard = processes.heard_within(2.0)
     last = max((i for i, m in enumerate(heard) if current_for(m)), default=-1)

@@ -31,7 +31,8 @@ def states(channel: str) -> dict[int, str]:
 
 def test_a_drill_that_is_killed_ends_all_it_started(tmp_path: Path) -> None:
     channel = f"orphans_{os.getpid()}"
-    words = ["kill-drill", "--fault", "node stopped", "--channel", channel]
+    # Again and again, so that it is seen stopped however slow the looking is.
+    words = ["kill-drill", "--fault", "node stopped", "--repeat", "20", "--channel", channel]
     with subprocess.Popen(
         [sys.executable, "-m", "node.cli.main", *words],
         stdout=subprocess.DEVNULL,

@@ -1,0 +1,103 @@
+"""A machine that stands still, as a virtual one does for its neighbours, decides a test in real time: it is run again.
+
+Once, only where the test failed, and only where witnesses say so: a process on each processor, above everything else of
+this machine, that wakes every 2 ms and found a gap longer than what a robot may go without word from its drives. What
+was run again, and why, ends the summary. Without real-time priority there are no witnesses, and nothing is run again.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from typing import Final
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+HELD_UP_S: Final = 0.01
+"""A gap that counts; at 200 Hz, a robot trips when it has heard nothing for 15 ms."""
+PROPERTY: Final = "run again: the machine stood still, ms"
+_WAKES_EVERY_S: Final = 0.002
+_HIGHEST: Final = 99
+
+
+class Witnesses:
+    """One on each processor; they end with this process."""
+
+    def __init__(self) -> None:
+        self._processes = [
+            subprocess.Popen(
+                [sys.executable, "-m", "hil.child", str(os.getpid()), __name__, str(core)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+            for core in sorted(os.sched_getaffinity(0))
+        ]
+        for process in self._processes:
+            assert process.stdout is not None
+            os.set_blocking(process.stdout.fileno(), False)
+
+    def longest_gap_s(self) -> float:
+        """The longest gap that counts since the last call, s; 0 where there was none."""
+        heard = b"".join(process.stdout.read() or b"" for process in self._processes if process.stdout is not None)
+        return max(map(float, heard.split()), default=0.0)
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.kill()
+            process.communicate()
+
+
+WITNESSES: Final = pytest.StashKey[Witnesses]()
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    if item.get_closest_marker("real_time") is None:
+        return None
+    witnesses = _witnesses(item.config)
+    witnesses.longest_gap_s()
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    reports = runtestprotocol(item, log=False, nextitem=nextitem)
+    failed = [report for report in reports if report.failed]
+    gap_s = witnesses.longest_gap_s() if failed else 0.0
+    if gap_s > HELD_UP_S:
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        reports[0].user_properties.append((PROPERTY, round(gap_s * 1e3)))
+        reports[0].sections.append(("The run in which the machine stood still", failed[0].longreprtext))
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    reports = [report for reports in terminalreporter.stats.values() for report in reports]
+    for report in reports:
+        for name, value in getattr(report, "user_properties", ()):
+            if name == PROPERTY:
+                terminalreporter.write_line(f"{report.nodeid}: {PROPERTY}: {value}", yellow=True)
+
+
+def _witnesses(config: pytest.Config) -> Witnesses:
+    if WITNESSES not in config.stash:
+        config.stash[WITNESSES] = witnesses = Witnesses()
+        config.add_cleanup(witnesses.close)
+    return config.stash[WITNESSES]
+
+
+def _bear_witness(core: int) -> None:
+    os.sched_setaffinity(0, {core})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_HIGHEST))
+    while True:
+        before_s = time.monotonic()
+        time.sleep(_WAKES_EVERY_S)
+        gap_s = time.monotonic() - before_s
+        if gap_s > HELD_UP_S:
+            sys.stdout.write(f"{gap_s}\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(PermissionError, BrokenPipeError):
+        _bear_witness(int(sys.argv[1]))
