@@ -3,10 +3,11 @@
 Neither side makes a system call, takes a lock or waits, so that a loop may write or read in each cycle. The memory
 outlives the process that writes: what was put is read also where that process was killed.
 
-A slot is one byte that says what it holds, `FREE` for nothing; the length and the CRC of its message; and that message.
-The writer touches no slot that is not free and writes that byte last; the reader touches no other and frees it last. A
-processor other than x86 may show the byte before the message: then the CRC is wrong, and the reader looks again later.
-The CRC begins with the message's number, so that what a slot held before is not taken for what it is to hold.
+The memory begins with a byte for each slot, which says what it holds: `FREE`, the kind of the message that begins
+there, or `CONTINUED`. The slots follow. A message takes as many of them in a row as it needs, after its length and its
+CRC. The writer touches no slot that is not free and writes the kind last; the reader touches no other and frees slots
+in their order. A processor other than x86 may show the kind before the message: then the CRC is wrong, and the reader
+looks again later. The CRC begins with the message's number: what a slot held before is not taken for what it holds now.
 """
 
 import mmap
@@ -18,61 +19,53 @@ from typing import Final
 
 FREE: Final = 0
 """The kind of no message."""
-SLOT_BYTES: Final = 4096
-"""Of a slot, where nothing else is said."""
+CONTINUED: Final = 255
+"""Nor is this one: it marks what a message takes after its first slot."""
+SLOT_BYTES: Final = 256
 _HEAD: Final = struct.Struct("<HI")
 """Length and CRC-32 of a message."""
-_MESSAGE: Final = 1 + _HEAD.size
 _FIRST: Final = 1
 """Number of the first message: nothing at all has the CRC of an empty message of number 0."""
 _NUMBERS: Final = 0xFFFFFFFF
-ROOM: Final = SLOT_BYTES - _MESSAGE
-"""For a message, where nothing else is said, bytes."""
 LARGEST: Final = 0xFFFF
 """A message in any ring, bytes."""
 
 
-def slot_for(size: int) -> int:
-    """Of what size a slot is that takes messages of `size` bytes, and such as `ROOM` has room for."""
-    return max(SLOT_BYTES, size + _MESSAGE)
+def slots_for(size: int) -> int:
+    """How many slots a message of `size` bytes takes."""
+    return -(-(_HEAD.size + size) // SLOT_BYTES)
 
 
-def open_ring(slots: int = 0, slot_bytes: int = SLOT_BYTES) -> int:
+def open_ring(slots: int = 0) -> int:
     """Make the memory of a ring; see `size_ring`.
 
     Returns:
         Its file descriptor.
     """
     descriptor = os.memfd_create("segway-ecc-ring")
-    size_ring(descriptor, slots, slot_bytes)
+    size_ring(descriptor, slots)
     return descriptor
 
 
-def size_ring(descriptor: int, slots: int, slot_bytes: int = SLOT_BYTES) -> None:
-    """Give a ring its size, before anybody maps it.
-
-    Args:
-        descriptor: That of its memory.
-        slots: How many messages it holds.
-        slot_bytes: Room for each, as `slot_for` tells.
-    """
-    os.ftruncate(descriptor, slots * slot_bytes)
+def size_ring(descriptor: int, slots: int) -> None:
+    """Give a ring its size, before anybody maps it; `slots_for` tells what a message takes."""
+    os.ftruncate(descriptor, slots * (1 + SLOT_BYTES))
 
 
 class RingWriter:
     """The side that puts messages; one thread at a time.
 
     Attributes:
-        room: For a message, bytes.
+        room: For a message in a ring that is empty, bytes.
     """
 
-    __slots__ = ("_begin", "_number", "_ring", "_size", "_slot_bytes", "room")
+    __slots__ = ("_begin", "_number", "_ring", "_size", "_slots", "room")
 
-    def __init__(self, descriptor: int, slot_bytes: int = SLOT_BYTES) -> None:
+    def __init__(self, descriptor: int) -> None:
         """Map the memory and fill it, so that no page is missing later."""
-        self.room = min(slot_bytes - _MESSAGE, LARGEST)
         self._size = os.fstat(descriptor).st_size
-        self._slot_bytes = slot_bytes
+        self._slots = self._size // (1 + SLOT_BYTES)
+        self.room = min(self._slots * SLOT_BYTES - _HEAD.size, LARGEST)
         self._ring = mmap.mmap(descriptor, self._size)
         self._ring[:] = bytes(self._size)
         self._begin = 0
@@ -82,24 +75,34 @@ class RingWriter:
         """Hand over a message; False where there is no room for it.
 
         Args:
-            kind: What the message is, any byte but `FREE`.
+            kind: What the message is, any byte but `FREE` and `CONTINUED`.
             message: It; `room` is how long it may be.
         """
-        begin, ring = self._begin, self._ring
+        begin, ring, slots = self._begin, self._ring, self._slots
         length = len(message)
-        first = begin + _MESSAGE
-        if ring[begin] != FREE or length > self.room:
+        end = begin + (_HEAD.size + length - 1) // SLOT_BYTES  # its last slot
+        # Slots are freed in their order: where its last one is free, all before it are.
+        if length > self.room or ring[end % slots] != FREE:
             return False
-        _HEAD.pack_into(ring, begin + 1, length, zlib.crc32(message, self._number))
-        ring[first : first + length] = message
+        head = slots + begin * SLOT_BYTES
+        first = head + _HEAD.size
+        _HEAD.pack_into(ring, head, length, zlib.crc32(message, self._number))
+        over = first + length - self._size
+        if over <= 0:
+            ring[first : first + length] = message
+        else:
+            ring[first:] = message[: length - over]
+            ring[slots : slots + over] = message[length - over :]
+        for slot in range(begin + 1, end + 1):
+            ring[slot % slots] = CONTINUED
         ring[begin] = kind
-        self._begin = (begin + self._slot_bytes) % self._size
+        self._begin = (end + 1) % slots
         self._number = (self._number + 1) & _NUMBERS
         return True
 
     def held(self) -> int:
         """How many messages are in it that nobody has taken."""
-        return sum(self._ring[begin] != FREE for begin in range(0, self._size, self._slot_bytes))
+        return sum(mark not in (FREE, CONTINUED) for mark in self._ring[: self._slots])
 
 
 class RingReader:
@@ -109,12 +112,12 @@ class RingReader:
         damaged: Messages that were not as they had been put, and were passed over.
     """
 
-    __slots__ = ("_begin", "_is_doubtful", "_number", "_ring", "_size", "_slot_bytes", "damaged")
+    __slots__ = ("_begin", "_is_doubtful", "_number", "_ring", "_size", "_slots", "damaged")
 
-    def __init__(self, descriptor: int, slot_bytes: int = SLOT_BYTES) -> None:
+    def __init__(self, descriptor: int) -> None:
         """Map the memory."""
         self._size = os.fstat(descriptor).st_size
-        self._slot_bytes = slot_bytes
+        self._slots = self._size // (1 + SLOT_BYTES)
         self._ring = mmap.mmap(descriptor, self._size)
         self._begin = 0
         self._number = _FIRST
@@ -123,13 +126,16 @@ class RingReader:
 
     def take(self) -> tuple[int, bytes] | None:
         """The kind of the oldest message, and it; None where there is none that has arrived whole."""
-        begin, ring = self._begin, self._ring
-        kind = ring[begin]
+        ring, slots = self._ring, self._slots
+        kind = ring[self._begin]
         if kind == FREE:
             return None
-        length, crc = _HEAD.unpack_from(ring, begin + 1)
-        first = begin + _MESSAGE
+        head = slots + self._begin * SLOT_BYTES
+        length, crc = _HEAD.unpack_from(ring, head)
+        first = head + _HEAD.size
         message = ring[first : first + length]
+        if len(message) < length:
+            message += ring[slots : slots + length - len(message)]
         if zlib.crc32(message, self._number) == crc:
             self._free()
             return kind, message
@@ -147,7 +153,10 @@ class RingReader:
             yield taken
 
     def _free(self) -> None:
-        self._ring[self._begin] = FREE
-        self._begin = (self._begin + self._slot_bytes) % self._size
+        ring, slot = self._ring, self._begin
+        ring[slot] = FREE
+        while ring[slot := (slot + 1) % self._slots] == CONTINUED:
+            ring[slot] = FREE
+        self._begin = slot
         self._number = (self._number + 1) & _NUMBERS
         self._is_doubtful = False

@@ -1,5 +1,6 @@
 """Our loop beside the one a user would write and the least that does the work, in turns, in one run."""
 
+import contextlib
 import statistics
 import tempfile
 from collections.abc import Callable, Sequence
@@ -8,7 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from node.bench.conditions import Conditions
-from node.bench.contestants import Contestant, Place, Ran, plant, run_contestant
+from node.bench.contestants import NAMESPACE, Contestant, Place, Ran, plant, run_contestant
+from node.bench.listener import listening
 from node.bench.process_cost import Memory
 from node.bench.rig import Bus, make_rig
 from node.bench.samples import Cycles, Spread, cycles_of, read_samples
@@ -76,7 +78,8 @@ def compare(
     runs: dict[Contestant, list[Ran]] = {one: [] for one in who}
     with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
         place = Place(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
-        with plant(place) as seen:
+        heard = listening(NAMESPACE) if setup.conditions.is_heard else contextlib.nullcontext()
+        with plant(place) as seen, heard:
             for repeat in range(repeats):
                 for one in reversed(who) if repeat % 2 else who:
                     setup.tell(f"{one} at {rate_hz:g} Hz, {duration_s:g} s ({repeat + 1} of {repeats})")

@@ -24,7 +24,8 @@ from node.safety.modes import Mode
 
 _CHILD: Final = (sys.executable, "-m", "hil.child")
 """Before the parent's process id and a module: a program that ends with us."""
-_NAMESPACE: Final = f"/bench_{os.getpid()}"
+NAMESPACE: Final = f"/bench_{os.getpid()}"
+"""Of all programs in ROS."""
 _START_S: Final = 180.0
 _END_S: Final = 180.0
 """In an emulated machine, where importing ROS alone takes a minute, and so does leaving it."""
@@ -166,7 +167,7 @@ class _Heartbeats:
 def _ours(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
     bus = place.bus
     words = ["run", str(place.rig.robot), "--interface", bus.interface, "--channel", bus.channel, "--json"]
-    words += ["--duration", str(duration_s), "--namespace", _NAMESPACE, "--log", str(place.folder / "bench.mcap")]
+    words += ["--duration", str(duration_s), "--namespace", NAMESPACE, "--log", str(place.folder / "bench.mcap")]
     return [*_CHILD, str(os.getpid()), "node.bench.ours", str(samples), *words]
 
 
@@ -174,7 +175,7 @@ def _user(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
     bus, period_s = place.bus, place.rig.period_ns * 1e-9
     words = ["--model", str(place.rig.library), "--interface", bus.interface, "--channel", bus.channel]
     words += ["--period", str(period_s), "--duration", str(duration_s)]
-    words += ["--namespace", _NAMESPACE, "--guard", place.guard, "--samples", str(samples)]
+    words += ["--namespace", NAMESPACE, "--guard", place.guard, "--samples", str(samples)]
     return [*_CHILD, str(os.getpid()), "node.bench.same_settings", *words]
 
 

@@ -72,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--full", action="store_true", help="rates held for 30 s, runs of 10 s: half an hour in all")
     parser.add_argument("--channel", help="CAN interface of the programs (default: a virtual one, else a local bus)")
     parser.add_argument("--plant-channel", metavar="CHANNEL", help="of the plant, where that is another controller")
+    parser.add_argument("--subscribed", action="store_true", help="with a subscriber to odom and joint_states")
     parser.add_argument("--check", action="store_true", help="end with 1 where a ratio is not what it is to be")
 
 
@@ -101,6 +102,8 @@ def _check(options: argparse.Namespace) -> None:
             raise ConfigurationError(f"--rate must be 1 to 100000 Hz, not {rate_hz:g}")
     if options.repeats < 1:
         raise ConfigurationError(f"--repeats must be at least 1, not {options.repeats}")
+    if options.subscribed and missing_packages():
+        raise ConfigurationError(f"--subscribed needs ROS 2: {', '.join(missing_packages())} is not there")
 
 
 def _tell(what: str) -> None:
@@ -121,7 +124,7 @@ def _on_the_rig(options: argparse.Namespace, measure: Callable[[Setup], _Part]) 
     if lack is not None:
         return _Part(None, f"comparison: {lack}")
     bus = choose_bus(options.channel, options.plant_channel)
-    with own_cache(), held_conditions() as conditions:
+    with own_cache(), held_conditions(is_heard=options.subscribed) as conditions:
         part = measure(Setup(bus, conditions, _tell))
     where = f"{bus.interface} {bus.channel}"
     document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}

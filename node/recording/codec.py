@@ -7,7 +7,7 @@ log holds. MessagePack's own limits are those of the log: 64 bits for numbers of
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -29,9 +29,8 @@ from node.cycle.status import Status
 from node.errors import RecordingError
 from node.recording import cdr
 from node.recording.cycle_message import CycleMessage
-from node.recording.happenings import Piece, happenings, texts, to_nobody
+from node.recording.happenings import happenings, texts, to_nobody
 from node.recording.layout import Layout
-from node.ring import ROOM
 from node.safety.modes import Action, Mode
 
 CYCLE: Final = ord("C")
@@ -63,11 +62,7 @@ class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
 
 
 class _Packed(NamedTuple):
-    """A cycle as it passes.
-
-    Attributes:
-        told: How many pieces of what happened in it went before it, because there was no room for them.
-    """
+    """A cycle as it passes."""
 
     cycle: int
     stamp_ns: int
@@ -91,7 +86,6 @@ class _Packed(NamedTuple):
     stations: list[Heartbeat]
     answers: list[HardwareAnswer]
     initial: Sensors | None
-    told: int
     valid: Sequence[Any]
     off: bool
     ready: bool
@@ -100,7 +94,7 @@ class _Packed(NamedTuple):
 _decode_cycle: Final = msgspec.msgpack.Decoder(_Packed).decode
 
 
-def pack_cycle(record: CycleRecord, buffer: bytearray, told: int = 0) -> None:
+def pack_cycle(record: CycleRecord, buffer: bytearray) -> None:
     """Fill `buffer` with a cycle, in the order of `_Packed`."""
     (
         cycle,
@@ -145,7 +139,6 @@ def pack_cycle(record: CycleRecord, buffer: bytearray, told: int = 0) -> None:
             inbox.stations,
             answers,
             initial,
-            told,
             sensors.valid,
             sensors.off,
             sensors.ready,
@@ -154,10 +147,10 @@ def pack_cycle(record: CycleRecord, buffer: bytearray, told: int = 0) -> None:
     )
 
 
-def unpack_cycle(body: bytes) -> tuple[CycleRecord, int]:
-    """A cycle, and how many pieces of what happened in it were told before it."""
+def unpack_cycle(body: bytes) -> CycleRecord:
+    """A cycle from its body."""
     packed = _decode_cycle(body)
-    record = CycleRecord(
+    return CycleRecord(
         packed.cycle,
         packed.stamp_ns,
         packed.mode,
@@ -188,26 +181,6 @@ def unpack_cycle(body: bytes) -> tuple[CycleRecord, int]:
         packed.answers,
         packed.initial,
     )
-    return record, packed.told
-
-
-def pack_apart(record: CycleRecord, buffer: bytearray) -> Iterator[Message]:
-    """A cycle in which too much happened for one slot: what happened, in pieces that fit, and then the cycle."""
-    pieces = happenings(record)
-    for body in _events(record.stamp_ns, record.cycle, pieces):
-        yield EVENTS, body
-    sensors = msgspec.structs.replace(record.sensors, faults=(), events=())
-    pack_cycle(record._replace(sensors=sensors, inbox=None, answers=(), initial=None), buffer, told=len(pieces))
-    yield CYCLE, bytes(buffer)
-
-
-def _events(stamp_ns: int, cycle: int, pieces: Sequence[Piece]) -> list[bytes]:
-    """Bodies that fit a slot, unless one piece alone does not."""
-    body = _encode((stamp_ns, cycle, pieces))
-    if len(pieces) > 1 and len(body) > ROOM:
-        half = len(pieces) // 2
-        return [*_events(stamp_ns, cycle, pieces[:half]), *_events(stamp_ns, cycle, pieces[half:])]
-    return [body]
 
 
 def events_message(body: bytes) -> bytes:
@@ -224,9 +197,6 @@ def pack_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
 def unpack_diagnostics(body: bytes) -> DiagnosticsMessage:
     """The diagnostics in a body."""
     return msgspec.msgpack.decode(body, type=DiagnosticsMessage)
-
-
-_CHECKS: Final = {EVENTS: _decode_events, DIAGNOSTICS: unpack_diagnostics}
 
 
 class CycleCodec:
@@ -257,16 +227,18 @@ class CycleCodec:
         try:
             if kind == CYCLE:
                 return self._cycle(body)
-            _CHECKS[kind](body)
-        except (msgspec.DecodeError, struct.error, KeyError, TypeError, ValueError) as error:
+            if kind == DIAGNOSTICS:
+                unpack_diagnostics(body)
+                return [(kind, body)]
+        except (msgspec.DecodeError, struct.error, TypeError, ValueError) as error:
             raise RecordingError(f"a record on its way to the log was damaged: {error}") from error
-        return [(kind, body)]
+        raise RecordingError(f"a record on its way to the log was damaged: it is of no kind that there is, {kind}")
 
     def _cycle(self, body: bytes) -> list[Message]:
-        record, told = unpack_cycle(body)
+        record = unpack_cycle(body)
         pieces = happenings(record)
         events = [(EVENTS, _encode((record.stamp_ns, record.cycle, pieces)))] if pieces else []
-        return [*events, (CYCLE, self.message.pack(record, told + len(pieces)))]
+        return [*events, (CYCLE, self.message.pack(record, len(pieces)))]
 
 
 def _largest(layout: Layout) -> int:

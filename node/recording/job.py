@@ -7,16 +7,25 @@ import msgspec
 from node.recording.bounds import Bounds
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
+from node.ring import slots_for
 
 _BUSY_NS: Final = 5_000_000_000
 """So long a disk may be busy."""
-_FEWEST_SLOTS: Final = 256
-_MOST_SLOTS: Final = 1024
+_FEWEST: Final = 256
+_MOST: Final = 1024
+_DIAGNOSTICS_BYTES: Final = 65_536
+"""Of as long."""
 
 
-def ring_slots(period_ns: int) -> int:
-    """Slots of the ring between the loop and the writer: for the cycles of 5 s, within bounds; 0 is no known period."""
-    return min(max(_BUSY_NS // period_ns, _FEWEST_SLOTS), _MOST_SLOTS) if period_ns else _MOST_SLOTS
+def ring_slots(period_ns: int, cycle_bytes: int) -> int:
+    """Slots of the ring between the loop and the writer, for what comes while a disk is busy.
+
+    Args:
+        period_ns: Of the loop; 0 where it is not known.
+        cycle_bytes: What a cycle takes; there is room for 256 to 1,024 of them.
+    """
+    cycles = min(max(_BUSY_NS // period_ns, _FEWEST), _MOST) if period_ns else _MOST
+    return cycles * slots_for(cycle_bytes) + slots_for(_DIAGNOSTICS_BYTES)
 
 
 class Job(msgspec.Struct, frozen=True):

@@ -11,11 +11,11 @@ from node.cycle.status import Status
 from node.errors import RecordingError
 from node.helper import end_helper, start_helper, tell_helper
 from node.recording.bounds import Bounds
-from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_apart, pack_cycle, pack_diagnostics
+from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_cycle, pack_diagnostics
 from node.recording.job import Job, ring_slots
 from node.recording.layout import Layout
 from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.ring import LARGEST, RingWriter, open_ring, slot_for
+from node.ring import LARGEST, RingWriter, open_ring
 
 _CLOSE_S: Final = 10.0
 _logger = logging.getLogger(__name__)
@@ -48,10 +48,9 @@ class ProcessRecorder:
             )
         _check_writable(path)
         self._buffer = bytearray(size)
-        slot_bytes = slot_for(size)
-        memory = open_ring(ring_slots(layout.period_ns), slot_bytes)
+        memory = open_ring(ring_slots(layout.period_ns, size))
         try:
-            self._ring = RingWriter(memory, slot_bytes)
+            self._ring = RingWriter(memory)
             self._process = start_helper("node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
@@ -62,10 +61,10 @@ class ProcessRecorder:
         buffer = self._buffer
         pack_cycle(record, buffer)
         if not self._ring.put(CYCLE, buffer):
-            self._put_apart(record)
+            self.dropped += 1
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
-        """Hand over diagnostics, one status at a time so that each fits whole; see `write`.
+        """Hand over diagnostics, one status at a time so that each is small; see `write`.
 
         Raises:
             RecordingError: The writer is gone, which is worth telling once.
@@ -74,7 +73,8 @@ class ProcessRecorder:
         if self._process.poll() is not None:
             raise RecordingError(f"the process that writes the log {self._path} is gone")
         for status in statuses:
-            self._put(DIAGNOSTICS, pack_diagnostics(stamp_ns, (status,)))
+            if not self._ring.put(DIAGNOSTICS, pack_diagnostics(stamp_ns, (status,))):
+                self.dropped += 1
 
     def close(self) -> None:
         """Let the writer finish the log."""
@@ -84,18 +84,6 @@ class ProcessRecorder:
         self.dropped += self._ring.held()
         if self.dropped:
             _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
-
-    def _put_apart(self, record: CycleRecord) -> None:
-        """Try again with a cycle that found no room, in pieces where it is too large for one slot."""
-        if len(self._buffer) <= self._ring.room:
-            self.dropped += 1
-            return
-        for kind, message in pack_apart(record, self._buffer):
-            self._put(kind, message)
-
-    def _put(self, kind: int, message: bytes) -> None:
-        if not self._ring.put(kind, message):
-            self.dropped += 1
 
 
 def _check_writable(path: Path) -> None:

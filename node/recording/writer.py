@@ -16,7 +16,7 @@ from node.recording.bounded_log import BoundedLog
 from node.recording.codec import CycleCodec, Message
 from node.recording.job import Job
 from node.recording.provenance import with_surroundings
-from node.ring import RingReader, slot_for
+from node.ring import RingReader
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""
@@ -44,7 +44,7 @@ def write_log(source: int, memory: int) -> None:
     """
     job = msgspec.json.decode(_line(source), type=Job)
     codec = CycleCodec(job.layout)
-    ring = RingReader(memory, slot_for(codec.size))
+    ring = RingReader(memory)
     log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
     damaged, pause_s = 0, _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.

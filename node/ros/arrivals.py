@@ -2,8 +2,9 @@
 
 import importlib
 import queue
+import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from typing import Final
 
 from node.cycle.seams import Inbox
@@ -17,7 +18,7 @@ from node.safety.modes import Action, Answer
 _LOOK_AROUND_S: Final = 0.5
 _ANSWER_S: Final = 1.0
 _IN_ONE_MESSAGE: Final = 50
-"""Set-points and values, so that each message fits a slot."""
+"""Set-points and values, so that no message fills the ring."""
 _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is forgotten."""
 
@@ -70,6 +71,7 @@ class Arrivals:
         """Put it into `inboxes`, where a loop of this period looks."""
         self.is_running = True
         self._inboxes = inboxes
+        self._putting = threading.Lock()
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
@@ -92,6 +94,10 @@ class Arrivals:
     def stop(self) -> None:
         """Ask it to end; what waits for something to arrive is to be woken."""
         self.is_running = False
+
+    def tell_heard(self, *, is_heard: bool) -> None:
+        """Tell the loop whether anybody subscribes to what it tells of each cycle; any thread may."""
+        self._put(ToLoop.HEARD, is_heard)
 
     def answer(self, answered: Answered) -> None:
         """Answer a request."""
@@ -131,11 +137,15 @@ class Arrivals:
             self._put(ToLoop.ARRIVED, arrived)
             setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
 
-    def _put(self, kind: ToLoop, what: Sequence[object]) -> None:
+    def _put(self, kind: ToLoop, what: object) -> None:
         """Hand a message over; wait where there is no room: DDS keeps what is newest."""
         body = encoder.encode(what)
-        while self.is_running and not self._inboxes.put(kind, body):
+        while self.is_running and not self._has_put(kind, body):
             time.sleep(0.1 * self._period_s)
+
+    def _has_put(self, kind: ToLoop, body: bytes) -> bool:
+        with self._putting:
+            return self._inboxes.put(kind, body)
 
     def _asked(self, action: Action, answer: Callable[[Answer], None]) -> Asked:
         self._number += 1

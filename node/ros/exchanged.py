@@ -30,6 +30,8 @@ class ToLoop(enum.IntEnum):
 
     ARRIVED = 1
     WRITE = 2
+    HEARD = 3
+    """Whether anybody subscribes to what is told of each cycle."""
 
 
 class Asked(NamedTuple):
@@ -79,3 +81,4 @@ decode_answered: Final = msgspec.msgpack.Decoder(Answered).decode
 decode_write_done: Final = msgspec.msgpack.Decoder(WriteDone).decode
 decode_arrived: Final = msgspec.msgpack.Decoder(Arrived).decode
 decode_to_write: Final = msgspec.msgpack.Decoder(ToWrite).decode
+decode_heard: Final = msgspec.msgpack.Decoder(bool).decode

@@ -5,11 +5,12 @@ from typing import Final
 import msgspec
 
 from node.model.variables import Variable
-from node.ring import SLOT_BYTES
 from node.ros.section import RosSection
 
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""
+_REPORT_BYTES: Final = 1024
+"""All else of a report, and as much as it needs of diagnostics."""
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,7 +43,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     inboxes: int
 
     @property
-    def slot_bytes(self) -> int:
-        """Of a slot of the ring from the loop: it takes a report with all of the robot's numbers."""
+    def report_bytes(self) -> int:
+        """A report of a cycle, unless it has long reasons to tell."""
         numbers = len(self.published) + len(self.topics) + len(self.set_names)
-        return SLOT_BYTES + _NUMBER_BYTES * numbers
+        return _REPORT_BYTES + _NUMBER_BYTES * numbers

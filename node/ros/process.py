@@ -37,12 +37,9 @@ _AFTER_NS: Final = 200_000
 _SHORTEST_S: Final = 0.0001
 _LONGEST_S: Final = 0.01
 """Between two looks where none came in time; each is twice as long as the one before."""
-_UNHEARD_S: Final = 0.1
-"""Between two looks where nobody subscribes to what is told of each cycle, or `_UNHEARD_CYCLES` where that is sooner:
-the loop's ring has room for four times as many. So much later the answer to a request may be."""
-_UNHEARD_CYCLES: Final = 16
 _LOOK_S: Final = 0.1
-"""Between two looks who subscribes, and whether the loop's process has gone."""
+"""Between two looks who subscribes, and whether the loop's process has gone. Where nobody subscribes to what is told of
+each cycle the loop does not tell it, and what it has else to tell waits as long."""
 HANGS_S: Final = 10
 """After so long in a call of DDS the kernel ends this process (SIGALRM): the loop then knows that it has no ROS."""
 _LEAVES_S: Final = 4
@@ -58,23 +55,22 @@ class Publishing:
         self._arrivals = arrivals
         self._reports = reports
         self._period_ns = period_ns
-        self._unheard_s = min(_UNHEARD_S, _UNHEARD_CYCLES * period_ns * 1e-9)
         self._statuses: list[Status] = []
         self._reported_ns = 0
-        self._is_heard = False
+        self._is_heard = True
         self._is_over = False
 
     def run(self, source: int) -> None:
         """Publish; `source` is a file descriptor which ends when the loop's process has."""
         signal.alarm(HANGS_S)
         pause_s, looked_s = _SHORTEST_S, time.monotonic()
-        self._is_heard = self._stage.look_who_listens()
+        self._look_who_listens()
         while not self._is_over and self._arrivals.is_running:
             before_ns = self._reported_ns
             for kind, body in self._reports.take_all():
                 self._do(kind, body)
             if not self._is_heard:
-                time.sleep(self._unheard_s)
+                time.sleep(_LOOK_S)
             elif self._reported_ns == before_ns:
                 time.sleep(pause_s)
                 pause_s = min(2.0 * pause_s, _LONGEST_S)
@@ -86,8 +82,13 @@ class Publishing:
             if time.monotonic() - looked_s > _LOOK_S:
                 looked_s = time.monotonic()
                 signal.alarm(HANGS_S)
-                self._is_heard = self._stage.look_who_listens()
+                self._look_who_listens()
                 self._is_over = self._is_over or _has_ended(source)
+
+    def _look_who_listens(self) -> None:
+        was_heard, self._is_heard = self._is_heard, self._stage.look_who_listens()
+        if self._is_heard is not was_heard:
+            self._arrivals.tell_heard(is_heard=self._is_heard)
 
     def _do(self, kind: int, body: bytes) -> None:
         match kind:
@@ -132,7 +133,7 @@ def speak(job: Job, source: int) -> None:
             waiting = Waiting(node, stage)
             listening = threading.Thread(target=arrivals.run, args=(waiting, stage), name="arrivals")
             listening.start()
-        publishing = Publishing(stage, arrivals, RingReader(job.reports, job.slot_bytes), job.period_ns)
+        publishing = Publishing(stage, arrivals, RingReader(job.reports), job.period_ns)
         _tell("ready")
         try:
             with real_time_priority(HELPERS_PRIORITY):

@@ -16,18 +16,18 @@ from node.cycle.status import Status
 from node.errors import ModelError, RosUnavailableError
 from node.helper import end_helper, start_helper, tell_helper
 from node.model.model import Model
-from node.ring import RingReader, RingWriter, open_ring, size_ring
+from node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
 from node.robot import Robot
-from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_to_write, encoder
+from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_heard, decode_to_write, encoder
 from node.ros.job import Job
 from node.safety.modes import ACTIVE, Answer
 
 _REPORTS: Final = 64
 """Cycles that the process may fall behind."""
-INBOXES: Final = 8
-"""All of them are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
+INBOX_SLOTS: Final = 32
+"""Slots, all of which are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
 _LONGEST_REASON: Final = 900
-"""In characters, of four bytes at most each: what a slot has besides the numbers then suffices for all of a report."""
+"""In characters: what is told in every cycle is not to fill the ring."""
 _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
 
@@ -109,6 +109,7 @@ class RemoteStage:
         self._speaker = speaker
         self._buffer = bytearray()
         self._is_gone = False
+        self._is_heard = True
         wiring = robot.wiring
         job = Job(
             robot=robot.file.name,
@@ -123,35 +124,39 @@ class RemoteStage:
             reports=speaker.reports,
             inboxes=speaker.inboxes,
         )
-        size_ring(job.reports, _REPORTS, job.slot_bytes)
-        size_ring(job.inboxes, INBOXES)
-        self._reports, self._inboxes = RingWriter(job.reports, job.slot_bytes), RingReader(job.inboxes)
+        size_ring(job.reports, _REPORTS * slots_for(job.report_bytes))
+        size_ring(job.inboxes, INBOX_SLOTS)
+        self._reports, self._inboxes = RingWriter(job.reports), RingReader(job.inboxes)
         speaker.tell(job)
 
     def take(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
         inbox = Inbox()
-        for _ in range(INBOXES):
+        for _ in range(INBOX_SLOTS):
             taken = self._inboxes.take()
             if taken is None:
                 break
             kind, body = taken
             try:
-                if kind == ToLoop.WRITE:
-                    self._write(decode_to_write(body), inbox)
-                else:
-                    self._receive(body, inbox)
+                match kind:
+                    case ToLoop.WRITE:
+                        self._write(decode_to_write(body), inbox)
+                    case ToLoop.HEARD:
+                        self._is_heard = decode_heard(body)
+                    case _:
+                        self._receive(body, inbox)
             except msgspec.DecodeError:  # whatever that process does, the loop goes on
                 self.dropped += 1
         return inbox
 
     def publish(self, report: Report) -> None:
-        """Hand over what is published of the cycle."""
-        if len(report.reason) > _LONGEST_REASON:
-            report = msgspec.structs.replace(report, reason=report.reason[:_LONGEST_REASON])
-        encoder.encode_into(report, self._buffer)
-        if not self._reports.put(FromLoop.REPORT, self._buffer):
-            self.dropped += 1
+        """Hand over what is published of the cycle, where anybody subscribes to it."""
+        if self._is_heard:
+            if len(report.reason) > _LONGEST_REASON:
+                report = msgspec.structs.replace(report, reason=report.reason[:_LONGEST_REASON])
+            encoder.encode_into(report, self._buffer)
+            if not self._reports.put(FromLoop.REPORT, self._buffer):
+                self.dropped += 1
         if self._is_gone and report.mode not in ACTIVE:
             self.over = "the process that speaks ROS has ended"
 

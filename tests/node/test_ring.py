@@ -9,10 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.ring import FREE, LARGEST, ROOM, SLOT_BYTES, RingReader, RingWriter, open_ring, slot_for
+from node.ring import CONTINUED, FREE, LARGEST, SLOT_BYTES, RingReader, RingWriter, open_ring, slots_for
 
 KIND = ord("C")
 SLOTS = 64
+HEAD = 6
+"""Bytes before a message in its first slot: its length and CRC."""
+ROOM = SLOT_BYTES - HEAD
+"""Of one slot."""
 
 
 @pytest.fixture
@@ -84,24 +88,24 @@ def test_a_message_of_which_only_a_part_is_there_is_not_seen(
 ) -> None:
     """As a loop leaves it that is killed in the middle of one."""
     put(writer, range(1))
-    os.pwrite(memory, b"\x10\x00\x12\x34\x56\x78message 1, of which", SLOT_BYTES + 1)
+    os.pwrite(memory, b"\x10\x00\x12\x34\x56\x78message 1, of which", SLOTS + SLOT_BYTES)
 
     assert taken(reader) == [numbered(0)]
     assert taken(reader) == []
     assert reader.damaged == 0
 
 
-@pytest.mark.parametrize("late", [range(1, 7), range(7, 9), range(7, 16), range(15, 16), range(1, 16)])
+@pytest.mark.parametrize("late", [range(6), range(6, 8), range(6, 15), range(14, 15), range(15)])
 def test_a_message_that_shows_later_than_its_kind_is_taken_whole(
     memory: int, writer: RingWriter, reader: RingReader, late: range
 ) -> None:
     """As a processor may show stores that orders them otherwise than x86 does."""
     put(writer, range(1))
-    assert len(numbered(0)) == 16 - 7
-    written = os.pread(memory, len(late), late.start)
-    os.pwrite(memory, bytes(len(late)), late.start)
+    assert len(numbered(0)) == 15 - HEAD
+    written = os.pread(memory, len(late), SLOTS + late.start)
+    os.pwrite(memory, bytes(len(late)), SLOTS + late.start)
     assert taken(reader) == []
-    os.pwrite(memory, written, late.start)
+    os.pwrite(memory, written, SLOTS + late.start)
     assert taken(reader) == [numbered(0)]
     assert reader.damaged == 0
 
@@ -119,7 +123,7 @@ def test_a_message_that_never_comes_whole_is_passed_over_and_counted(
     memory: int, writer: RingWriter, reader: RingReader
 ) -> None:
     put(writer, range(3))
-    os.pwrite(memory, b"?", SLOT_BYTES + 9)
+    os.pwrite(memory, b"?", SLOTS + SLOT_BYTES + 9)
     assert taken(reader) == [numbered(0)]
     assert taken(reader) == []
     assert taken(reader) == [numbered(2)]
@@ -128,49 +132,75 @@ def test_a_message_that_never_comes_whole_is_passed_over_and_counted(
     assert len(taken(reader)) == SLOTS
 
 
-def test_the_largest_message_fits_and_a_larger_one_touches_nothing(writer: RingWriter, reader: RingReader) -> None:
-    assert writer.room == ROOM
-    assert not writer.put(KIND, b"x" * (ROOM + 1))
-    assert writer.held() == 0
-    assert writer.put(KIND, b"x" * ROOM)
-    assert writer.put(KIND, b"next")
-    assert taken(reader) == [b"x" * ROOM, b"next"]
-
-
-@pytest.mark.parametrize("size", [0, ROOM, ROOM + 1, LARGEST])
-def test_a_slot_for_messages_has_room_for_them_and_for_what_any_slot_has(size: int) -> None:
-    slot_bytes = slot_for(size)
-    memory = open_ring(1, slot_bytes)
+@pytest.mark.parametrize("size", [0, 1, ROOM, ROOM + 1, ROOM + SLOT_BYTES, ROOM + SLOT_BYTES + 1, 5000, LARGEST])
+def test_a_message_takes_as_many_slots_as_are_said(size: int) -> None:
+    memory = open_ring(3 * slots_for(size))
     try:
-        writer, reader = RingWriter(memory, slot_bytes), RingReader(memory, slot_bytes)
-        assert writer.room == max(size, ROOM)
+        writer, reader = RingWriter(memory), RingReader(memory)
+        message = os.urandom(size)
+        assert [writer.put(KIND, message) for _ in range(4)] == [True, True, True, False]
+        assert writer.held() == 3
+        assert taken(reader) == [message] * 3
+    finally:
+        os.close(memory)
+
+
+def test_one_that_takes_the_whole_ring_fits_and_a_larger_one_touches_nothing(
+    writer: RingWriter, reader: RingReader
+) -> None:
+    assert writer.room == SLOTS * SLOT_BYTES - HEAD
+    put(writer, range(1))
+    assert taken(reader) == [numbered(0)]
+    for _ in range(3):
         assert not writer.put(KIND, b"x" * (writer.room + 1))
+        assert writer.held() == 0
         assert writer.put(KIND, b"x" * writer.room)
-        assert reader.take() == (KIND, b"x" * writer.room)
-    finally:
-        os.close(memory)
+        assert not writer.put(KIND, b"")
+        assert taken(reader) == [b"x" * writer.room]
 
 
-def test_slots_may_be_larger() -> None:
-    memory = open_ring(3, 65_536)
+def test_no_message_is_longer_than_its_length_can_tell() -> None:
+    memory = open_ring(2 * slots_for(LARGEST))
     try:
-        writer, reader = RingWriter(memory, 65_536), RingReader(memory, 65_536)
-        for _ in range(4):
-            assert writer.put(KIND, b"x" * 60_000)
-            assert reader.take() == (KIND, b"x" * 60_000)
+        assert not RingWriter(memory).put(KIND, bytes(LARGEST + 1))
     finally:
         os.close(memory)
 
 
-@settings(max_examples=30)
-@given(st.lists(st.tuples(st.integers(FREE + 1, 255), st.binary(max_size=ROOM)), max_size=5))
+def test_a_long_message_finds_no_room_where_only_its_first_slots_are_free(
+    writer: RingWriter, reader: RingReader
+) -> None:
+    put(writer, range(SLOTS))
+    for number in range(2):
+        assert reader.take() == (KIND, numbered(number))
+    assert not writer.put(KIND, b"x" * (ROOM + SLOT_BYTES + 1))
+    assert writer.put(KIND, b"x" * (ROOM + SLOT_BYTES))
+    assert taken(reader)[-1] == b"x" * (ROOM + SLOT_BYTES)
+
+
+def test_a_long_message_that_never_comes_whole_is_passed_over_whole(
+    memory: int, writer: RingWriter, reader: RingReader
+) -> None:
+    """Whatever its length has become."""
+    assert writer.put(KIND, b"x" * 1000)
+    put(writer, range(1))
+    os.pwrite(memory, b"\xff\xff", SLOTS)
+    assert taken(reader) == []
+    assert taken(reader) == []
+    assert reader.damaged == 1
+    assert taken(reader) == [numbered(0)]
+
+
+@settings(max_examples=100)
+@given(st.lists(st.tuples(st.integers(FREE + 1, CONTINUED - 1), st.binary(max_size=10 * SLOT_BYTES)), max_size=5))
 def test_kinds_and_messages_come_as_they_were_put(pairs: list[tuple[int, bytes]]) -> None:
     memory = open_ring(SLOTS)
     try:
         writer, reader = RingWriter(memory), RingReader(memory)
-        for kind, message in pairs:
-            assert writer.put(kind, bytearray(message))
-        assert list(reader.take_all()) == pairs
+        for _ in range(3):  # round and round
+            for kind, message in pairs:
+                assert writer.put(kind, bytearray(message))
+            assert list(reader.take_all()) == pairs
     finally:
         os.close(memory)
 

@@ -38,9 +38,15 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
         return {one: made_up(COSTS_US[one]) for one in who}
 
     @contextmanager
-    def conditions() -> Iterator[Conditions]:
+    def conditions(*, is_heard: bool = False) -> Iterator[Conditions]:
         yield Conditions(
-            priority=50, idle_states_off=True, memory_locked=False, cores=2, isolated=(), kernel="6.1 PREEMPT_RT"
+            priority=50,
+            idle_states_off=True,
+            memory_locked=False,
+            cores=2,
+            isolated=(),
+            kernel="6.1 PREEMPT_RT",
+            is_heard=is_heard,
         )
 
     monkeypatch.setattr(bench, "compare", compare)
@@ -55,7 +61,7 @@ def test_the_loops_are_compared_at_each_rate_and_judged(segway_ecc: Run, asked: 
     assert outcome.code == 0
     assert asked == [(100.0, 2.0, 3), (500.0, 2.0, 3)]
     assert "SCHED_FIFO 50, idle states off" in outcome.out
-    assert "6.1 PREEMPT_RT; the same for all programs" in outcome.out
+    assert "6.1 PREEMPT_RT, nobody subscribes; the same for all programs" in outcome.out
     assert outcome.out.count("ours to the user's loop: 0.10, at most 0.25 wanted: met") == 2
 
 
@@ -70,6 +76,18 @@ def test_a_claim_that_is_not_met_is_printed_and_is_a_failure_only_where_that_is_
     assert outcome.code == 0
     assert "ours to the loop in C: 50.00, at most 6 wanted: NOT met" in outcome.out
     assert segway_ecc(*words, "--check").code == 1
+
+
+@pytest.mark.usefixtures("asked")
+def test_somebody_subscribes_where_that_is_asked_for_and_ros_is_there(
+    segway_ecc: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("bench", "--only", "loops", "--rate", "100", "--subscribed")
+    assert "somebody subscribes; the same for all programs" in segway_ecc(*words).out
+    monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
+    outcome = segway_ecc(*words)
+    assert outcome.code == 2
+    assert outcome.errors == ["segway-ecc: --subscribed needs ROS 2: rclpy is not there"]
 
 
 @pytest.mark.usefixtures("asked")

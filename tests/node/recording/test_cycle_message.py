@@ -5,21 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import pytest
 from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.highlevel import AnyReader
 
-from hil.lockstep import LockstepRig
-from node.config import load_robot, packaged_robots
 from node.cycle.seams import CycleRecord
-from node.recording.codec import CycleCodec
 from node.recording.cycle_log import CycleLog
 from node.recording.cycle_message import CYCLE_TYPE, CycleMessage
-from node.recording.layout import Layout, field_names, layout_of
-from node.ring import ROOM
-from node.robot import build_robot
+from node.recording.layout import Layout, field_names
 
 
 def test_mcap_ros2_support_reads_every_field(layout: Layout, record: Callable[[int], CycleRecord]) -> None:
@@ -66,10 +60,3 @@ def test_a_robot_without_hardware_has_no_empty_parts(
     assert schema.encoding == "ros2msg"
     assert b"segway_ecc/Sensors" not in schema.data
     assert read.model_output.motor_voltage == 5.5
-
-
-@pytest.mark.parametrize("name", packaged_robots())
-def test_a_cycle_of_every_packaged_robot_fits_a_slot_twice(name: str) -> None:
-    robot = build_robot(load_robot(name), LockstepRig(500_000))
-
-    assert 2 * CycleCodec(layout_of(robot)).size < ROOM

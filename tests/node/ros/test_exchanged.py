@@ -14,7 +14,7 @@ from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, Stampe
 from node.cycle.setpoints import Setpoint
 from node.cycle.status import Level, Status
 from node.errors import ModelError
-from node.ring import ROOM, RingReader, RingWriter, open_ring
+from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
 from node.ros import arrivals as arrivals_module
 from node.ros.arrivals import Arrivals
 from node.ros.exchanged import (
@@ -28,6 +28,7 @@ from node.ros.exchanged import (
     decode_to_write,
     encoder,
 )
+from node.ros.remote import INBOX_SLOTS
 from node.safety.modes import Action, Answer, Mode
 
 PERIOD_NS = 1_000_000
@@ -50,7 +51,7 @@ REPORT = Report(
 
 @pytest.fixture
 def memory() -> Iterator[int]:
-    descriptor = open_ring(8)
+    descriptor = open_ring(INBOX_SLOTS)
     yield descriptor
     os.close(descriptor)
 
@@ -137,7 +138,7 @@ def test_what_arrives_comes_once_and_in_order_in_messages_that_fit(arrivals: Arr
     messages = [body for _, body in loop.take_all()]
     arrived = [decode_arrived(body) for body in messages]
 
-    assert max(map(len, messages)) <= ROOM
+    assert max(map(len, messages)) < INBOX_SLOTS * SLOT_BYTES // 2
     assert [setpoint for each in arrived for setpoint in each.setpoints] == inbox.setpoints
     assert [value for each in arrived for value in each.values] == inbox.values
     assert [station for each in arrived for station in each.stations] == inbox.stations
