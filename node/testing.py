@@ -157,7 +157,10 @@ class ScriptedStage:
         diagnostics: The diagnostics published, with their stamps.
         looks: How often it was told to look around.
         journal: The methods called in each cycle, in order.
+        is_heard: Whether its reports are heard.
     """
+
+    is_heard = True
 
     def __init__(self, clock: ScriptedClock, journal: list[str] | None = None) -> None:
         """Take time from `clock`; a shared `journal` shows the order among several parts."""

@@ -119,7 +119,8 @@ class Cycle:
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
         self._supervision.hear(inbox.stations, exchanged_ns)
-        self._stage.publish(self._report(cycle, stamp_ns, published, exchanged_ns))
+        if self._stage.is_heard:
+            self._stage.publish(self._report(cycle, stamp_ns, published, exchanged_ns))
         published_ns = now_ns()
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
         self._receive_all(inbox, cycle)

@@ -107,11 +107,15 @@ class Stage(Protocol):
     def over(self) -> str | None:
         """Why the world outside has ended, which ends the loop; None while it goes on."""
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether what is published of each cycle is heard; no report is made of a cycle in which it is not."""
+
     def take(self) -> Inbox:
         """What has arrived since the last call."""
 
     def publish(self, report: Report) -> None:
-        """Publish this cycle's state."""
+        """Publish this cycle's state; see `is_heard`."""
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
         """Publish diagnostics; called in the slack of a cycle about once a second."""
@@ -174,6 +178,11 @@ class NoStage:
     """A world with nobody in it."""
 
     over: str | None = None
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether it is a world that builds on this one and hears reports."""
+        return type(self).publish is not NoStage.publish
 
     def take(self) -> Inbox:
         """Nothing ever arrives."""

@@ -54,6 +54,8 @@ class PlayStage:
         messages: What is told below the view; the oldest is forgotten.
     """
 
+    is_heard = True
+
     def __init__(self, behind: Stage, terminal: LoopEnd, rig: Rig, robot: Robot, modes: Modes | None = None) -> None:
         """Drive `robot`, whose plant is reached over `rig`, from `terminal`."""
         self.messages: deque[str] = deque(maxlen=_MESSAGES)
@@ -98,7 +100,8 @@ class PlayStage:
 
     def publish(self, report: Report) -> None:
         """Hand on, and show now and then."""
-        self._behind.publish(report)
+        if self._behind.is_heard:
+            self._behind.publish(report)
         if report.mode not in ACTIVE:
             self._wanted = self._in_force = REST  # arming again never jumps
         elif report.applied is not None:

@@ -88,6 +88,7 @@ class RemoteStage:
 
     Attributes:
         over: Why the world outside has ended, which ends the loop; None while it goes on.
+        is_heard: Whether anybody subscribes to what is published of each cycle.
         dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
@@ -109,7 +110,7 @@ class RemoteStage:
         self._speaker = speaker
         self._buffer = bytearray()
         self._is_gone = False
-        self._is_heard = True
+        self.is_heard = True
         wiring = robot.wiring
         job = Job(
             robot=robot.file.name,
@@ -142,7 +143,7 @@ class RemoteStage:
                     case ToLoop.WRITE:
                         self._write(decode_to_write(body), inbox)
                     case ToLoop.HEARD:
-                        self._is_heard = decode_heard(body)
+                        self.is_heard = decode_heard(body)
                     case _:
                         self._receive(body, inbox)
             except msgspec.DecodeError:  # whatever that process does, the loop goes on
@@ -150,13 +151,12 @@ class RemoteStage:
         return inbox
 
     def publish(self, report: Report) -> None:
-        """Hand over what is published of the cycle, where anybody subscribes to it."""
-        if self._is_heard:
-            if len(report.reason) > _LONGEST_REASON:
-                report = msgspec.structs.replace(report, reason=report.reason[:_LONGEST_REASON])
-            encoder.encode_into(report, self._buffer)
-            if not self._reports.put(FromLoop.REPORT, self._buffer):
-                self.dropped += 1
+        """Hand over what is published of the cycle."""
+        if len(report.reason) > _LONGEST_REASON:
+            report = msgspec.structs.replace(report, reason=report.reason[:_LONGEST_REASON])
+        encoder.encode_into(report, self._buffer)
+        if not self._reports.put(FromLoop.REPORT, self._buffer):
+            self.dropped += 1
         if self._is_gone and report.mode not in ACTIVE:
             self.over = "the process that speaks ROS has ended"
 
@@ -164,7 +164,7 @@ class RemoteStage:
         """Hand over diagnostics, one status at a time so that each fits."""
         # Asked here, about once a second in the slack of a cycle, because handing over does not show it.
         if not self._is_gone and (status := self._speaker.status) is not None:
-            self._is_gone = True
+            self._is_gone = self.is_heard = True  # so that it is seen when the robot is no longer armed
             _logger.warning(
                 "the process that speaks ROS has ended with status %d: the robot goes on without ROS while it is "
                 "armed, and ends when it is not",

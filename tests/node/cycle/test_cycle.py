@@ -111,6 +111,14 @@ def test_the_report_is_the_state_at_its_stamp(bench: Bench) -> None:
     assert [report.mode for report in bench.stage.reports] == [Mode.DISARMED, Mode.ARMED, Mode.ARMED]
 
 
+def test_a_report_is_made_where_it_is_heard(bench: Bench) -> None:
+    bench.stage.is_heard = False
+    bench.loop.run(cycles=3)
+
+    assert bench.stage.reports == []
+    assert len(bench.recorder.records) == 3
+
+
 def test_the_report_tells_which_set_point_came_into_force_and_when(bench: Bench) -> None:
     bench.stage.say(1, FAST)
     bench.stage.say(3, FAST)
