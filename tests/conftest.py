@@ -11,6 +11,7 @@ from hypothesis import settings
 
 from deploy.image import commands as image_commands
 from hil.kernels import qemu, uml
+from node.latency import other_host
 from node.ros.runtime import missing_packages
 from tests import held_up
 
@@ -48,6 +49,7 @@ NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
         lambda: None if shutil.which("systemd-analyze") else "no systemd-analyze",
         "sudo apt-get install systemd",
     ),
+    "namespaces": (other_host.missing, "run as root; sudo apt-get install iproute2"),
     "mujoco": (missing_mujoco, "pip install mujoco"),
     "ros": (lambda: ", ".join(missing_packages()) or None, "pip install 'segway-ecc[ros]', or source an installation"),
 }

@@ -25,6 +25,7 @@ from node.bench.table import campaign_text, comparison_text, held_text, lock_ste
 from node.cli.bench_links import links_cost, links_text
 from node.cli.options import add_json, print_json
 from node.errors import ConfigurationError
+from node.latency import other_host
 from node.latency.measure import measure
 from node.latency.result import Latency, Where
 from node.ros.runtime import missing_packages
@@ -187,17 +188,36 @@ def _campaign(_options: argparse.Namespace) -> _Part:
 
 def _latency(options: argparse.Namespace) -> _Part:
     """From a set-point that is published to the motor frame, as robot files are where they say nothing, and at once."""
-    wheres = [Where.SAME_PROCESS] if missing_packages() else [Where.SAME_PROCESS, Where.OTHER_PROCESS]
     trials = _FULL_TRIALS if options.full else _TRIALS
     with held_conditions():
-        measured = [measure(where, trials=trials, actuate=how) for how in _ACTUATE for where in wheres]
+        measured = [_latency_from(where, trials, how) for how in _ACTUATE for where in _wheres()]
     lines = [f"{one.text()}{_verdict(one)}" for one in measured]
     return _Part(msgspec.to_builtins(measured), "\n".join(["set-point to motor frame:", *lines]))
 
 
+def _wheres() -> Sequence[Where]:
+    """From where set-points can be said here."""
+    if missing_packages():
+        return [Where.SAME_PROCESS]
+    lack = other_host.missing()
+    if lack is not None:
+        _tell(f"no set-points from another host: {lack}")
+    return [Where.SAME_PROCESS, Where.OTHER_PROCESS, *([] if lack else [Where.OTHER_HOST])]
+
+
+def _latency_from(where: Where, trials: int, actuate: str) -> Latency:
+    if where is not Where.OTHER_HOST:
+        return measure(where, trials=trials, actuate=actuate)
+    with other_host.other_host() as host:
+        return measure(where, trials=trials, actuate=actuate, publisher=host.prefix, environment=host.environment)
+
+
 def _verdict(latency: Latency) -> str:
-    """Whether it is within one period and 1 ms, for a robot whose commands leave in the cycle that made them."""
-    if latency.actuate != _AT_ONCE:
+    """Whether it is within one period and 1 ms, for a robot whose commands leave in the cycle that made them.
+
+    Of another host nothing is wanted: the network is part of that.
+    """
+    if latency.actuate != _AT_ONCE or latency.where == Where.OTHER_HOST:
         return ""
     return f"; at most {latency.limit_s * 1e3:g} ms wanted: {'met' if latency.is_within else 'NOT met'}"
 

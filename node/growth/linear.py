@@ -41,18 +41,22 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def line(points: Sequence[Measured]) -> Line:
-    """Lay a line through the smallest three sizes, and go on with each next one that is on it within the spread.
+    """Lay a line through the smallest sizes, and go on with each next one that is on it within the spread.
 
-    A single one that is off while the next is on the line again is no end of it, but chance.
+    Through three, and more where their costs do not differ by more than twice their spread: such a line, laid on to
+    sizes many times as large, would be one of chance. A single size that is off while the next is on the line again is
+    no end of it, but chance too.
 
     Raises:
         ValueError: There are fewer than three sizes.
     """
     if len(points) < _FEWEST:
         raise ValueError(f"{len(points)} sizes are too few for a line")
-    kept = list(points[:_FEWEST])
+    count = _FEWEST
+    while count < len(points) and not _differ(points[:count]):
+        count += 1
+    kept, rest = list(points[:count]), points[count:]
     found = _through(kept)
-    rest = points[_FEWEST:]
     for place, point in enumerate(rest):
         if _is_on(found, point):
             kept.append(point)
@@ -60,6 +64,10 @@ def line(points: Sequence[Measured]) -> Line:
         elif not any(_is_on(found, later) for later in rest[place + 1 : place + 2]):
             return msgspec.structs.replace(found, left_at=point.size, off=point.cost - found(point.size))
     return found
+
+
+def _differ(points: Sequence[Measured]) -> bool:
+    return abs(points[-1].cost - points[0].cost) > 2.0 * max(point.spread for point in points)
 
 
 def _is_on(found: Line, point: Measured) -> bool:

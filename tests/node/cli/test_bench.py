@@ -1,7 +1,7 @@
 """The command line of the bench, with measurements that are made up; tests/node/bench tests what is measured."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,6 +14,8 @@ from node.bench.process_cost import Memory
 from node.bench.samples import Cycles, Spread
 from node.cli import bench
 from node.errors import ConfigurationError
+from node.latency import other_host
+from node.latency.other_host import OtherHost
 from node.latency.result import Latency, Where
 
 Run = Callable[..., Any]
@@ -127,18 +129,31 @@ def test_without_ros_the_users_loop_is_left_out_and_that_is_said(
 def test_a_set_point_is_followed_to_the_motor_frame(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, p99_s: float, word: str
 ) -> None:
-    def measure(where: Where, *, trials: int, actuate: str) -> Latency:
+    @contextmanager
+    def host() -> Iterator[OtherHost]:
+        yield OtherHost(["there"], {"NAME": "value"})
+
+    def measure(
+        where: Where, *, trials: int, actuate: str, publisher: Sequence[str] = (), environment: object = None
+    ) -> Latency:
+        assert (publisher, environment) == ((["there"], {"NAME": "value"}) if where is Where.OTHER_HOST else ((), None))
         return Latency(
             where=where, actuate=actuate, period_s=0.01, trials=trials, missed=0, p50_s=0.005, p99_s=p99_s, max_s=0.02
         )
 
     monkeypatch.setattr(bench, "measure", measure)
+    monkeypatch.setattr(other_host, "other_host", host)
+    monkeypatch.setattr(other_host, "missing", lambda: None)
     lines = segway_ecc("bench", "--only", "latency").out.splitlines()[1:]
-    begins = [f"{where}, actuate {how}" for how in ("immediately", "next_cycle") for where in list(Where)[:2]]
+    begins = [f"{where}, actuate {how}" for how in ("immediately", "next_cycle") for where in Where]
     assert [line.partition(":")[0] for line in lines] == begins
-    assert [line.endswith(f"; at most 11 ms wanted: {word}") for line in lines] == [True, True, False, False]
+    assert [line.endswith(f"; at most 11 ms wanted: {word}") for line in lines] == [True, True, *[False] * 4]
     found = json.loads(segway_ecc("bench", "--only", "latency", "--full", "--json").out)["latency"]
-    assert [one["trials"] for one in found] == [1000] * 4
+    assert [one["trials"] for one in found] == [1000] * 6
+    monkeypatch.setattr(other_host, "missing", lambda: "no ip command")
+    outcome = segway_ecc("bench", "--only", "latency")
+    assert "other host" not in outcome.out
+    assert "segway-ecc: no set-points from another host: no ip command" in outcome.errors
     monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
     assert "other process" not in segway_ecc("bench", "--only", "latency").out
 

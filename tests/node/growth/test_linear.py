@@ -47,6 +47,14 @@ def test_the_spread_is_at_least_the_distance_of_what_it_was_laid_through() -> No
     assert found.spread == pytest.approx(3 - (1 + 1.5 / 7 * (7 / 3 - 2)))
 
 
+def test_a_line_begins_with_as_many_as_differ_by_more_than_their_spread() -> None:
+    """Else the first three, which fall here by chance, would be told to cost less and less."""
+    found = line(points(13.0, 12.6, 12.3, 13.4, 15.8, 19.0))
+    assert found.per_one == pytest.approx(0.21, abs=0.01)
+    assert (found.up_to, found.left_at) == (32, None)
+    assert line(points(13.0, 12.6, 12.3, 13.4, 15.8, 26.0)).left_at == 32
+
+
 def test_two_sizes_are_no_line() -> None:
     with pytest.raises(ValueError, match="2 sizes are too few"):
         line(points(1, 2))
