@@ -29,7 +29,7 @@ test: $(READY) lint
 rt-test: $(READY)
 	$(VENV)/bin/python -m pytest -m 'rt_kernel and $(QUICK)'
 
-# A wheel of a copy, since the build leaves its results among the sources; and run from where no sources are.
+# Run from where no sources are.
 COMPILED := .venv-compiled
 COPY := build/compiled
 SOURCES := firmware_io node hil deploy
@@ -40,12 +40,10 @@ test-compiled: $(COMPILED)/.ready
 	cd $(COPY)/away && $(CURDIR)/$(COMPILED)/bin/python -m pytest -n 2 --dist loadfile --ignore tests/hil/kernels \
 	    tests/compiled_build.py $(COMPILED_TESTS)
 
-$(COMPILED)/.ready: pyproject.toml deploy/setup.sh $(shell find $(SOURCES) -name '*.py')
+$(COMPILED)/.ready: pyproject.toml deploy/setup.sh deploy/compile.sh $(shell find $(SOURCES) -name '*.py')
 	deploy/setup.sh $(COMPILED)
-	rm -rf $(COPY) && mkdir -p $(COPY)/source $(COPY)/away
-	git ls-files -z --cached --others --exclude-standard | xargs -0 cp --parents -t $(COPY)/source
-	CFLAGS='-fvisibility=hidden -fno-plt' HATCH_BUILD_HOOKS_ENABLE=1 $(COMPILED)/bin/pip install --quiet --no-deps --force-reinstall $(COPY)/source
-	cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES) build out,$(wildcard *))) .
+	deploy/compile.sh $(COMPILED) $(COPY)
+	mkdir $(COPY)/away && cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES) build out,$(wildcard *))) .
 	touch $@
 
 lint: $(READY)
