@@ -42,7 +42,7 @@ test-compiled: $(COMPILED)/.ready
 
 $(COMPILED)/.ready: pyproject.toml deploy/setup.sh deploy/compile.sh $(shell find $(SOURCES) -name '*.py')
 	deploy/setup.sh $(COMPILED)
-	deploy/compile.sh $(COMPILED) $(COPY)
+	deploy/compile.sh $(COMPILED)
 	mkdir $(COPY)/away && cd $(COPY)/away && ln -s $(addprefix $(CURDIR)/,$(filter-out $(SOURCES) build out,$(wildcard *))) .
 	touch $@
 

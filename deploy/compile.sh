@@ -1,12 +1,21 @@
 #!/bin/sh
-# Installs this checkout, compiled, into an environment that has what it needs: deploy/compile.sh ENVIRONMENT FOLDER
-# FOLDER is made anew: a copy of the sources, among which the build leaves its results, and what is counted there.
+# Installs this checkout, compiled, into an environment that has what it needs: deploy/compile.sh ENVIRONMENT
+# It is built in build/compiled, from a copy of the sources, since the build leaves its results among them.
 set -eu
+
+fail() {
+    echo "compile: $1" >&2
+    exit 1
+}
+
+[ $# = 1 ] || fail "deploy/compile.sh ENVIRONMENT: one that has what is needed, such as deploy/setup.sh makes"
+[ -x "$1/bin/python" ] || fail "there is no environment $1; make one: deploy/setup.sh $1"
+command -v cc > /dev/null || fail "no C compiler: sudo apt-get install gcc python3-dev"
 python=$(realpath "$1")/bin/python
 cd "$(dirname "$0")/.."
-rm -rf "$2"
-mkdir -p "$2/source"
-folder=$(realpath "$2")
+folder=$PWD/build/compiled
+rm -rf "$folder"
+mkdir -p "$folder/source"
 git ls-files -z --cached --others --exclude-standard -- pyproject.toml README.md LICENSE* firmware_io node hil deploy |
     xargs -0 cp --parents -t "$folder/source"
 
