@@ -190,7 +190,8 @@ def _latency(options: argparse.Namespace) -> _Part:
     """From a set-point that is published to the motor frame, as robot files are where they say nothing, and at once."""
     trials = _FULL_TRIALS if options.full else _TRIALS
     with held_conditions():
-        measured = [_latency_from(where, trials, how) for how in _ACTUATE for where in _wheres()]
+        wheres = _wheres()
+        measured = [_latency_from(where, trials, how) for how in _ACTUATE for where in wheres]
     lines = [f"{one.text()}{_verdict(one)}" for one in measured]
     return _Part(msgspec.to_builtins(measured), "\n".join(["set-point to motor frame:", *lines]))
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from node.errors import RecordingError
 from node.recording.bounds import Bounds, make_room, part
-from node.recording.codec import CYCLE, EVENTS, events_message, unpack_diagnostics
+from node.recording.codec import CYCLE, EVENTS, unpack_diagnostics
 from node.recording.cycle_log import CycleLog
 from node.recording.layout import Layout
 from node.recording.provenance import Provenance
@@ -118,7 +118,7 @@ def _write(log: CycleLog, kind: int, body: bytes) -> None:
     if kind == CYCLE:
         log.write_cycle(body)
     elif kind == EVENTS:
-        log.write_events(events_message(body))
+        log.write_events(body)
     else:
         diagnostics = unpack_diagnostics(body)
         log.write_diagnostics(diagnostics.stamp_ns, diagnostics.statuses)

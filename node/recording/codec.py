@@ -49,7 +49,6 @@ def _known(value: Any) -> float | None:  # noqa: ANN401 - whatever MessagePack d
 _encoder: Final = msgspec.msgpack.Encoder(enc_hook=_known)
 _encode: Final = _encoder.encode
 _encode_into: Final = _encoder.encode_into
-_decode_events: Final = msgspec.msgpack.Decoder(tuple[int, int, list[list[object]]]).decode
 _NOTHING: Final = Inbox()
 _INT64: Final = 2**63 - 1
 
@@ -183,12 +182,6 @@ def unpack_cycle(body: bytes) -> CycleRecord:
     )
 
 
-def events_message(body: bytes) -> bytes:
-    """The message that a body of events becomes."""
-    stamp_ns, cycle, pieces = _decode_events(body)
-    return cdr.cycle_events(stamp_ns, cycle, texts(pieces))
-
-
 def pack_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
     """Diagnostics as a body."""
     return _encode(DiagnosticsMessage(stamp_ns, tuple(statuses)))
@@ -235,10 +228,8 @@ class CycleCodec:
         raise RecordingError(f"a record on its way to the log was damaged: it is of no kind that there is, {kind}")
 
     def _cycle(self, body: bytes) -> list[Message]:
-        record = unpack_cycle(body)
-        pieces = happenings(record)
-        events = [(EVENTS, _encode((record.stamp_ns, record.cycle, pieces)))] if pieces else []
-        return [*events, (CYCLE, self.message.pack(record, len(pieces)))]
+        events, cycle = self.messages(unpack_cycle(body))
+        return [(CYCLE, cycle)] if events is None else [(EVENTS, events), (CYCLE, cycle)]
 
 
 def _largest(layout: Layout) -> int:

@@ -28,7 +28,6 @@ from node.recording.codec import (
     DIAGNOSTICS,
     EVENTS,
     CycleCodec,
-    events_message,
     pack_cycle,
     pack_diagnostics,
     unpack_diagnostics,
@@ -152,7 +151,7 @@ def test_what_happened_comes_before_its_cycle_as_it_does_where_the_log_is_writte
     (first, events), (last, cycle) = codec.bodies(CYCLE, packed(record))
 
     assert (first, last) == (EVENTS, CYCLE)
-    assert (events_message(events), cycle) == codec.messages(record)
+    assert (events, cycle) == codec.messages(record)
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32, int])
