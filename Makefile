@@ -32,7 +32,7 @@ rt-test: $(READY)
 # Run from where no sources are.
 COMPILED := .venv-compiled
 COPY := build/compiled
-SOURCES := firmware_io node hil deploy
+SOURCES := segway_ecc firmware_io node hil deploy
 
 COMPILED_TESTS := $(addprefix tests/,node/cycle node/safety node/model node/models node/recording node/ros firmware_io hil)
 
@@ -52,8 +52,8 @@ lint: $(READY)
 	$(VENV)/bin/mypy
 
 page: $(READY)
-	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 2 --dist loadfile tests/node/supervisor
-	$(VENV)/bin/python tests/node/supervisor/album.py out/page
+	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 2 --dist loadfile tests/deploy/station
+	$(VENV)/bin/python tests/deploy/station/album.py out/page
 
 # The image, built and booted. With proofs of many minutes: make boot PROOFS=
 PROOFS := and not proof
@@ -68,14 +68,14 @@ disk: $(READY)
 prove: $(READY) coverage
 	$(VENV)/bin/python -m pytest -m proof --timeout 0 -s
 	for cart in $(CARTS); do $(MAKE) prove-$$cart || exit 1; done
-	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc failover $$cart --channel $$cart || exit 1; done
+	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 
 # The case study with one drive family, over the kernel's own CAN; on a simulated clock, so that no load disturbs it.
 SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --lock-step --out /run/study
 
 prove-%: $(READY)
-	$(VENV)/bin/python -m hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
-	$(VENV)/bin/python -m hil.kernels.qemu --timeout 900 -- $(SEAT) --robot $* --channel can0 --plant-channel can1
+	$(VENV)/bin/python -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
+	$(VENV)/bin/python -m segway_ecc.hil.kernels.qemu --timeout 900 -- $(SEAT) --robot $* --channel can0 --plant-channel can1
 
 # Every line and branch of what turns bytes into values and back, of the guard and of safety.
 coverage: $(READY)

@@ -16,8 +16,8 @@ cd "$(dirname "$0")/.."
 folder=$PWD/build/compiled
 rm -rf "$folder"
 mkdir -p "$folder/source"
-git ls-files -z --cached --others --exclude-standard -- pyproject.toml README.md LICENSE* firmware_io node hil deploy |
-    xargs -0 cp --parents -t "$folder/source"
+git ls-files -z --cached --others --exclude-standard -- pyproject.toml README.md LICENSE* segway_ecc firmware_io node hil deploy |
+    xargs -0 cp --no-dereference --parents -t "$folder/source"
 
 # At a place that stays: what is counted is known again by the paths of what is compiled, and pip's own would be new each time.
 "$python" -c '
@@ -45,7 +45,7 @@ build "-fprofile-generate -fprofile-update=atomic -fprofile-dir=$folder/counted"
 echo "compile: robots run, and are counted" >&2
 (
     cd "$folder" # where no sources are
-    "$python" -m node.cli.main bench --only loops lock-step --programs ours > /dev/null
+    "$python" -m segway_ecc.node.cli.main bench --only loops lock-step --programs ours > /dev/null
 )
 echo "compile: the second build" >&2
 build "-fprofile-use=$folder/counted -fprofile-correction -Wno-missing-profile"

@@ -6,13 +6,13 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import Drive, FrameKey, Sensor
-from firmware_io.errors import ArmingRefusedError
-from firmware_io.guard.heartbeat import Heartbeat
-from firmware_io.hardware import Sensors
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
+from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
+from segway_ecc.firmware_io.errors import ArmingRefusedError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.firmware_io.heartbeat import Heartbeat
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
 
 NowNs = Callable[[], int]
 _EVENTS_KEPT: Final = 16

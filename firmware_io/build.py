@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from firmware_io.assembly import Assembly
-from firmware_io.devices import Drive, Sensor
-from firmware_io.drives.cia402.settings import Cia402Settings
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.guard.heartbeat import HeartbeatSender
-from firmware_io.hardware import Hardware
-from firmware_io.links.can_link import make_can_link, wall_ns
-from firmware_io.links.link import Link
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.settings import CanSettings, SerialSettings
-from firmware_io.switching import SwitchRules
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.devices import Drive, Sensor
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.hardware import Hardware
+from segway_ecc.firmware_io.heartbeat import HeartbeatSender
+from segway_ecc.firmware_io.links.can_link import make_can_link, wall_ns
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
+from segway_ecc.firmware_io.switching import SwitchRules
 
 if TYPE_CHECKING:
-    from firmware_io.links.serial_link import Line, OpenPort
+    from segway_ecc.firmware_io.links.serial_link import Line, OpenPort
 
 NowNs = Callable[[], int]
 
@@ -68,8 +68,8 @@ def make_link(
     serial = serial_of(settings)
     if serial is None:
         return first
-    from firmware_io.links.serial_link import SerialLink
-    from firmware_io.links.serial_port import open_serial_port
+    from segway_ecc.firmware_io.links.serial_link import SerialLink
+    from segway_ecc.firmware_io.links.serial_port import open_serial_port
 
     second = SerialLink(serial, serial_line(settings), clocks.now_ns, open_port or open_serial_port)
     return RedundantLink(first, second, clocks.now_ns)
@@ -106,17 +106,17 @@ def serial_line(settings: HardwareSettings) -> "Line":
     """
     match settings:
         case WheelBoardSettings():
-            from firmware_io.drives.wheel_board.serial_line import BoardLine
+            from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
 
             return BoardLine()
         case Cia402Settings():
             raise ValueError("CiA 402 drives have no serial line")
         case VescSettings():
-            from firmware_io.drives.vesc.serial_line import VescLine
+            from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
 
             return VescLine(settings)
         case OdriveSettings():
-            from firmware_io.drives.odrive.serial_line import OdriveLine
+            from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine
 
             return OdriveLine(settings)
 
@@ -136,7 +136,7 @@ def build_hardware(
     drives, sensors = _devices(settings, used, loop_period_s, clocks.now_ns, clocks.sleep_until_ns)
     imu = settings.external_imu
     if imu is not None:
-        from firmware_io.imus.xsens_mti.driver import XsensMti
+        from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
 
         sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
     # What runs on a link of the rig has no guard, and must be the same every time.
@@ -159,18 +159,18 @@ def _devices(
 ) -> tuple[Sequence[Drive], Sequence[Sensor]]:
     match settings:
         case WheelBoardSettings(watchdog_s=watchdog_s, imu=imu):
-            from firmware_io.drives.wheel_board.driver import WheelBoard
+            from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 
             return [WheelBoard(link, watchdog_s, period_s, now_ns, imu=imu)], []
         case VescSettings():
-            from firmware_io.drives.vesc.driver import Vesc
+            from segway_ecc.firmware_io.drives.vesc.driver import Vesc
 
             return [Vesc(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
         case OdriveSettings():
-            from firmware_io.drives.odrive.driver import Odrive
+            from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 
             return [Odrive(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
         case Cia402Settings():
-            from firmware_io.drives.cia402.driver import Cia402Pair
+            from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair
 
             return [Cia402Pair(link, settings, period_s, now_ns, sleep_until_ns)], []

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
-from firmware_io.links.link import Frame
-from firmware_io.value import Value
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.value import Value
 
 SUPPLY_VOLTAGE: Final = "supply.voltage"
 """The signal of what feeds the motors, V. A robot has one: of two drives that each tell it, the left one's."""

@@ -1,13 +1,19 @@
-"""The errors of the hardware layer."""
+"""The root of all our errors, and the errors of the hardware layer."""
 
 from collections.abc import Sequence
 from typing import ClassVar
 
 
-class HardwareError(Exception):
-    """Root of the hardware layer's errors. The text says what happened, where, and what to do."""
+class SegwayEccError(Exception):
+    """Root of our errors. The text states what happened, where, and what to do; a command ends with its exit code."""
 
-    exit_code: ClassVar[int] = 4
+    exit_code: ClassVar[int] = 1
+
+
+class HardwareError(SegwayEccError):
+    """Root of the hardware layer's errors."""
+
+    exit_code = 4
 
 
 class BusNotFoundError(HardwareError):

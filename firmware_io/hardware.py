@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from firmware_io.value import Value
+from segway_ecc.firmware_io.value import Value
 
 
 class Sensors(Value, frozen=True):

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 
 NowNs = Callable[[], int]
 

@@ -1,4 +1,4 @@
-"""`python -m hil.child PARENT MODULE [ARGUMENT ...]`: a module in a process that does not outlive its parent.
+"""A module in a process that does not outlive its parent: arguments PARENT MODULE [ARGUMENT ...].
 
 Not even a parent that is killed, which can end nothing any more.
 """

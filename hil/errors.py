@@ -1,12 +1,12 @@
 """The errors of the rig."""
 
-from typing import ClassVar
+from segway_ecc.firmware_io.errors import SegwayEccError
 
 
-class RigError(Exception):
-    """Root of the rig's errors. The text says what happened, where, and what to do."""
+class RigError(SegwayEccError):
+    """Root of the rig's errors."""
 
-    exit_code: ClassVar[int] = 8
+    exit_code = 8
 
 
 class PlantMismatchError(RigError):

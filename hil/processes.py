@@ -12,11 +12,11 @@ from typing import Any, Final
 
 import msgspec
 
-from hil.errors import RigError
+from segway_ecc.hil.errors import RigError
 
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
-_OUR_COMMAND: Final = "node.cli.main"
+_OUR_COMMAND: Final = "segway_ecc.node.cli.main"
 
 
 class ProcessFailedError(RigError):
@@ -49,7 +49,7 @@ class Command:
         self._heard = b""
         with messages.open("wb") as errors:
             self.process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
-                [sys.executable, "-m", "hil.child", str(os.getpid()), module, *arguments],
+                [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module, *arguments],
                 stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -5,12 +5,11 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from firmware_io.build import HardwareSettings
-from firmware_io.section import Section
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
-from node.ros.section import RosSection
-from node.safety.settings import SafetySettings, StationSettings
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.section import Section
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
 Velocity = Annotated[float, msgspec.Meta(gt=0.0, le=1_000.0)]
@@ -23,7 +22,7 @@ class ModelSection(Section, frozen=True, kw_only=True):
     """Which model runs.
 
     Attributes:
-        source: What `load_model` takes, such as `node.models.cart:Cart`.
+        source: What `load_model` takes, such as `segway_ecc.node.models.cart:Cart`.
         parameters: Parameters other than their defaults, by name, in the model's units.
         method: The integration method of a partial copy of generated code that does not name it.
         step_size: The step of a model that does not give it, s.
@@ -65,6 +64,26 @@ class SimulationSection(Section, frozen=True, kw_only=True):
     """
 
     plant: str
+
+
+class RosSection(Section, frozen=True, kw_only=True):
+    """Names under which ROS knows the robot.
+
+    Attributes:
+        node_name: Name of the model node.
+        odometry_frame: Frame of the pose (REP-105).
+        base_frame: Frame of the velocities (REP-105).
+        imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
+        left_joint: Name of the left wheel's joint.
+        right_joint: Name of the right wheel's joint.
+    """
+
+    node_name: str = "model"
+    odometry_frame: str = "odom"
+    base_frame: str = "base_link"
+    imu_frame: str = "imu_link"
+    left_joint: str = "left_wheel_joint"
+    right_joint: str = "right_wheel_joint"
 
 
 class RobotFile(Section, frozen=True, kw_only=True):

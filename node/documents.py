@@ -12,7 +12,7 @@ import msgspec
 import yaml
 from msgspec import structs
 
-from node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError
 
 T = TypeVar("T")
 _STEP: Final = re.compile(r"\.([^.\[]+)|\[(\d*|\.\.\.)\]")

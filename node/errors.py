@@ -1,13 +1,12 @@
 """The errors of the node; each ends a command with its own exit code and one line of text."""
 
 from collections.abc import Iterable
-from typing import ClassVar
+
+from segway_ecc.firmware_io.errors import SegwayEccError
 
 
-class NodeError(Exception):
-    """Root of the node's errors. The text says what happened, where, and what to do."""
-
-    exit_code: ClassVar[int] = 1
+class NodeError(SegwayEccError):
+    """Root of the node's errors."""
 
 
 class ConfigurationError(NodeError):

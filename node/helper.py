@@ -23,7 +23,7 @@ def start_helper(
         stdout: Its standard output, as `subprocess.Popen` takes it.
     """
     return subprocess.Popen(  # noqa: S603 - our own program
-        [sys.executable, "-m", module, *arguments],
+        [sys.executable, "-P", "-m", module, *arguments],
         stdin=subprocess.PIPE,
         stdout=stdout,
         start_new_session=True,

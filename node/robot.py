@@ -3,21 +3,21 @@
 import math
 from dataclasses import dataclass
 
-from firmware_io.build import Clocks, build_hardware
-from firmware_io.hardware import Hardware, NoHardware
-from firmware_io.links.link import Link
-from node.config import NoHardwareSection, RobotFile
-from node.cycle.clock import NS_PER_S, Clock
-from node.cycle.cycle import Cycle
-from node.cycle.loop import Loop
-from node.cycle.seams import Recorder, Stage
-from node.cycle.setpoints import Setpoint, SetpointSchedule
-from node.cycle.time_base import TimeBase
-from node.cycle.wiring import Wiring, wire
-from node.errors import ConfigurationError
-from node.model.load import load_model
-from node.model.model import Model
-from node.safety.station import sit_down_values
+from segway_ecc.firmware_io.build import Clocks, build_hardware
+from segway_ecc.firmware_io.hardware import Hardware, NoHardware
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.node.config import NoHardwareSection, RobotFile
+from segway_ecc.node.cycle.clock import NS_PER_S, Clock
+from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.seams import Recorder, Stage
+from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
+from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.wiring import Wiring, wire
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.safety.station import sit_down_values
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_io.devices import Readings
-from firmware_io.drives.wheel_board.frames import Wheel
-from firmware_io.links.link import Frame
-from firmware_io.value import Value
-from hil.plants.segway_sensors import Encoder
-from node.cycle import cycle
-from node.models.segway_estimate import Estimate
-from node.models.segway_parameters import PUBLISHED
-from node.models.segway_phases import Progress
-from node.safety.limits import limit, not_finite
+from segway_ecc.firmware_io.devices import Readings
+from segway_ecc.firmware_io.drives.wheel_board.frames import Wheel
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.value import Value
+from segway_ecc.hil.plants.segway_sensors import Encoder
+from segway_ecc.node.cycle import cycle
+from segway_ecc.node.models.segway_estimate import Estimate
+from segway_ecc.node.models.segway_parameters import PUBLISHED
+from segway_ecc.node.models.segway_phases import Progress
+from segway_ecc.node.safety.limits import limit, not_finite
 from tests.compiled_modules import COMPILED
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from deploy.image import commands as image_commands
-from hil.kernels import qemu, uml
-from node.latency import other_host
-from node.ros.runtime import missing_packages
-from tests import held_up
+from segway_ecc.deploy.image import commands as image_commands
+from segway_ecc.hil.kernels import qemu, uml
+from segway_ecc.hil.latency import other_host
+from segway_ecc.node.ros.runtime import missing_packages
+from tests import command, held_up
 
 # A run is the same every time; how long an example takes says more of the machine than of us.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -71,6 +71,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(held_up)
+    config.pluginmanager.register(command)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -28,7 +28,7 @@ class Witnesses:
     def __init__(self) -> None:
         self._processes = [
             subprocess.Popen(
-                [sys.executable, "-m", "hil.child", str(os.getpid()), __name__, str(core)],
+                [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), __name__, str(core)],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
             )

@@ -28,12 +28,12 @@ import pytest
 ROOT: Final = Path(__file__).parents[1]
 ACCEPTED: Final = Path(__file__).with_name("mutants_accepted.txt")
 MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cycle/authority.py")
-PACKAGES: Final = ("firmware_io", "hil", "node")
+ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 # The tests of a module in the order in which they run, where that is not only the file of its own name.
 TESTED_BY: Final = {
     "node/safety/checklist": ["checklist", "monitor"],
     "node/safety/modes": ["modes", "modes_machine"],
-    "firmware_io/guard/stopper": ["stoppers", "watch"],
+    "firmware_io/drives/stopper": ["stoppers", "watch"],
     "firmware_io/guard/watch": ["watch", "guard"],
 }
 AT_A_TIME: Final = 2
@@ -133,7 +133,7 @@ class _Mutant(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Gives the changed module to whoever imports it; without code, whoever imports it fails."""
 
     def __init__(self, module: str, code: types.CodeType | None = None) -> None:
-        self.module = module.replace("/", ".")
+        self.module = f"segway_ecc.{module.replace('/', '.')}"
         self.code = code
 
     def find_spec(
@@ -150,13 +150,13 @@ class _Mutant(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 def _load_all_but(module: str) -> None:
     """Import what does not depend on a module, so that not every mutant has to."""
-    for name in [name for name in sys.modules if name.partition(".")[0] in PACKAGES]:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "segway_ecc"]:
         del sys.modules[name]
     finder = _Mutant(module)
     sys.meta_path.insert(0, finder)
-    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("[!_]*.py")):
+    for path in (path for room in ROOMS for path in (ROOT / room).rglob("[!_]*.py")):
         with contextlib.suppress(ImportError):
-            importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+            importlib.import_module(".".join(("segway_ecc", *path.relative_to(ROOT).with_suffix("").parts)))
     sys.meta_path.remove(finder)
 
 

@@ -69,7 +69,7 @@ def test_only_what_failed_while_the_machine_stood_still_is_run_again_and_once(
     (tmp_path / "conftest.py").write_text(CONFTEST.format(gap_s=gap_s), "utf-8")
     (tmp_path / "test_some.py").write_text(TESTS, "utf-8")
 
-    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-c", "/dev/null", f"--rootdir={tmp_path}"]
+    words = [sys.executable, "-P", "-m", "pytest", "-p", "no:cacheprovider", "-c", "/dev/null", f"--rootdir={tmp_path}"]
     done = subprocess.run([*words, str(tmp_path)], capture_output=True, text=True, check=False)
 
     assert outcome in done.stdout

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
 
 _THROTTLED: Final = "/sys/devices/platform/soc/soc:firmware/get_throttled"
 _CONDITIONS: Final = {0: "under-voltage", 1: "clock rate capped", 2: "throttled", 3: "soft temperature limit"}

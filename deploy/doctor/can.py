@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine
-from firmware_io.links.can_interfaces import socketcan_interfaces
-from firmware_io.links.interface_state import InterfaceState
-from firmware_io.links.link import LinkState
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
+from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.link import LinkState
 
 _NETWORK: Final = "/sys/class/net"
 _IS_UP: Final = 1

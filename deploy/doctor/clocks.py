@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, good, warning
-from deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.finding import Finding, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
 
 _INSTALL: Final = "sudo apt-get install systemd-timesyncd (in an image of ours: --package systemd-timesyncd); "
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from deploy.doctor.finding import Finding, good, warning
-from deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.finding import Finding, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
 
 _MB: Final = 1_000_000
 _SLOW: Final = 2.0
@@ -39,7 +39,9 @@ def _speed(machine: Machine, folder: Path, job: Job) -> Finding:
     try:
         speed = machine.probes.write(folder)
     except OSError as error:
-        mend = f"sudo install -d -o $USER {job.logs}; or look as the robot's user: sudo -u segway segway-ecc doctor"
+        mend = (
+            f"sudo install -d -o $USER {job.logs}; or look as the robot's user: sudo -u segway segway-ecc deploy doctor"
+        )
         return warning("disk speed", f"{folder} cannot be written: {error.strerror or error}", effect, mend)
     found = f"{speed.bytes_per_s / _MB:.1f} MB/s, slowest wait {speed.slowest_s * 1e3:.0f} ms, in {folder}"
     if speed.bytes_per_s < _SLOW * _MB or speed.slowest_s > _SLOW_WAIT_S:

@@ -3,21 +3,21 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from deploy.doctor.board import check_board
-from deploy.doctor.can import check_can
-from deploy.doctor.clocks import check_clock
-from deploy.doctor.disk import check_disk
-from deploy.doctor.drives import check_drives
-from deploy.doctor.finding import Finding, bad
-from deploy.doctor.idle import check_idle
-from deploy.doctor.kernel import check_kernel
-from deploy.doctor.privileges import check_privileges
-from deploy.doctor.python import check_python
-from deploy.doctor.ros import check_ros
-from deploy.doctor.serial import check_serial
-from deploy.doctor.services import check_services
-from deploy.doctor.system import Job, Machine
-from deploy.doctor.timing import check_timing
+from segway_ecc.deploy.doctor.board import check_board
+from segway_ecc.deploy.doctor.can import check_can
+from segway_ecc.deploy.doctor.clocks import check_clock
+from segway_ecc.deploy.doctor.disk import check_disk
+from segway_ecc.deploy.doctor.drives import check_drives
+from segway_ecc.deploy.doctor.finding import Finding, bad
+from segway_ecc.deploy.doctor.idle import check_idle
+from segway_ecc.deploy.doctor.kernel import check_kernel
+from segway_ecc.deploy.doctor.privileges import check_privileges
+from segway_ecc.deploy.doctor.python import check_python
+from segway_ecc.deploy.doctor.ros import check_ros
+from segway_ecc.deploy.doctor.serial import check_serial
+from segway_ecc.deploy.doctor.services import check_services
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.timing import check_timing
 
 Check = Callable[[Machine, Job], Iterable[Finding]]
 
@@ -59,5 +59,5 @@ def _broken(name: str, error: Exception) -> Finding:
         f"check of {name}",
         f"broke off: {type(error).__name__}: {error}",
         "what it did not get to is not known, and what is not known is not fit",
-        "report it with: segway-ecc support-bundle",
+        "report it with: segway-ecc log bundle",
     )

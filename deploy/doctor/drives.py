@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, good, warning
-from deploy.doctor.system import Job, Machine
-from firmware_io.build import HardwareSettings
-from firmware_io.drives.cia402.settings import Cia402Settings
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.deploy.doctor.finding import Finding, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 
 _CYCLES: Final = 3
 

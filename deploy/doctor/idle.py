@@ -4,10 +4,10 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from deploy.doctor.finding import Finding, good, warning
-from deploy.doctor.services import NODE, properties
-from deploy.doctor.system import Job, Machine
-from node.cycle.real_time import IDLE_LATENCY
+from segway_ecc.deploy.doctor.finding import Finding, good, warning
+from segway_ecc.deploy.doctor.services import NODE, properties
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.node.cycle.real_time import IDLE_LATENCY
 
 _NAME: Final = "processor idle states"
 _FILE: Final = str(IDLE_LATENCY)

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
 
 _DEBIAN_NAMES: Final = {"x86_64": "amd64", "aarch64": "arm64", "armv7l": "armmp"}
 

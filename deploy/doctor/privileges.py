@@ -4,10 +4,10 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.services import NODE, properties
-from deploy.doctor.system import Job, Machine, NoAnswerError
-from node.cycle.real_time import PRIORITY
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.services import NODE, properties
+from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.node.cycle.real_time import PRIORITY
 
 _TRY: Final = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
 _CAP_IPC_LOCK: Final = 1 << 14

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from deploy.doctor.system import WriteSpeed
-from firmware_io.build import sleep_until_ns
-from firmware_io.links.interface_state import InterfaceState, read_interface_state
-from firmware_io.links.serial_port import open_serial_port
-from firmware_io.settings import SerialSettings
-from node.cycle.real_time import real_time_priority
-from node.cycle.timing import Histogram, Summary
+from segway_ecc.deploy.doctor.system import WriteSpeed
+from segway_ecc.firmware_io.build import sleep_until_ns
+from segway_ecc.firmware_io.links.interface_state import InterfaceState, read_interface_state
+from segway_ecc.firmware_io.links.serial_port import open_serial_port
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.node.cycle.real_time import real_time_priority
+from segway_ecc.node.cycle.timing import Histogram, Summary
 
 _MEASURED_NS: Final = 2_000_000_000
 _TOLD_EVERY_NS: Final = 200_000_000

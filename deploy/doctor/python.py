@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from deploy.doctor.finding import Finding, good, warning
-from deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.finding import Finding, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
 
 
 def check_python(machine: Machine, _job: Job) -> Iterator[Finding]:

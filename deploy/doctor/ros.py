@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
 
 SERVICE_ENVIRONMENT: Final = "/etc/segway-ecc/environment"
 _TRY: Final = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"

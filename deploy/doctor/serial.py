@@ -5,10 +5,10 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine
-from firmware_io.build import serial_of
-from firmware_io.links.serial_port import cure
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.links.serial_port import cure
 
 _NUMBERED_AS_FOUND: Final = re.compile(r"/dev/tty(USB|ACM)\d+")
 _TAKEN: Final = (errno.EAGAIN, errno.EBUSY)

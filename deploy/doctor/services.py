@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
 
 NODE: Final = "segway-ecc-node.service"
 _UNITS: Final = {
@@ -13,7 +13,7 @@ _UNITS: Final = {
 }
 _STATION: Final = "segway-ecc-station.service"
 _STATION_S: Final = "/etc/segway-ecc/station.environment"
-"""Written by `segway-ecc base-station`; without it a machine is none."""
+"""Written by `segway-ecc station install`; without it a machine is none."""
 _OPTIONAL: Final = ("segway-ecc-archive.service", _STATION, "segway-ecc.target")
 _ASKED: Final = ("UnitFileState", "ActiveState", "SubState", "NRestarts")
 _INSTALLED: Final = ("loaded", "masked")

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from firmware_io.build import HardwareSettings
-from firmware_io.links.interface_state import InterfaceState
-from firmware_io.settings import SerialSettings
-from node.config import NoHardwareSection, RobotFile
-from node.cycle.timing import Summary
-from node.support.parts.commands import NoAnswerError, answer_of
+from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.node.config import NoHardwareSection, RobotFile
+from segway_ecc.node.cycle.timing import Summary
 
 __all__ = ["Job", "Machine", "NoAnswerError", "Probes", "WriteSpeed"]
 

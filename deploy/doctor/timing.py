@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from typing import Final
 
-from deploy.doctor.finding import Finding, bad, good, warning
-from deploy.doctor.system import Job, Machine
-from node.safety.deadlines import LATE_FRACTION
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.node.safety.deadlines import LATE_FRACTION
 
 _SLOW_CLOCKS: Final = {"acpi_pm", "jiffies", "refined-jiffies", "pit"}
 _CLOCK: Final = "/sys/devices/system/clocksource/clocksource0"

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-from deploy.image.commands import run
-from deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.commands import run
+from segway_ecc.deploy.image.recipe import Recipe
 
 _LEFT_OUT: Final = ("/usr/share/doc/*", "/usr/share/man/*", "/usr/share/locale/*", "/usr/share/info/*")
 

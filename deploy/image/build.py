@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from deploy.image import disk, manifest, release, tree
-from deploy.image.base import base_archive, cache_folder
-from deploy.image.commands import ImageError, inside, missing
-from deploy.image.recipe import Recipe
-from deploy.image.room import room
+from segway_ecc.deploy.image import disk, manifest, release, tree
+from segway_ecc.deploy.image.base import base_archive, cache_folder
+from segway_ecc.deploy.image.commands import ImageError, inside, missing
+from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.room import room
 
 _LEAST_FREE_MIB: Final = 4096
 _PLATFORM: Final = "2"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from node.errors import NodeError
+from segway_ecc.node.errors import NodeError
 
 PROGRAMS: Final = {
     "mmdebstrap": "mmdebstrap",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from deploy.image.commands import run
+from segway_ecc.deploy.image.commands import run
 
 MIB: Final = 1 << 20
 ROOT_LABEL: Final = "segway-root"

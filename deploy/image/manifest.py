@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from deploy.image.commands import ImageError, inside
-from deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.commands import ImageError, inside
+from segway_ecc.deploy.image.recipe import Recipe
 
 NAME: Final = "manifest.json"
 

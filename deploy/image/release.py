@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import deploy
-from deploy.image.base import cache_folder
-from deploy.image.commands import ImageError, inside, run
-from deploy.image.recipe import Recipe
-from deploy.release.agent.files import sha256_of
-from deploy.release.agent.manifest import HEALTHY, Manifest, entries_of
-from deploy.release.agent.surroundings import write_surroundings
+from segway_ecc import deploy
+from segway_ecc.deploy.image.base import cache_folder
+from segway_ecc.deploy.image.commands import ImageError, inside, run
+from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.release.agent.files import sha256_of
+from segway_ecc.deploy.release.agent.manifest import HEALTHY, Manifest, entries_of
+from segway_ecc.deploy.release.agent.surroundings import write_surroundings
 
 OPT: Final = "opt/segway-ecc"
-_CHECKOUT: Final = Path(deploy.__file__).parents[1]
+_CHECKOUT: Final = Path(deploy.__file__).parents[2]
 
 
 def build_wheel(folder: Path, epoch: int) -> Path:
@@ -115,6 +115,6 @@ def _requirements(wheel: Path, extras: Sequence[str]) -> str:
 def _pip(words: Sequence[str], epoch: int) -> None:
     env = {key: value for key, value in os.environ.items() if key.startswith(("PIP_", "HTTP", "http"))}
     run(
-        [sys.executable, "-m", "pip", *words, "--quiet", "--disable-pip-version-check"],
+        [sys.executable, "-P", "-m", "pip", *words, "--quiet", "--disable-pip-version-check"],
         env={**env, "SOURCE_DATE_EPOCH": str(epoch), "PATH": os.environ.get("PATH", "")},
     )

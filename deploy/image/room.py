@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from deploy.image.commands import ImageError
-from node.recording.bounds import Bounds
+from segway_ecc.deploy.image.commands import ImageError
+from segway_ecc.node.recording.bounds import Bounds
 
 MIB: Final = 1 << 20
 RELEASES: Final = 4

@@ -8,12 +8,12 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final
 
-from deploy.image.commands import inside, run
-from deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.commands import inside, run
+from segway_ecc.deploy.image.recipe import Recipe
 
 HELD_VAR: Final = "usr/share/segway-ecc/var"
 """What a new data partition begins with."""
-_DEPLOY: Final = resources.files("deploy")
+_DEPLOY: Final = resources.files("segway_ecc.deploy")
 _UNITS: Final = "usr/lib/systemd/system"
 _ENABLED: Final = (
     "segway-ecc.target",

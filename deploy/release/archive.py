@@ -5,10 +5,10 @@ import io
 import zipfile
 from typing import Final
 
-_PACKAGES: Final = ("deploy", "deploy.release", "deploy.release.agent")
+_PACKAGES: Final = ("segway_ecc", "segway_ecc.deploy", "segway_ecc.deploy.release", "segway_ecc.deploy.release.agent")
 _MAIN: Final = """import sys
 
-from deploy.release.agent.main import main
+from segway_ecc.deploy.release.agent.main import main
 
 sys.exit(main(sys.argv[1:]))
 """
@@ -27,8 +27,8 @@ place = os.memfd_create("agent")
 with open(place, "wb", closefd=False) as file:
     file.write(agent)
 sys.path.insert(0, "/proc/self/fd/%d" % place)
-from deploy.release.agent.main import serve
-from deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.main import serve
+from segway_ecc.deploy.release.agent.report import Reporter
 sys.exit(serve(agent, source, Reporter(sys.stdout.buffer)))
 """
 

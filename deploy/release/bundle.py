@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from deploy.release.agent.files import is_safe, sha256_of
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.agent.files import is_safe, sha256_of
+from segway_ecc.node.errors import ConfigurationError
 
 WHEEL: Final = "segway_ecc-*.whl"
 """Our own."""

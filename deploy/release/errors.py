@@ -1,6 +1,6 @@
 """The errors of an update; each ends `segway-ecc deploy` with its own exit code and one line of text."""
 
-from node.errors import NobodyListensError, NodeError, RobotLostError
+from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError
 
 
 class UpdateRefusedError(NodeError):

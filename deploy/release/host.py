@@ -10,9 +10,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
-from deploy.release.archive import BOOTSTRAP, agent_archive
-from deploy.release.errors import ConnectionLostError, UnreachableError, UpdateFailedError, UpdateRefusedError
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.archive import BOOTSTRAP, agent_archive
+from segway_ecc.deploy.release.errors import (
+    ConnectionLostError,
+    UnreachableError,
+    UpdateFailedError,
+    UpdateRefusedError,
+)
+from segway_ecc.node.errors import ConfigurationError
 
 Event = Mapping[str, Any]
 _NO_CONNECTION: Final = 255

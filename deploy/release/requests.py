@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from deploy.release.bundle import Installing, bundle, version_of
-from deploy.release.host import Event, Host
-from deploy.release.target import Target, target_from
-from deploy.release.wheels import build_wheel, collect
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.bundle import Installing, bundle, version_of
+from segway_ecc.deploy.release.host import Event, Host
+from segway_ecc.deploy.release.target import Target, target_from
+from segway_ecc.deploy.release.wheels import build_wheel, collect
+from segway_ecc.node.errors import ConfigurationError
 
 Ros = Literal["auto", "system", "pypi", "none"]
 

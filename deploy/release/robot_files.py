@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import is_safe
-from deploy.release.agent.install import ROBOT_FILE
-from node.config import RobotFile
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.agent.files import is_safe
+from segway_ecc.deploy.release.agent.install import ROBOT_FILE
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.errors import ConfigurationError
 
 _NOT_NEEDED: Final = ("__pycache__",)
 

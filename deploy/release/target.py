@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from deploy.release.errors import UpdateRefusedError
+from segway_ecc.deploy.release.errors import UpdateRefusedError
 
 _SMALLER: Final = {"aarch64": "armv7l", "armv8l": "armv7l", "x86_64": "i686"}
 """What a 32-bit Python on a 64-bit kernel is."""

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from deploy.release.bundle import WHEEL
-from deploy.release.target import Target
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.bundle import WHEEL
+from segway_ecc.deploy.release.target import Target
+from segway_ecc.node.errors import ConfigurationError
 
-_CHECKOUT: Final = Path(__file__).parents[2]
+_CHECKOUT: Final = Path(__file__).parents[3]
 _NO_WHEEL: Final = re.compile(r"No matching distribution found for ([A-Za-z0-9][^\s;(]*)")
 _MOST_BUILT: Final = 8
 
@@ -95,7 +95,7 @@ def _cache_folder() -> Path:
 
 
 def _pip(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pip", words[0], "--quiet", "--disable-pip-version-check", *words[1:]]
+    command = [sys.executable, "-P", "-m", "pip", words[0], "--quiet", "--disable-pip-version-check", *words[1:]]
     return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - no shell is in between
 
 

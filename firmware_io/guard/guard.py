@@ -5,10 +5,10 @@ import logging
 from collections.abc import Iterator
 from typing import Final, Protocol
 
-from firmware_io.build import Clocks
-from firmware_io.errors import LinkLostError
-from firmware_io.guard.watch import Intervention, Watch
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.build import Clocks
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.guard.watch import Intervention, Watch
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 PASS_NS: Final = 2_000_000
 """From one look at the bus to the next."""

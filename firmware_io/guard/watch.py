@@ -8,8 +8,8 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from firmware_io.guard.stopper import Meaning, Stopper
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.stopper import Meaning, Stopper
+from segway_ecc.firmware_io.links.link import Frame
 
 LIMIT_NS: Final = 30_000_000
 """Commands that stopped this long ago have stopped."""

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from firmware_io.links.can_errors import BusErrors
-from firmware_io.links.can_port import (
+from segway_ecc.firmware_io.links.can_errors import BusErrors
+from segway_ecc.firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
     EXTENDED_IDENTIFIER,
@@ -14,11 +14,11 @@ from firmware_io.links.can_port import (
     CanPort,
     PortError,
 )
-from firmware_io.links.interface_state import InterfaceState
-from firmware_io.links.interface_watch import InterfaceWatch
-from firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
-from firmware_io.links.meter import Meter
-from firmware_io.links.reopening import Recovery
+from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.interface_watch import InterfaceWatch
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
+from segway_ecc.firmware_io.links.meter import Meter
+from segway_ecc.firmware_io.links.reopening import Recovery
 
 NowNs = Callable[[], int]
 

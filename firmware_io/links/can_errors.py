@@ -6,7 +6,7 @@ Source: linux/can/error.h. An error frame's identifier is a set of class bits; i
 from collections import Counter
 from typing import Final, NamedTuple
 
-from firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links.link import LinkState
 
 _CONTROLLER: Final = 0x004
 _BUS_OFF: Final = 0x040

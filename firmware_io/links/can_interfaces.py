@@ -4,7 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import Final
 
-from firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.errors import BusNotFoundError
 
 NETWORK_DEVICES: Final = Path("/sys/class/net")
 _CAN_HARDWARE_TYPE: Final = "280"

@@ -9,9 +9,15 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
-from firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe, resolve, socketcan_interfaces
-from firmware_io.links.can_port import (
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.can_interfaces import (
+    cannot_open,
+    check_socketcan,
+    describe,
+    resolve,
+    socketcan_interfaces,
+)
+from segway_ecc.firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
     EXTENDED_IDENTIFIER,
@@ -24,9 +30,9 @@ from firmware_io.links.can_port import (
     PortError,
     wire_length,
 )
-from firmware_io.links.link import Frame, Link, LinkCounters
-from firmware_io.links.local_link import LocalLink
-from firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters
+from segway_ecc.firmware_io.links.local_link import LocalLink
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 if TYPE_CHECKING:
     import can

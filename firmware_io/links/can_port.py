@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from typing import Final, Protocol
 
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import Frame
 
 EXTENDED: Final = 0x80000000
 """Flags of linux/can.h in an identifier."""

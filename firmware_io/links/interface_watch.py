@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from firmware_io.links.interface_state import UNKNOWN, InterfaceState, read_interface_state
-from firmware_io.links.reopening import BackgroundTask
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState, read_interface_state
+from segway_ecc.firmware_io.links.reopening import BackgroundTask
 
 
 class InterfaceWatch:

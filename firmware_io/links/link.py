@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
-from firmware_io.value import Value
+from segway_ecc.firmware_io.value import Value
 
 
 class Frame(Value, frozen=True):

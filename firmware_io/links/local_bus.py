@@ -11,9 +11,9 @@ from typing import Any
 import can
 from can.typechecking import AutoDetectedConfig
 
-from firmware_io.links.can_port import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
-from firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
-from firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
+from segway_ecc.firmware_io.links.can_port import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
+from segway_ecc.firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
+from segway_ecc.firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
 
 
 class LocalBus(can.BusABC):

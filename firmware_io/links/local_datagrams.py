@@ -5,7 +5,7 @@ import struct
 import time
 from typing import Final
 
-from firmware_io.links.can_port import MAX_DATA
+from segway_ecc.firmware_io.links.can_port import MAX_DATA
 
 BUFFER_BYTES: Final = 256
 """More than a datagram has, so that a longer one is known for what it is."""

@@ -3,9 +3,9 @@
 import time
 from collections.abc import Iterator
 
-from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
-from firmware_io.links.can_interfaces import cannot_open, describe
-from firmware_io.links.can_port import (
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.can_interfaces import cannot_open, describe
+from segway_ecc.firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
     MAX_FRAMES,
@@ -18,9 +18,9 @@ from firmware_io.links.can_port import (
     wire_length,
     wire_word,
 )
-from firmware_io.links.link import Frame, LinkCounters
-from firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
-from firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters
+from segway_ecc.firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
+from segway_ecc.firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
 
 
 class LocalLink(BaseCanLink):

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from firmware_io.links.link import LinkCounters
+from segway_ecc.firmware_io.links.link import LinkCounters
 
 NowNs = Callable[[], int]
 

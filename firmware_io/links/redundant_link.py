@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 
 NowNs = Callable[[], int]
 
@@ -29,7 +29,7 @@ class StandbyLink(Link, Protocol):
 class RedundantLink:
     """Two lines to the same drives of which one at a time is the owner: it alone carries what is sent.
 
-    It passes from one line to the other only when told to by `pass_over`; see `firmware_io.switching`.
+    It passes from one line to the other only when told to by `pass_over`; see `segway_ecc.firmware_io.switching`.
 
     Attributes:
         lines: The bus, and the line to fall back on.

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, Generic, TypeVar
 
-from firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.errors import LinkLostError
 
 T = TypeVar("T")
 NowNs = Callable[[], int]

@@ -5,12 +5,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
-from firmware_io.errors import BusNotFoundError
-from firmware_io.links.link import Frame, LinkCounters, LinkState
-from firmware_io.links.meter import Meter
-from firmware_io.links.reopening import Recovery
-from firmware_io.links.serial_port import cure, open_serial_port
-from firmware_io.settings import SerialSettings
+from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.meter import Meter
+from segway_ecc.firmware_io.links.reopening import Recovery
+from segway_ecc.firmware_io.links.serial_port import cure, open_serial_port
+from segway_ecc.firmware_io.links.settings import SerialSettings
 
 NowNs = Callable[[], int]
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 import serial
 from serial.tools import list_ports
 
-from firmware_io.settings import SerialSettings
+from segway_ecc.firmware_io.links.settings import SerialSettings
 
 _NO_WRITE_TIMEOUT: Final = ("loop://", "rfc2217://")
 """Of these pyserial refuses one, or with one of 0 never writes."""

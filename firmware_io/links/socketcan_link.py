@@ -6,10 +6,18 @@ import time
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
-from firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
-from firmware_io.links.can_port import MAX_FRAMES, Arrival, port_error, readiness, wire_data, wire_length, wire_word
-from firmware_io.links.link import Frame, LinkCounters
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
+from segway_ecc.firmware_io.links.can_port import (
+    MAX_FRAMES,
+    Arrival,
+    port_error,
+    readiness,
+    wire_data,
+    wire_length,
+    wire_word,
+)
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters
 
 _CAN_FRAME: Final = struct.Struct("=IB3x8s")
 """can_frame of linux/can.h: identifier with flags, length, data."""

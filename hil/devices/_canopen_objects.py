@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_io.drives.cia402.frames import Sdo
+from segway_ecc.firmware_io.drives.cia402.frames import Sdo
 
 PDOS: Final = 4
 """Of each direction."""

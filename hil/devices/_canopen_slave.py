@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from firmware_io.drives.cia402.frames import (
+from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
     Emergency,
     NmtCommand,
@@ -13,9 +13,9 @@ from firmware_io.drives.cia402.frames import (
     pack_heartbeat,
     unpack_heartbeat,
 )
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame, Link
-from hil.devices._canopen_objects import (
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.hil.devices._canopen_objects import (
     ABORTED,
     MAX_MAPPED,
     NOT_VALID,

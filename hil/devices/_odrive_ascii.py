@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from firmware_io.drives.odrive.commands import TORQUE_CONTROL
-from firmware_io.links.serial_link import Port
-from hil.devices._odrive_axis import SimulatedAxis
+from segway_ecc.firmware_io.drives.odrive.commands import TORQUE_CONTROL
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.devices._odrive_axis import SimulatedAxis
 
 _LONGEST: Final = 256
 _ENDS: Final = b"\r\n!"

@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from firmware_io.drives.odrive.commands import TORQUE_CONTROL, AxisState
-from firmware_io.drives.odrive.errors import WATCHDOG
-from firmware_io.drives.odrive.frames import Firmware
-from firmware_io.drives.odrive.settings import OdriveWheelSettings
-from firmware_io.drivetrain import TURN
-from hil.devices.device import SUPPLY_VOLTAGE
+from segway_ecc.firmware_io.drives.odrive.commands import TORQUE_CONTROL, AxisState
+from segway_ecc.firmware_io.drives.odrive.errors import WATCHDOG
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveWheelSettings
+from segway_ecc.firmware_io.drivetrain import TURN
+from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE
 
 INVALID_STATE: Final = 0x1
 """Error bit of 0.5."""

@@ -10,12 +10,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from firmware_io.drives.vesc.comm import FIELD_NAMES, SET_PACKETS, TIMED_OUT, encode_values, mask_of, read_mask
-from firmware_io.drives.vesc.frames import Command, Payload, Status, Status5, arbitration_id, frame_of
-from firmware_io.drives.vesc.settings import VescWheelSettings
-from firmware_io.drivetrain import TURN
-from firmware_io.links.link import Frame
-from hil.devices.device import SUPPLY_VOLTAGE
+from segway_ecc.firmware_io.drives.vesc.comm import (
+    FIELD_NAMES,
+    SET_PACKETS,
+    TIMED_OUT,
+    encode_values,
+    mask_of,
+    read_mask,
+)
+from segway_ecc.firmware_io.drives.vesc.frames import Command, Payload, Status, Status5, arbitration_id, frame_of
+from segway_ecc.firmware_io.drives.vesc.settings import VescWheelSettings
+from segway_ecc.firmware_io.drivetrain import TURN
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE
 
 TICK_NS: Final = 1_000_000
 """Period of the simulated firmware's loop."""

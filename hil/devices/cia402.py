@@ -3,15 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.drives.cia402.frames import Emergency
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.drives.cia402.states import DriveState
-from firmware_io.drivetrain import TURN
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.serial_link import Port
-from hil.devices._canopen_objects import Entry, Key
-from hil.devices._canopen_slave import CanopenSlave
-from hil.devices.device import supply_voltage
+from segway_ecc.firmware_io.drives.cia402.frames import Emergency
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.states import DriveState
+from segway_ecc.firmware_io.drivetrain import TURN
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.devices._canopen_objects import Entry, Key
+from segway_ecc.hil.devices._canopen_slave import CanopenSlave
+from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's loop."""

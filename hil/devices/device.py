@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, Protocol
 
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import Frame
 
 SUPPLY_VOLTAGE: Final = 36.0
 """What drives measure of a supply that the plant does not have, V: above what any of them is told to give."""

@@ -4,16 +4,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive import telemetry as t
-from firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, Message, decode, encode
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.serial_link import Port
-from hil.devices._odrive_ascii import AsciiPort
-from hil.devices._odrive_axis import ESTOP, SimulatedAxis
-from hil.devices.device import supply_voltage
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.devices._odrive_ascii import AsciiPort
+from segway_ecc.hil.devices._odrive_axis import ESTOP, SimulatedAxis
+from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""

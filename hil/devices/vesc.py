@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from firmware_io.drives.vesc.buffers import Mode, decode_short, frames_of
-from firmware_io.drives.vesc.comm import SET_PACKETS, Comm
-from firmware_io.drives.vesc.frames import (
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, decode_short, frames_of
+from segway_ecc.firmware_io.drives.vesc.comm import SET_PACKETS, Comm
+from segway_ecc.firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
     Command,
     Ping,
@@ -14,13 +14,13 @@ from firmware_io.drives.vesc.frames import (
     decode,
     frame_of,
 )
-from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.serial_link import Port
-from hil.devices._vesc_controller import TICK_NS, Controller, Firmware
-from hil.devices.device import supply_voltage
+from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.devices._vesc_controller import TICK_NS, Controller, Firmware
+from segway_ecc.hil.devices.device import supply_voltage
 
 __all__ = ["TICK_NS", "SimulatedVesc"]
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Final
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_ACCELERATION,
     MAX_ANGLE,
@@ -22,11 +22,11 @@ from firmware_io.drives.wheel_board.frames import (
     Wheel,
     WheelCommand,
 )
-from firmware_io.drives.wheel_board.serial_line import BoardLine
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.serial_link import LOST, Port
-from hil.devices.device import supply_voltage
+from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.serial_link import LOST, Port
+from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 5_000_000
 """Period of the firmware's loop, and of the wheel and IMU frames."""

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, encode
-from firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
-from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, encode
+from segway_ecc.firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ANGULAR_VELOCITY: Final = ("imu.angular_velocity_x", "imu.angular_velocity_y", "imu.angular_velocity_z")
 _LINEAR_ACCELERATION: Final = ("imu.linear_acceleration_x", "imu.linear_acceleration_y", "imu.linear_acceleration_z")

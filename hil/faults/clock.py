@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from hil.errors import RigError
-from hil.faults.injection import Injection, Injections
-from hil.lockstep import LockstepRig
+from segway_ecc.hil.errors import RigError
+from segway_ecc.hil.faults.injection import Injection, Injections
+from segway_ecc.hil.rig.lockstep import LockstepRig
 
 
 class ProcessKilledError(RigError):

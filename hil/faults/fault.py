@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 
-from firmware_io.section import Section
+from segway_ecc.firmware_io.section import Section
 
 Target = Literal[
     "imu",

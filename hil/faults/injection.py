@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from hil.faults.fault import Fault, Target
+from segway_ecc.hil.faults.fault import Fault, Target
 
 NowNs = Callable[[], int]
 

@@ -6,11 +6,11 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from firmware_io.links.link import Frame, Link
-from hil.faults.injection import Injection, Injections
-from hil.faulty_link import FaultyLink, LinkFault
-from hil.link_front import LinkFront
-from hil.simulated_serial import SimulatedSerial
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.hil.faults.injection import Injection, Injections
+from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
 NowNs = Callable[[], int]
 _FAULTS: Final = {"off": LinkFault.CUT, "stuck": LinkFault.QUEUE_FULL}

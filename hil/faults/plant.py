@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Sequence
 
-from hil.faults.injection import Injection, Injections
-from hil.plant import advance_of
-from node.model.model import Model
-from node.model.variables import Variable
+from segway_ecc.hil.faults.injection import Injection, Injections
+from segway_ecc.hil.rig.plant import advance_of
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.variables import Variable
 
 _PREFIXES = {
     "imu": ("imu.",),

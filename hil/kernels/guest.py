@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from hil.kernels.console import Console
+from segway_ecc.hil.kernels.console import Console
 
 GUEST_ERROR_STATUS = 125
 _SYSTEM_PATH = "/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -102,7 +102,7 @@ def prepared_job(  # noqa: PLR0913 - what every guest is told, and all but the f
 
 def script(name: str) -> str:
     """Return a shell script that stands beside this module."""
-    return resources.files("hil.kernels").joinpath(name).read_text("utf-8")
+    return resources.files("segway_ecc.hil.kernels").joinpath(name).read_text("utf-8")
 
 
 def _write_command(scratch: Path, command: Sequence[str], cwd: Path, environment: Mapping[str, str]) -> None:

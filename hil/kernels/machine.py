@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from hil.kernels.guest import GuestError, search_path
+from segway_ecc.hil.kernels.guest import GuestError, search_path
 
 _MARK = "guest-mark"
 

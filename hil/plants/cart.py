@@ -1,16 +1,16 @@
 """The cart of the case study as a plant: motors, wheels and the way they roll, without its controller.
 
-The equations are those of `node.models.cart`, where they are derived; the frames are its frames. The IMU sits in the
-middle of the axle: it measures the yaw rate, and as specific force (REP-145) what speeds the cart up, what keeps it on
-its curve, and the floor that carries it.
+The equations are those of `segway_ecc.node.models.cart`, where they are derived; the frames are its frames.
+The IMU sits in the middle of the axle: it measures the yaw rate, and as specific force (REP-145) what speeds the cart
+up, what keeps it on its curve, and the floor that carries it.
 """
 
 from collections.abc import Sequence
 from typing import Final
 
-from hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
-from node.model.variables import Variable
-from node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
+from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
+from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
 
 STEP_SIZE: Final = 0.005
 STANDARD_GRAVITY: Final = 9.80665

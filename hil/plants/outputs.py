@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from node.model.variables import Variable
+from segway_ecc.node.model.variables import Variable
 
 WHEEL_OUTPUTS: Final = (
     Variable("left.angle", "rad"),

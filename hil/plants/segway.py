@@ -1,9 +1,9 @@
 """The segway as a plant: a body that balances on two wheels, behind drives of torque or of voltage.
 
-The equations of motion, and what they leave out, are in `hil.plants.segway_body`; motors and battery in
-`hil.plants.segway_motors`; encoders and IMU in `hil.plants.segway_sensors`; the numbers in
-`node.models.segway_parameters`. It starts at rest at the pitch `InitialPitch`; exactly upright and without torque it
-stays there, at anything else it falls, until it lies on a bumper.
+The equations of motion, and what they leave out, are in `segway_ecc.hil.plants.segway_body`; motors and battery in
+`segway_ecc.hil.plants.segway_motors`; encoders and IMU in `segway_ecc.hil.plants.segway_sensors`; the numbers in
+`segway_ecc.node.models.segway_parameters`. It starts at rest at the pitch `InitialPitch`; exactly upright and without
+torque it stays there, at anything else it falls, until it lies on a bumper.
 """
 
 import dataclasses
@@ -11,14 +11,14 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
-from hil.plants.segway_body import SegwayBody
-from hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
-from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
-from node.models.segway_parameters import VARIABLES, SegwayParameters
+from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
+from segway_ecc.hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 
 STEP_SIZE: Final = 0.001
 _MOST_STIFF: Final = 1.0

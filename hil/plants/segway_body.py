@@ -34,7 +34,7 @@ What it leaves out: tyres that slip or lift off, rolling resistance, bumpers tha
 import math
 from typing import Final
 
-from node.models.segway_parameters import SegwayParameters
+from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 _TOUCH: Final = 1.0e-9
 """Above the rounding error of a lean, rad."""

@@ -13,7 +13,7 @@ gives the most that it can.
 import math
 from typing import Final
 
-from node.models.segway_parameters import SegwayParameters
+from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 _LOWEST_SHARE: Final = 0.5
 MOST_STEPS: Final = 3

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from hil.plants.segway_motors import MOST_STEPS
-from node.models.segway_parameters import SegwayParameters
+from segway_ecc.hil.plants.segway_motors import MOST_STEPS
+from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 BANDWIDTH: Final = 100.0
 """Of the IMU's filter, Hz."""

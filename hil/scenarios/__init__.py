@@ -1,1 +1,1 @@
-"""The scenarios that ship with the package; `node.campaign.scenario` reads them."""
+"""The scenarios that ship with the package; `segway_ecc.hil.campaign.scenario` reads them."""

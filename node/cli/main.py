@@ -1,66 +1,58 @@
-"""segway-ecc: the command line. Data on standard output, messages on standard error.
+"""From a control model that works on the bench to the software of a real robot.
 
-Exit codes: 0 done; 1 another error of ours; 2 arguments, robot file or sequence file; 3 model; 4 hardware; 5 ROS 2
-missing; 6 nobody listens; 7 robot lost; 8 simulation; 9 log; 10 a robot in
-FAULT; 11 update refused; 12 version not healthy; 130 Ctrl-C.
+Data on standard output, messages on standard error. Exit codes: 0 done; 1 another error of ours; 2 arguments, robot
+file or sequence file; 3 model; 4 hardware; 5 ROS 2 missing; 6 no model node found; 7 robot lost; 8 simulation; 9 log;
+10 a robot in FAULT; 11 update refused; 12 version not healthy; 130 Ctrl-C.
 """
 
 import argparse
+import difflib
 import importlib
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NoReturn
 
-from firmware_io.errors import HardwareError
-from hil.errors import RigError
-from node.cli.interrupts import ends_at_once
-from node.errors import ConfigurationError, NodeError
+from segway_ecc.firmware_io.errors import SegwayEccError
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.verb import ENTRY_POINTS, Section, Verb
+from segway_ecc.node.errors import ConfigurationError
 
-VERBS: Final = {
-    "inspect": "what a model is: ports, parameters and states with units, and what a write to each does",
-    "simulate": "run a model alone, under given inputs",
-    "run": "run a robot: the model node",
-    "status": "which robots are on the ROS network, and how each of them is",
-    "supervise": "the base station: a page in the browser that shows and commands every robot on the ROS network",
-    "archive": "hand out a robot's logs and support bundles over ROS 2, on the robot",
-    "support-bundle": "what a maintainer needs to find out what went wrong, in one zip",
-    "sequence": "drive a robot through a sequence of set-points, over ROS 2",
-    "guard": "disable the drives when commands stop, whatever became of the node",
-    "plant": "the simulated plant and drive at the other end of a robot's bus, in real time",
-    "failover": "lose the bus in every way there is, and measure when the serial line carries the robot on",
-    "hil": "run one declared scenario of faults in lock step, and see whether it comes as declared",
-    "campaign": "run all declared scenarios side by side, and report what is not as declared",
-    "kill-drill": "kill, stop and cut every part of a driving robot, and measure when the torque ends",
-    "play": "the whole robot on this machine, to drive with the arrow keys",
-    "design": "the gains of a balancing robot from what it is made of, with poles and margins",
-    "margins": "how much the balancing robot bears, found by search, against what is required of it",
-    "endurance": "hours of normal driving in lock step, with lost frames: nothing may trip",
-    "replay": "a recorded run through the same model and safety code again: identical, or what differs first",
-    "traffic": "write the raw traffic on a robot's bus as a candump log",
-    "deploy": "put a version onto a robot over ssh, take it back, or see what is there",
-    "base-station": "make this machine a base station: service, tokens, discovery, firewall",
-    "image": "build an image for the robot: a root file system and a disk, from Debian packages and this software",
-    "case-study": "the thesis' tables and figures through each seat, side by side",
-    "soak": "hours in lock step and half an hour in real time: memory, files and threads must not grow",
-    "study": "what comes of where each part of control runs, and what a cycle costs as robots grow",
-    "doctor": "is this machine fit to run the robot, and how to mend what is not",
-    "bench": "how fast this machine runs the loop, beside a user's loop and one in C",
-}
+_PROGRAM: Final = "segway-ecc"
 _INTERRUPTED: Final = 130
 _OPENSSL: Final = "_hashlib"
-"""Where `hashlib` finds OpenSSL: 3.5 MB for some digests that Python has too, and takes where this is not to be had."""
+"""Where `hashlib` finds OpenSSL: 3.5 MB for some digests that Python has too, and uses where this is missing."""
+_PARAGRAPH: Final = "\n\n"
+_FIRST_STEPS: Final = """Try first:
+  segway-ecc case-study            the thesis' tables and figures in each execution environment
+  segway-ecc play segway           a simulated robot that balances, driven with the arrow keys
+  segway-ecc model inspect FOLDER  your own model: ports, parameters and states
+All verbs: segway-ecc --help
+"""
+_FOOT: Final = f"""{_PROGRAM} VERB --help shows the options of a verb, or the verbs of a group.
+
+options:
+  --version             show the version and exit
+  --completion SHELL    print the completion script of bash, zsh or fish and exit
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb; the exit code says how it went."""
+    """Run one verb and return its exit code."""
     try:
         with ends_at_once():
-            options = _options(list(sys.argv[1:] if arguments is None else arguments))
+            words, ros_arguments = _split_ros(list(sys.argv[1:] if arguments is None else arguments))
+            if not words:
+                sys.stderr.write(_FIRST_STEPS)
+                return ConfigurationError.exit_code
+            if words[0] == "run":
+                sys.modules.setdefault(_OPENSSL, None)  # type: ignore[arg-type]  # None: not available
+            options = command_line(find_verbs(), words).parse_args(words)
+            options.ros_arguments = ros_arguments
         return int(options.function(options))
-    except (NodeError, HardwareError, RigError) as error:
-        sys.stderr.write(f"segway-ecc: {error}\n")
+    except SegwayEccError as error:
+        sys.stderr.write(f"{_PROGRAM}: {error}\n")
         return error.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
@@ -70,27 +62,60 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _flush()
 
 
-def _options(words: list[str]) -> argparse.Namespace:
-    """What the command line says, with the `function` of its verb."""
-    words, ros_arguments = _split_ros(words)
-    parser = _Parser(prog="segway-ecc", description=__doc__.partition("\n")[0].partition(": ")[2])
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    chosen = next((word for word in words if word in VERBS), None)
-    for verb, text in VERBS.items():
-        verb_parser = verbs.add_parser(verb, help=text, description=text)
-        if verb == chosen:
-            if verb == "run":
-                sys.modules.setdefault(_OPENSSL, None)  # type: ignore[arg-type]  # None: is not to be had
-            # Only the verb in use is imported: a robot starts without what the others need.
-            module = importlib.import_module(f"node.cli.{verb.replace('-', '_')}")
-            module.add_arguments(verb_parser)
-            verb_parser.set_defaults(function=module.run, ros_arguments=ros_arguments)
-    return parser.parse_args(words)
+def find_verbs() -> dict[str, Verb]:
+    """The verbs of every room and of other distributions by name."""
+    points = importlib.import_module("importlib.metadata").entry_points(group=ENTRY_POINTS)
+    ordered = sorted(points, key=lambda point: point.value, reverse=True)
+    return {verb.name: verb for point in ordered for verb in point.load()}
+
+
+def command_line(verbs: Mapping[str, Verb], words: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of the whole command line.
+
+    Args:
+        verbs: The verbs by name.
+        words: The words on the command line: only the verb in use is imported, so that a robot starts without what the
+            others need. None imports all, as shell completion needs.
+
+    Raises:
+        ConfigurationError: The words name no verb.
+    """
+    chosen = None if words is None else _chosen(verbs, words)
+    parser = _TopParser(verbs)
+    groups = {"": parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)}
+    for verb in sorted(verbs.values(), key=lambda verb: verb.package is not None):
+        group, _, last = verb.name.rpartition(" ")
+        text = f"{verb.summary[0].upper()}{verb.summary[1:]}."
+        added = groups[group].add_parser(last, help=verb.summary, description=text, epilog=f"Example: {verb.example}")
+        if verb.package is None:
+            groups[verb.name] = added.add_subparsers(dest="task", metavar="VERB", required=True)
+        elif chosen in {None, verb.name}:
+            module = importlib.import_module(verb.module)
+            module.add_arguments(added)
+            added.epilog = f"{(module.__doc__ or '').partition(_PARAGRAPH)[2]} {added.epilog}"
+            added.set_defaults(function=module.run)
+    return parser
+
+
+def _chosen(verbs: Mapping[str, Verb], words: Sequence[str]) -> str:
+    """The verb that the words name, or its group where they name no more; nothing where they begin with an option."""
+    first, *others = words
+    if first.startswith("-"):
+        return ""
+    is_group = first in verbs and verbs[first].package is None
+    name = f"{first} {others[0]}" if is_group and others and not others[0].startswith("-") else first
+    if name in verbs:
+        return name
+    by_last_word = {verb.rpartition(" ")[2]: verb for verb in verbs}
+    close = difflib.get_close_matches(name, verbs, 1) or [
+        by_last_word[word] for word in difflib.get_close_matches(name.rpartition(" ")[2], by_last_word, 1)
+    ]
+    hint = f"did you mean '{_PROGRAM} {close[0]}'? See" if close else "see"
+    raise ConfigurationError(f"there is no verb '{name}'; {hint} {_PROGRAM} --help")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Tells what is wrong in one line, and takes a number such as -1e-3 for a number."""
+    """Reports an error in one line, and accepts a number such as -1e-3 as a number."""
 
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - argparse's own settings, handed on
         super().__init__(**settings)
@@ -99,7 +124,26 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with one line and the exit code for arguments."""
-        self.exit(ConfigurationError.exit_code, f"segway-ecc: {message}; see {self.prog} --help\n")
+        self.exit(ConfigurationError.exit_code, f"{_PROGRAM}: {message}; see {self.prog} --help\n")
+
+
+class _TopParser(_Parser):
+    """Shows the verbs by section, each with an example."""
+
+    def __init__(self, verbs: Mapping[str, Verb]) -> None:
+        super().__init__(prog=_PROGRAM)
+        self._verbs = verbs
+        self.add_argument("--version", action=_Version, nargs=0)
+        self.add_argument("--completion", action=_Completion, choices=("bash", "zsh", "fish"))
+
+    def format_help(self) -> str:
+        lines = [f"usage: {_PROGRAM} VERB ...", "", __doc__.partition("\n")[0], ""]
+        for section in Section:
+            lines.append(f"{section.value}:")
+            verbs = [verb for verb in self._verbs.values() if verb.section is section]
+            lines += [f"  {verb.name:<11} {verb.summary:<69} {verb.example}" for verb in verbs]
+            lines.append("")
+        return "\n".join([*lines, _FOOT])
 
 
 class _Version(argparse.Action):
@@ -107,7 +151,21 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         metadata = importlib.import_module("importlib.metadata")
-        sys.stdout.write(f"{metadata.version('segway-ecc')}\n")
+        sys.stdout.write(f"{metadata.version(_PROGRAM)}\n")
+        parser.exit()
+
+
+class _Completion(argparse.Action):
+    """Prints the completion script of a shell, which names every verb and option; shtab writes it."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, _namespace: argparse.Namespace, shell: object, *_: object
+    ) -> None:
+        try:
+            shtab = importlib.import_module("shtab")
+        except ModuleNotFoundError as error:
+            raise ConfigurationError("completion needs shtab: pip install 'segway-ecc[completion]'") from error
+        sys.stdout.write(shtab.complete(command_line(find_verbs()), shell=shell) + "\n")
         parser.exit()
 
 
@@ -116,7 +174,7 @@ def _flush() -> None:
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        # Whoever read our output has enough; there is nobody left to tell.
+        # The reader of our output has closed it: nothing is lost by sending the rest nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -14,10 +14,10 @@ from typing import Final
 
 import msgspec
 
-from firmware_io.build import takes_serial, with_port
-from node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
-from node.cycle.real_time import real_time_loop
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.build import takes_serial, with_port
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
+from segway_ecc.node.cycle.real_time import real_time_loop
+from segway_ecc.node.errors import ConfigurationError
 
 _logger = logging.getLogger(__name__)
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -4,8 +4,8 @@ import logging
 from collections import deque
 from typing import Final
 
-from node.cycle.clock import NS_PER_S, Clock
-from node.safety.modes import Mode, Modes
+from segway_ecc.node.cycle.clock import NS_PER_S, Clock
+from segway_ecc.node.safety.modes import Mode, Modes
 
 _INTERVAL_NS: Final = NS_PER_S
 _logger = logging.getLogger(__name__)

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 
-from firmware_io.errors import ArmingRefusedError
-from firmware_io.hardware import Hardware
-from node.cycle.seams import HardwareAnswer
-from node.cycle.setpoints import SetpointSchedule
-from node.safety.checklist import Item, no_checklist, obstacles
-from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from segway_ecc.firmware_io.errors import ArmingRefusedError
+from segway_ecc.firmware_io.hardware import Hardware
+from segway_ecc.node.cycle.seams import HardwareAnswer
+from segway_ecc.node.cycle.setpoints import SetpointSchedule
+from segway_ecc.node.safety.checklist import Item, no_checklist, obstacles
+from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
 Reply = Callable[[Answer], None]
 Evaluate = Callable[[], Sequence[Item]]

@@ -6,26 +6,35 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.errors import LinkLostError
-from firmware_io.hardware import Hardware, Sensors
-from node.cycle.authority import Authority
-from node.cycle.clock import Clock
-from node.cycle.expendable import ExpendableRecorder
-from node.cycle.real_time import is_real_time
-from node.cycle.seams import PHASES, CycleRecord, HardwareAnswer, Inbox, Recorder, Report, Stage, StampedSetpoint
-from node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
-from node.cycle.supervision import Supervision
-from node.cycle.time_base import TimeBase
-from node.cycle.timing import Histogram, Tally
-from node.cycle.wiring import Wiring
-from node.errors import ModelFailedError
-from node.model.model import Model
-from node.safety.checklist import Item, drives_item
-from node.safety.limits import not_finite
-from node.safety.modes import Mode
-from node.safety.monitor import SafetyMonitor
-from node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
-from node.safety.slew import Restraint
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.hardware import Hardware, Sensors
+from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.clock import Clock
+from segway_ecc.node.cycle.expendable import ExpendableRecorder
+from segway_ecc.node.cycle.real_time import is_real_time
+from segway_ecc.node.cycle.seams import (
+    PHASES,
+    CycleRecord,
+    HardwareAnswer,
+    Inbox,
+    Recorder,
+    Report,
+    Stage,
+    StampedSetpoint,
+)
+from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
+from segway_ecc.node.cycle.supervision import Supervision
+from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import Histogram, Tally
+from segway_ecc.node.cycle.wiring import Wiring
+from segway_ecc.node.errors import ModelFailedError
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.safety.checklist import Item, drives_item
+from segway_ecc.node.safety.limits import not_finite
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.monitor import SafetyMonitor
+from segway_ecc.node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
+from segway_ecc.node.safety.slew import Restraint
 
 LATENESS: Final = "lateness"
 WHOLE: Final = "cycle"

@@ -3,8 +3,8 @@
 from collections import deque
 from collections.abc import Sequence
 
-from node.cycle.seams import CycleRecord, NoRecorder, Recorder
-from node.cycle.status import Status
+from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder, Recorder
+from segway_ecc.node.cycle.status import Status
 
 
 class ExpendableRecorder:

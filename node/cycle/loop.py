@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from node.cycle.announcer import Announcer
-from node.cycle.clock import NS_PER_S, Clock
-from node.cycle.cycle import Cycle
-from node.cycle.report import DiagnosticReport
-from node.cycle.seams import Stage
-from node.cycle.status import Status
-from node.cycle.timing import Summary
-from node.safety.modes import Modes
-from node.service import NotifySocket, Service
+from segway_ecc.node.cycle.announcer import Announcer
+from segway_ecc.node.cycle.clock import NS_PER_S, Clock
+from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.report import DiagnosticReport
+from segway_ecc.node.cycle.seams import Stage
+from segway_ecc.node.cycle.service import NotifySocket, Service
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.timing import Summary
+from segway_ecc.node.safety.modes import Modes
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25

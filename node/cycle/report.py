@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Final, Protocol
 
-from firmware_io.hardware import Hardware, Sensors
-from node.cycle.authority import Authority
-from node.cycle.setpoints import SetpointSchedule
-from node.cycle.status import Level, Status
-from node.cycle.time_base import TimeBase
-from node.cycle.timing import Histogram, Summary
-from node.safety.modes import Mode
+from segway_ecc.firmware_io.hardware import Hardware, Sensors
+from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.setpoints import SetpointSchedule
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import Histogram, Summary
+from segway_ecc.node.safety.modes import Mode
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""

@@ -5,10 +5,10 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
-from firmware_io.hardware import Sensors
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Status
-from node.safety.modes import Action, Answer, Mode
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 
 class StampedSetpoint(NamedTuple):

@@ -3,11 +3,11 @@
 from collections.abc import MutableSequence, Sequence
 from typing import Final, NamedTuple
 
-from node.cycle.authority import Authority
-from node.cycle.seams import Heartbeat
-from node.safety.modes import STATION_LOST
-from node.safety.settings import StationSettings
-from node.safety.station import StationWatch, Watch, sit_down_values
+from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.seams import Heartbeat
+from segway_ecc.node.safety.modes import STATION_LOST
+from segway_ecc.node.safety.settings import StationSettings
+from segway_ecc.node.safety.station import StationWatch, Watch, sit_down_values
 
 SITS_DOWN: Final = f"{STATION_LOST}: the robot sits down"
 _ECHOED: Final = 4

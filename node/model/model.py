@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from node.model.variables import Variable
+from segway_ecc.node.model.variables import Variable
 
 
 class Model(Protocol):

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from node.errors import ModelError, UnknownNameError
-from node.model.methods import ADVANCE, Method
-from node.model.variables import Variable, Write
+from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.model.methods import ADVANCE, Method
+from segway_ecc.node.model.variables import Variable, Write
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # where this is compiled, models in plain Python still build on it

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from node.errors import UnknownNameError
-from node.model.model import Model
+from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.model.model import Model
 
 
 class Sample(NamedTuple):

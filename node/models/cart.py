@@ -24,9 +24,9 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
 
 STEP_SIZE: Final = 0.01
 

@@ -1,8 +1,8 @@
 """The controller of a segway: a body on two wheels that it keeps upright, still or on its way.
 
 In each step it estimates how the robot leans and moves (`segway_estimate`), decides what it is doing (`segway_phases`)
-and works out the torques that follow (`segway_law`). Its gains are parameters: `segway-ecc design` finds them. Frames
-are those of REP-103; pitch is positive when the body leans forward.
+and works out the torques that follow (`segway_law`). Its gains are parameters: `segway-ecc design gains` finds them.
+Frames are those of REP-103; pitch is positive when the body leans forward.
 """
 
 from collections.abc import Sequence
@@ -10,14 +10,14 @@ from typing import ClassVar, Final
 
 from msgspec.structs import astuple
 
-from node.errors import ModelError
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
-from node.models.segway_estimate import Estimate, Estimator, Measured, within
-from node.models.segway_law import Law, Motion, Torques, stopped, torques
-from node.models.segway_parameters import PUBLISHED
-from node.models.segway_phases import Phase, PhaseRules, Progress
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.models.segway_estimate import Estimate, Estimator, Measured, within
+from segway_ecc.node.models.segway_law import Law, Motion, Torques, stopped, torques
+from segway_ecc.node.models.segway_parameters import PUBLISHED
+from segway_ecc.node.models.segway_phases import Phase, PhaseRules, Progress
 
 STEP_SIZE: Final = 0.005
 
@@ -58,7 +58,7 @@ GAINS: Final = (
     Variable("YawRateGain", "N m s/rad", 0.0, Write.STATIC),
     Variable("TorquePerYawAcceleration", "N m s2/rad", 0.0, Write.STATIC),
 )
-"""What `segway-ecc design` finds; with the zeros here the model does not start."""
+"""What `segway-ecc design gains` finds; with the zeros here the model does not start."""
 _LIMITS: Final = (
     Variable("MaxSpeed", "m/s", 1.5, Write.STATIC),
     Variable("MaxAcceleration", "m/s2", 0.8, Write.STATIC),
@@ -145,7 +145,9 @@ class SegwayController(SectionedModel):
         """
         p = self.p
         if p["PitchPerAcceleration"] <= 0.0:
-            raise ModelError(f"model '{self.name}' has no gains: `segway-ecc design` puts them into the robot file")
+            raise ModelError(
+                f"model '{self.name}' has no gains: `segway-ecc design gains` puts them into the robot file"
+            )
         self.estimator = Estimator(
             period=STEP_SIZE,
             radius=p["WheelRadius"],

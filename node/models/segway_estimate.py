@@ -12,7 +12,7 @@ The encoders turn with the body: a wheel has turned by its encoder's angle plus 
 from math import atan2, cos, hypot, sin
 from typing import Final
 
-from firmware_io.value import Value
+from segway_ecc.firmware_io.value import Value
 
 STANDARD_GRAVITY: Final = 9.80665
 _LEAST_GRAVITY: Final = 0.5 * STANDARD_GRAVITY

@@ -1,6 +1,6 @@
 """How a segway is kept up and moved: set-points that its body can follow, and the torques that follow them.
 
-The balance is state feedback with the gains that `segway-ecc design` finds, around a reference that moves as asked:
+The balance is state feedback with the gains that `segway-ecc design gains` finds, around a moving reference:
 
     u = u_ref - k1 (travel - travel_ref) - k2 (velocity - velocity_ref) - k3 (pitch - pitch_ref) - k4 pitch_rate
               - k5 (u[-1] - u_ref) - k6 (u[-2] - u_ref) - k7 integral of (travel - travel_ref)
@@ -15,8 +15,8 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from firmware_io.value import Value
-from node.models.segway_estimate import Estimate, within
+from segway_ecc.firmware_io.value import Value
+from segway_ecc.node.models.segway_estimate import Estimate, within
 
 _RAMP_RATE: Final = 2.0
 _RAMP_LAG_S: Final = 0.2
@@ -59,7 +59,7 @@ class Law:
     """The controller's equations with its parameters."""
 
     def __init__(self, period: float, p: Mapping[str, float]) -> None:
-        """Take the parameters `p` of `node.models.segway`, which has their units, and the period, s."""
+        """Take the parameters `p` of `segway_ecc.node.models.segway`, which has their units, and the period, s."""
         self._period = period
         self._ramp_part = period / _RAMP_LAG_S
         self._torque_step = p["TorqueSlew"] * period

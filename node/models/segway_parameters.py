@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Final, Self
 
-from node.model.variables import Variable, Write
+from segway_ecc.node.model.variables import Variable, Write
 
 
 def _unit(symbol: str) -> float:

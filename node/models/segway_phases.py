@@ -4,8 +4,8 @@ import enum
 from collections.abc import Mapping
 from typing import Final
 
-from firmware_io.value import Value
-from node.models.segway_estimate import Estimate
+from segway_ecc.firmware_io.value import Value
+from segway_ecc.node.models.segway_estimate import Estimate
 
 _UP_PITCH: Final = 0.1
 _UP_RATE: Final = 0.5
@@ -64,7 +64,7 @@ class PhaseRules:
     """When one phase becomes another."""
 
     def __init__(self, period: float, p: Mapping[str, float]) -> None:
-        """Take the parameters `p` of `node.models.segway`, and the period, s."""
+        """Take the parameters `p` of `segway_ecc.node.models.segway`, and the period, s."""
         self._period = period
         self._settling_time = p["SettlingTime"]
         self._stand_up_time = p["StandUpTime"]

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
+from segway_ecc.node.errors import ModelError
 
 _PLACE: Final = Path("segway-ecc", "models")
 

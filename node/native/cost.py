@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.native.library import NativeModel
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.library import NativeModel
 
 _STEPS: Final = 20_000
 
@@ -41,7 +41,7 @@ def step_cost(model: NativeModel) -> StepCost:
 
 
 def _native_ns(model: NativeModel) -> int:
-    source = importlib.resources.files("node.native").joinpath("native_cost.c").read_bytes()
+    source = importlib.resources.files("segway_ecc.node.native").joinpath("native_cost.c").read_bytes()
     with tempfile.TemporaryDirectory(prefix="segway-ecc-cost-") as name:
         program = Path(name) / "native_cost"
         ports = (str(len(model.inputs)), str(len(model.outputs)), str(_STEPS))

@@ -1,8 +1,8 @@
 """What a loaded model is, in one form for every flavour."""
 
-from node.model.model import Model
-from node.native.description import Description, Flavour
-from node.native.library import NativeModel
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.library import NativeModel
 
 
 def describe(model: Model) -> Description:

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from node.model.variables import Variable
+from segway_ecc.node.model.variables import Variable
 
 
 @enum.unique

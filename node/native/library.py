@@ -23,9 +23,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from node.errors import ModelError, UnknownNameError
-from node.model.variables import Variable, Write
-from node.native.description import Description
+from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.native.description import Description
 
 
 @enum.unique
@@ -39,7 +39,7 @@ class Kind(enum.IntEnum):
 
 
 class NativeModel:
-    """A `Model` whose equations are machine code; see `node.model.model.Model`.
+    """A `Model` whose equations are machine code; see `segway_ecc.node.model.model.Model`.
 
     Attributes:
         description: Everything that was found out about it.

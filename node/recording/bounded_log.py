@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from node.errors import RecordingError
-from node.recording.bounds import Bounds, make_room, part
-from node.recording.codec import CYCLE, EVENTS, unpack_diagnostics
-from node.recording.cycle_log import CycleLog
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.bounds import Bounds, make_room, part
+from segway_ecc.node.recording.codec import CYCLE, EVENTS, unpack_diagnostics
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import Provenance
 
 _PARTS: Final = 9999
 

@@ -15,7 +15,7 @@ import struct
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from node.errors import RecordingError
+from segway_ecc.node.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

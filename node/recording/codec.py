@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import (
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import (
     PHASES,
     CycleRecord,
     HardwareAnswer,
@@ -24,14 +24,14 @@ from node.cycle.seams import (
     StampedSetpoint,
     Written,
 )
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Status
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.cycle_message import CycleMessage
-from node.recording.happenings import happenings, texts, to_nobody
-from node.recording.layout import Layout
-from node.safety.modes import Action, Mode
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.cycle_message import CycleMessage
+from segway_ecc.node.recording.happenings import happenings, texts, to_nobody
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.safety.modes import Action, Mode
 
 CYCLE: Final = ord("C")
 EVENTS: Final = ord("E")

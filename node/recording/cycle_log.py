@@ -4,15 +4,15 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from node.cycle.seams import CycleRecord
-from node.cycle.status import Status
-from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
-from node.recording.codec import CycleCodec
-from node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from node.recording.layout import Layout, layout_of
-from node.recording.mcap_log import McapLog
-from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
+from segway_ecc.node.recording.codec import CycleCodec
+from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
+from segway_ecc.node.recording.layout import Layout, layout_of
+from segway_ecc.node.recording.mcap_log import McapLog
+from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
+from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 
 __all__ = ["EVENTS_TOPIC", "LAYOUT_FILE", "CycleLog", "Layout", "layout_of"]
 

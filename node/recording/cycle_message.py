@@ -1,7 +1,7 @@
 """The message on `/cycle`: everything of one cycle that is a number, in one message of one size.
 
 The definition is made from the robot's layout, in the `ros2msg` form of the MCAP format registry; the bytes are plain
-CDR as in `node.recording.cdr`. What is eight bytes wide comes first, so that nothing but the header needs padding.
+CDR as in `segway_ecc.node.recording.cdr`. What is eight bytes wide comes first, so that only the header needs padding.
 """
 
 import struct
@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import PHASES, CycleRecord
-from node.cycle.setpoints import Setpoint
-from node.recording.layout import Layout, field_names
-from node.recording.schemas import definition
-from node.safety.modes import Mode
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import PHASES, CycleRecord
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.recording.layout import Layout, field_names
+from segway_ecc.node.recording.schemas import definition
+from segway_ecc.node.safety.modes import Mode
 
 CYCLE_TOPIC: Final = "/cycle"
 CYCLE_TYPE: Final = "segway_ecc/msg/Cycle"

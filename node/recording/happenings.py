@@ -18,10 +18,10 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Request
-from node.errors import RecordingError
-from node.safety.modes import Action, Answer
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Request
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.safety.modes import Action, Answer
 
 _HINTS: Final = typing.get_type_hints(Inbox)
 _FIELDS: Final = Inbox.__struct_fields__

@@ -4,10 +4,10 @@ from typing import Final
 
 import msgspec
 
-from node.recording.bounds import Bounds
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
-from node.ring import slots_for
+from segway_ecc.node.recording.bounds import Bounds
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.ring import slots_for
 
 _BUSY_NS: Final = 5_000_000_000
 """So long a disk may be busy."""

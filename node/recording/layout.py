@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 if TYPE_CHECKING:  # the process that writes needs no robot
-    from node.robot import Robot
+    from segway_ecc.node.robot import Robot
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,10 +17,10 @@ from typing import IO, TYPE_CHECKING, Final, Self, cast
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.bounds import claim
-from node.recording.schemas import (
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.bounds import claim
+from segway_ecc.node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
     IMU,

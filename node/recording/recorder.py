@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from node.cycle.seams import CycleRecord
-from node.cycle.status import Status
-from node.errors import RecordingError
-from node.helper import end_helper, start_helper, tell_helper
-from node.recording.bounds import Bounds
-from node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_cycle, pack_diagnostics
-from node.recording.job import Job, ring_slots
-from node.recording.layout import Layout
-from node.recording.provenance import NO_PROVENANCE, Provenance
-from node.ring import LARGEST, RingWriter, open_ring
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.helper import end_helper, start_helper, tell_helper
+from segway_ecc.node.recording.bounds import Bounds
+from segway_ecc.node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_cycle, pack_diagnostics
+from segway_ecc.node.recording.job import Job, ring_slots
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
+from segway_ecc.node.ring import LARGEST, RingWriter, open_ring
 
 _CLOSE_S: Final = 10.0
 _logger = logging.getLogger(__name__)
 
 
 class ProcessRecorder:
-    """See `node.cycle.seams.Recorder`.
+    """See `segway_ecc.node.cycle.seams.Recorder`.
 
     Attributes:
         dropped: Messages that were not kept, because the writer did not keep up or is gone.
@@ -51,7 +51,7 @@ class ProcessRecorder:
         memory = open_ring(ring_slots(layout.period_ns, size))
         try:
             self._ring = RingWriter(memory)
-            self._process = start_helper("node.recording.writer", (str(memory),), (memory,))
+            self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
         tell_helper(self._process, Job(str(path), layout, provenance, bounds or Bounds()))

@@ -9,7 +9,7 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 
-from node.errors import RecordingError
+from segway_ecc.node.errors import RecordingError
 
 # What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
 _DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)

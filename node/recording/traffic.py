@@ -9,9 +9,9 @@ from typing import Final, Self
 
 import can
 
-from firmware_io.errors import BusNotFoundError
-from firmware_io.links.can_interfaces import check_socketcan, resolve
-from node.errors import RecordingError
+from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links.can_interfaces import check_socketcan, resolve
+from segway_ecc.node.errors import RecordingError
 
 _WAIT_S: Final = 0.1
 

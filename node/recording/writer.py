@@ -11,12 +11,12 @@ from typing import Final
 
 import msgspec
 
-from node.errors import RecordingError
-from node.recording.bounded_log import BoundedLog
-from node.recording.codec import CycleCodec, Message
-from node.recording.job import Job
-from node.recording.provenance import with_surroundings
-from node.ring import RingReader
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.bounded_log import BoundedLog
+from segway_ecc.node.recording.codec import CycleCodec, Message
+from segway_ecc.node.recording.job import Job
+from segway_ecc.node.recording.provenance import with_surroundings
+from segway_ecc.node.ring import RingReader
 
 _PR_SET_PDEATHSIG: Final = 1
 """From linux/prctl.h."""

@@ -4,8 +4,8 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from node.cycle.seams import CycleRecord
-from node.recording.layout import Layout
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.recording.layout import Layout
 
 
 class Difference(NamedTuple):

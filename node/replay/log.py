@@ -7,17 +7,17 @@ from typing import TypeVar
 
 import msgspec
 
-from node.config import RobotFile
-from node.cycle.seams import CycleRecord
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.bounds import parts
-from node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
-from node.recording.cycle_message import CYCLE_TOPIC, CycleMessage
-from node.recording.happenings import restored
-from node.recording.layout import Layout
-from node.recording.provenance import MODEL, ROBOT_FILE
-from node.recording.salvage import Salvage
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.bounds import parts
+from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
+from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage
+from segway_ecc.node.recording.happenings import restored
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE
+from segway_ecc.node.recording.salvage import Salvage
 
 
 class RecordedRun:

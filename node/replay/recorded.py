@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from firmware_io.errors import ArmingRefusedError, LinkLostError
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, NoStage
-from node.recording.layout import Layout
+from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, NoStage
+from segway_ecc.node.recording.layout import Layout
 
 _NO_LIMIT: Final = float("inf")
 

@@ -8,16 +8,16 @@ from typing import Final
 
 import msgspec
 
-from node.cycle.cycle import Cycle
-from node.cycle.seams import CycleRecord, NoRecorder
-from node.cycle.wiring import wire
-from node.errors import ModelFailedError
-from node.model.load import load_model
-from node.recording.robot_provenance import model_hash
-from node.replay.compare import Difference, differences
-from node.replay.log import RecordedRun
-from node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage
-from node.robot import Robot
+from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.wiring import wire
+from segway_ecc.node.errors import ModelFailedError
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.robot_provenance import model_hash
+from segway_ecc.node.replay.compare import Difference, differences
+from segway_ecc.node.replay.log import RecordedRun
+from segway_ecc.node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage
+from segway_ecc.node.robot import Robot
 
 _BEFORE: Final = 5
 _AFTER: Final = 5

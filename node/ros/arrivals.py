@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable, Collection
 from typing import Final
 
-from node.cycle.seams import Inbox
-from node.errors import ModelError
-from node.ring import RingWriter
-from node.ros.exchanged import Answered, Arrived, Asked, ToLoop, ToWrite, WriteDone, encoder
-from node.ros.stage import RosStage
-from node.ros.untyped import RosObject
-from node.safety.modes import Action, Answer
+from segway_ecc.node.cycle.seams import Inbox
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.ring import RingWriter
+from segway_ecc.node.ros.exchanged import Answered, Arrived, Asked, ToLoop, ToWrite, WriteDone, encoder
+from segway_ecc.node.ros.stage import RosStage
+from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.safety.modes import Action, Answer
 
 _LOOK_AROUND_S: Final = 0.5
 _ANSWER_S: Final = 1.0

@@ -6,17 +6,17 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from node.cycle.clock import NS_PER_S
-from node.cycle.report import MODE_SUFFIX
-from node.cycle.setpoints import REST
-from node.errors import AbandonedError, NobodyListensError, RobotLostError
-from node.ros.graph import Connection, connections
-from node.ros.messages import duration, message_type, set_stamp, stamp_ns
-from node.ros.runtime import discovery_text
-from node.ros.untyped import RosObject
-from node.safety.modes import ACTIVE, Action, Mode
-from node.sequence.manoeuvre import Said
-from node.sequence.player import LEAD_NS, Odometry, Player, Progress
+from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.node.cycle.report import MODE_SUFFIX
+from segway_ecc.node.cycle.setpoints import REST
+from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
+from segway_ecc.node.ros.graph import Connection, connections
+from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stamp_ns
+from segway_ecc.node.ros.runtime import discovery_text
+from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
+from segway_ecc.node.sequence.manoeuvre import Said
+from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, Progress
 
 _DEPTH: Final = 10
 _HEARD_DEPTH: Final = 1000

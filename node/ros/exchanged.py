@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from node.cycle.seams import Heartbeat, Report, SetValue, StampedSetpoint
-from node.cycle.status import Status
-from node.safety.modes import Action, Answer
+from segway_ecc.node.cycle.seams import Heartbeat, Report, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.safety.modes import Action, Answer
 
 
 @enum.unique
@@ -42,7 +42,7 @@ class Asked(NamedTuple):
 
 
 class Arrived(NamedTuple):
-    """What arrived from outside; see `node.cycle.seams.Inbox`."""
+    """What arrived from outside; see `segway_ecc.node.cycle.seams.Inbox`."""
 
     setpoints: list[StampedSetpoint]
     values: list[SetValue]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from node.ros.untyped import RosObject
+from segway_ecc.node.ros.untyped import RosObject
 
 _ROS_OWN: Final = ("/rosout", "/parameter_events")
 

@@ -4,8 +4,8 @@ from typing import Final
 
 import msgspec
 
-from node.model.variables import Variable
-from node.ros.section import RosSection
+from segway_ecc.node.config import RosSection
+from segway_ecc.node.model.variables import Variable
 
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""

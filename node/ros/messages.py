@@ -4,8 +4,8 @@ import importlib
 from collections.abc import Sequence
 from typing import Final
 
-from node.cycle.status import Status
-from node.ros.untyped import RosObject
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.ros.untyped import RosObject
 
 NS_PER_S: Final = 1_000_000_000
 

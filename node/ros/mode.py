@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from node.cycle.report import MODE_LEVELS, MODE_SUFFIX
-from node.cycle.seams import Report
-from node.cycle.status import Level
-from node.ros.messages import message_type
-from node.ros.publishers import Topic
-from node.ros.untyped import RosObject
+from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.status import Level
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.publishers import Topic
+from segway_ecc.node.ros.untyped import RosObject
 
 _DEPTH: Final = 10
 _PERIOD_NS: Final = 100_000_000

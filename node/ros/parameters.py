@@ -4,10 +4,10 @@ import importlib
 import re
 from collections.abc import Callable, Collection, Sequence
 
-from node.errors import ModelError
-from node.model.variables import Variable, Write
-from node.ros.messages import message_type
-from node.ros.untyped import RosObject
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.untyped import RosObject
 
 _EFFECT = {
     Write.NOW: "a write takes effect at the next step",

@@ -1,7 +1,7 @@
-"""`python -m node.ros.process`: the process that speaks ROS for a loop. What it is to do comes through standard input.
+"""The process that runs ROS for a loop. What it is to do comes through standard input.
 
 One thread publishes what the loop hands over, another waits in DDS for what arrives. Neither side waits for the other:
-what lies between them is memory (`node.ring`).
+what lies between them is memory (`segway_ecc.node.ring`).
 """
 
 import contextlib
@@ -14,13 +14,13 @@ from typing import Final
 
 import msgspec
 
-from node.cycle.real_time import HELPERS_PRIORITY, SWITCH_INTERVAL_S, helping_threads, real_time_priority
-from node.cycle.status import Status
-from node.errors import RosUnavailableError
-from node.logs import messages
-from node.ring import RingReader, RingWriter
-from node.ros.arrivals import Arrivals, Waiting
-from node.ros.exchanged import (
+from segway_ecc.node.cycle.real_time import HELPERS_PRIORITY, SWITCH_INTERVAL_S, helping_threads, real_time_priority
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import RosUnavailableError
+from segway_ecc.node.logs import messages
+from segway_ecc.node.ring import RingReader, RingWriter
+from segway_ecc.node.ros.arrivals import Arrivals, Waiting
+from segway_ecc.node.ros.exchanged import (
     FromLoop,
     decode_answered,
     decode_report,
@@ -28,9 +28,9 @@ from node.ros.exchanged import (
     decode_status,
     decode_write_done,
 )
-from node.ros.job import Job
-from node.ros.runtime import preload, ros_node
-from node.ros.stage import RosStage
+from segway_ecc.node.ros.job import Job
+from segway_ecc.node.ros.runtime import preload, ros_node
+from segway_ecc.node.ros.stage import RosStage
 
 _AFTER_NS: Final = 200_000
 """From the time a report bears to where it is looked for: the loop hands it over within that."""

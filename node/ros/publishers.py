@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from node.cycle.seams import Report
-from node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
-from node.ros.messages import NS_PER_S, message_type, set_stamp
-from node.ros.section import RosSection
-from node.ros.template import STAMP, Template
-from node.ros.untyped import RosObject
+from segway_ecc.node.config import RosSection
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
+from segway_ecc.node.ros.messages import NS_PER_S, message_type, set_stamp
+from segway_ecc.node.ros.template import STAMP, Template
+from segway_ecc.node.ros.untyped import RosObject
 
 _DEPTH: Final = 10
 AHEAD_DEPTH: Final = 500

@@ -11,16 +11,24 @@ from typing import Final
 
 import msgspec
 
-from node.cycle.seams import Inbox, Report, Request, Written
-from node.cycle.status import Status
-from node.errors import ModelError, RosUnavailableError
-from node.helper import end_helper, start_helper, tell_helper
-from node.model.model import Model
-from node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
-from node.robot import Robot
-from node.ros.exchanged import FromLoop, ToLoop, ToWrite, decode_arrived, decode_heard, decode_to_write, encoder
-from node.ros.job import Job
-from node.safety.modes import ACTIVE, Answer
+from segway_ecc.node.cycle.seams import Inbox, Report, Request, Written
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import ModelError, RosUnavailableError
+from segway_ecc.node.helper import end_helper, start_helper, tell_helper
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
+from segway_ecc.node.robot import Robot
+from segway_ecc.node.ros.exchanged import (
+    FromLoop,
+    ToLoop,
+    ToWrite,
+    decode_arrived,
+    decode_heard,
+    decode_to_write,
+    encoder,
+)
+from segway_ecc.node.ros.job import Job
+from segway_ecc.node.safety.modes import ACTIVE, Answer
 
 _REPORTS: Final = 64
 """Cycles that the process may fall behind."""
@@ -45,7 +53,7 @@ class Speaker:
         """Start it."""
         self.reports, self.inboxes = open_ring(), open_ring()
         self._descriptors: tuple[int, ...] = self.reports, self.inboxes
-        self._process = start_helper("node.ros.process", (), self._descriptors, subprocess.PIPE)
+        self._process = start_helper("segway_ecc.node.ros.process", (), self._descriptors, subprocess.PIPE)
         self.pid = self._process.pid
 
     def tell(self, job: Job) -> None:
@@ -81,7 +89,7 @@ class Speaker:
 
 
 class RemoteStage:
-    """See `node.cycle.seams.Stage`. In each cycle it reads and writes memory, and makes no system call.
+    """See `segway_ecc.node.cycle.seams.Stage`. In each cycle it reads and writes memory, and makes no system call.
 
     Where the process has ended, the robot goes on without it while it is armed, as it does without a network, and the
     loop ends as soon as it is not, so that a service manager may start it anew.

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from node.errors import RosUnavailableError
-from node.ros.transports import udp_only
-from node.ros.untyped import RosObject
+from segway_ecc.node.errors import RosUnavailableError
+from segway_ecc.node.ros.transports import udp_only
+from segway_ecc.node.ros.untyped import RosObject
 
 _MODULES: Final = (
     "rclpy.node",

@@ -5,17 +5,23 @@ from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Final
 
-from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Status
-from node.ros.graph import mismatch
-from node.ros.job import Job
-from node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
-from node.ros.mode import make_mode_publisher
-from node.ros.parameters import ModelParameters
-from node.ros.publishers import AHEAD_DEPTH, Topic, make_publishers, make_scalar_publishers, make_setpoint_publisher
-from node.ros.untyped import RosObject
-from node.safety.modes import Action, Answer
+from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.ros.graph import mismatch
+from segway_ecc.node.ros.job import Job
+from segway_ecc.node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
+from segway_ecc.node.ros.mode import make_mode_publisher
+from segway_ecc.node.ros.parameters import ModelParameters
+from segway_ecc.node.ros.publishers import (
+    AHEAD_DEPTH,
+    Topic,
+    make_publishers,
+    make_scalar_publishers,
+    make_setpoint_publisher,
+)
+from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.safety.modes import Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100
 """Messages taken from one topic at once at most, so that a flood holds up none of the others."""

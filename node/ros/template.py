@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable
 from typing import Final
 
-from node.ros.untyped import RosObject
+from segway_ecc.node.ros.untyped import RosObject
 
 STAMP: Final = (("header.stamp.sec", "i"), ("header.stamp.nanosec", "I"))
 """The fields of a stamp: seconds, nanoseconds."""

@@ -1,6 +1,6 @@
 """Single values beyond what they may be."""
 
-from node.safety.check import Check, Signal, View
+from segway_ecc.node.safety.check import Check, Signal, View
 
 
 class Bounds(Check):

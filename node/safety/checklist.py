@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from firmware_io.value import Value
-from node.safety.settings import ChecklistSettings, SupplyWindow
+from segway_ecc.firmware_io.value import Value
+from segway_ecc.node.safety.settings import ChecklistSettings, SupplyWindow
 
 
 class Measured(Value, frozen=True):

@@ -3,8 +3,8 @@
 from collections import deque
 from typing import Final
 
-from node.safety.check import periods_in
-from node.safety.settings import LateCyclesLimit
+from segway_ecc.node.safety.check import periods_in
+from segway_ecc.node.safety.settings import LateCyclesLimit
 
 LATE_FRACTION: Final = 0.5
 """A cycle that starts later than this fraction of a period has missed its deadline."""

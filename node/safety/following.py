@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from node.safety.check import Check, View, periods_in
-from node.safety.settings import FollowingErrorSettings
+from segway_ecc.node.safety.check import Check, View, periods_in
+from segway_ecc.node.safety.settings import FollowingErrorSettings
 
 
 class FollowingError(Check):

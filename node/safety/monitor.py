@@ -3,16 +3,16 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from node.errors import ConfigurationError
-from node.safety.bounds import Bounds
-from node.safety.check import Check, Signal, View, periods_in
-from node.safety.checklist import Item, Measured, run_checklist
-from node.safety.deadlines import DeadlineWatch
-from node.safety.following import FollowingError
-from node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
-from node.safety.rate import RateMeter, StillWatch
-from node.safety.settings import SafetySettings
-from node.safety.tilt import TiltWatch, imu_vectors
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.safety.bounds import Bounds
+from segway_ecc.node.safety.check import Check, Signal, View, periods_in
+from segway_ecc.node.safety.checklist import Item, Measured, run_checklist
+from segway_ecc.node.safety.deadlines import DeadlineWatch
+from segway_ecc.node.safety.following import FollowingError
+from segway_ecc.node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.rate import RateMeter, StillWatch
+from segway_ecc.node.safety.settings import SafetySettings
+from segway_ecc.node.safety.tilt import TiltWatch, imu_vectors
 
 _SIDES: Final = ("left", "right")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")

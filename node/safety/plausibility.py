@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final
 
-from node.safety.check import Check, Signal, View, periods_in
-from node.safety.settings import VelocityConsistency, YawConsistency
+from segway_ecc.node.safety.check import Check, Signal, View, periods_in
+from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
 
 MOVING: Final = 0.5
 """A wheel that turns faster than this moves, rad/s: an encoder of 128 counts shows it within 0.1 s."""

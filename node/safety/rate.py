@@ -4,7 +4,7 @@ from collections import deque
 from math import hypot
 from typing import Final
 
-from node.safety.tilt import GRAVITY, Vector
+from segway_ecc.node.safety.tilt import GRAVITY, Vector
 
 _NS_PER_S: Final = 1_000_000_000
 WINDOW_S: Final = 1.0

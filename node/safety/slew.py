@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from node.safety.limits import limit
+from segway_ecc.node.safety.limits import limit
 
 
 def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> tuple[float, ...]:

@@ -3,8 +3,8 @@
 import enum
 from collections.abc import Sequence
 
-from node.errors import UnknownNameError
-from node.safety.settings import StationSettings
+from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.safety.settings import StationSettings
 
 
 @enum.unique

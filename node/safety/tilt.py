@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import atan2, hypot, inf
 from typing import Final
 
-from node.safety.check import Check, View
+from segway_ecc.node.safety.check import Check, View
 
 GRAVITY: Final = 9.80665
 """Standard gravity, m/s2."""

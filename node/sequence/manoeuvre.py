@@ -7,10 +7,10 @@ from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
-from node.cycle.clock import NS_PER_S
-from node.cycle.setpoints import REST, Setpoint
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
 RENEW_NS: Final = 100_000_000
 """A set-point that stays the same is said again this often, well within a robot's time-out."""

@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from node.cycle.setpoints import REST
-from node.sequence.manoeuvre import Manoeuvre, Said, schedule
+from segway_ecc.node.cycle.setpoints import REST
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, schedule
 
 LEAD_NS: Final = 500_000_000
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from node.cycle.clock import Clock
-from node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
-from node.cycle.wiring import ODOMETRY_SIGNALS
-from node.safety.modes import ACTIVE
-from node.sequence.player import Odometry, Player, Progress
+from segway_ecc.node.cycle.clock import Clock
+from segway_ecc.node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS
+from segway_ecc.node.safety.modes import ACTIVE
+from segway_ecc.node.sequence.player import Odometry, Player, Progress
 
 
 class ManoeuvreStage(NoStage):

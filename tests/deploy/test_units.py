@@ -1,8 +1,6 @@
 """The units as systemd itself reads them, and what they must say."""
 
-import argparse
 import configparser
-import importlib
 import re
 import shutil
 import subprocess
@@ -10,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+
+from segway_ecc.node.cli.main import command_line, find_verbs
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((DEPLOY / "systemd").glob("*.service")) + sorted((DEPLOY / "systemd").glob("*.target"))
@@ -157,10 +157,7 @@ def test_the_command_line_of_a_service_is_one_that_the_command_takes(name: str) 
     variables = dict(re.findall(r'"(\w+_OPTIONS)=([^"]*)"', "\n".join(service["Environment"])))
     words: Sequence[str] = service["ExecStart"][0].split()[1:]
     words = [part for word in words for part in (variables[word[1:]].split() if word.startswith("$") else [word])]
-    parser = argparse.ArgumentParser()
-    verb = importlib.import_module(f"node.cli.{ {'node': 'run', 'station': 'supervise'}.get(name, name) }")
-    verb.add_arguments(parser)
-    options = parser.parse_args(words[1:])
+    options = command_line(find_verbs(), words).parse_args(words)
     if name in ("node", "guard"):
         assert (options.interface, options.channel) == ("socketcan", "can0")
     if name != "station":

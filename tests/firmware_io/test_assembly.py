@@ -2,12 +2,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 import pytest
 
-from firmware_io.assembly import Assembly
-from firmware_io.devices import FrameKey, Readings
-from firmware_io.errors import ArmingRefusedError, LinkLostError
-from firmware_io.hardware import Hardware, NoHardware
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
-from firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.devices import FrameKey, Readings
+from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
+from segway_ecc.firmware_io.hardware import Hardware, NoHardware
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 
 MS = 1_000_000
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_io.build import (
+from segway_ecc.firmware_io.build import (
     Clocks,
     HardwareSettings,
     can_link,
@@ -12,14 +12,14 @@ from firmware_io.build import (
     takes_serial,
     with_port,
 )
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import Port
-from firmware_io.settings import CanSettings, SerialSettings
-from hil.simulated_bus import SimulatedBus
-from hil.simulated_serial import SimulatedSerial
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
 CAN = CanSettings(interface="virtual", channel="bench", bitrate=250_000)
 SERIAL = SerialSettings(port="/dev/bench", baudrate=115_200, lost_after_s=0.03, dwell_s=2.0)

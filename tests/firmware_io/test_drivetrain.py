@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drivetrain import TURN, Drivetrain, WrappedCounter
+from segway_ecc.firmware_io.drivetrain import TURN, Drivetrain, WrappedCounter
 
 RATIOS = st.floats(0.01, 1_000.0)
 DIRECTIONS = st.sampled_from([1, -1])

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.integrity import CounterCheck, crc16_xmodem, frame_crc
+from segway_ecc.firmware_io.integrity import CounterCheck, crc16_xmodem, frame_crc
 
 Crc = Callable[[bytes], int]
 

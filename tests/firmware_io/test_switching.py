@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
+from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
 
 MS = 1_000_000
 START = 1_000 * MS

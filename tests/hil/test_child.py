@@ -13,12 +13,12 @@ PATIENCE_S = 30.0
 PARENT = """
 import sys, time
 from pathlib import Path
-from hil.processes import Command
+from segway_ecc.hil.processes import Command
 started = Command(["run", "cart", "--no-ros", "--no-log"], Path(sys.argv[1]), {})
 print(started.process.pid, flush=True)
 time.sleep(600)
 """
-CHILD = [sys.executable, "-m", "hil.child"]
+CHILD = [sys.executable, "-P", "-m", "segway_ecc.hil.child"]
 
 
 def lives(pid: int) -> bool:
@@ -60,13 +60,13 @@ def test_a_command_ends_with_a_parent_that_is_killed(tmp_path: Path, *, is_stopp
 
 def test_a_child_whose_parent_has_ended_before_it_asked_ends_at_once() -> None:
     # Of another parent than it is told, as one that was handed on.
-    found = subprocess.run([*CHILD, "1", "node.cli.main", "--version"], capture_output=True, check=False)
+    found = subprocess.run([*CHILD, "1", "segway_ecc.node.cli.main", "--version"], capture_output=True, check=False)
 
     assert (found.returncode, found.stdout) == (-signal.SIGKILL, b"")
 
 
 def test_the_module_sees_its_arguments_and_runs_as_main() -> None:
-    words = [str(os.getpid()), "node.cli.main", "run", "no such robot"]
+    words = [str(os.getpid()), "segway_ecc.node.cli.main", "run", "no such robot"]
     found = subprocess.run([*CHILD, *words], capture_output=True, check=False, text=True)
 
     assert found.returncode == 2

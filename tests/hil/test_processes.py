@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hil import processes
-from hil.processes import ProcessFailedError, command
-from node.config import packaged_robots
+from segway_ecc.hil import processes
+from segway_ecc.hil.processes import ProcessFailedError, command
+from segway_ecc.node.config import packaged_robots
 
 RUNS_FOR_EVER = ("run", "cart", "--no-ros", "--no-log", "--json")
 ENDS_WITHIN_S = 30.0
@@ -147,6 +147,6 @@ def test_a_command_that_does_not_listen_cannot_be_asked(tmp_path: Path) -> None:
 
 def test_another_module_can_stand_around_our_command(tmp_path: Path) -> None:
     words = [*RUNS_FOR_EVER, "--duration", "0.05"]
-    with command(words, tmp_path / "messages.txt", module="node.drill.stepped_clock") as started:
+    with command(words, tmp_path / "messages.txt", module="segway_ecc.hil.drill.stepped_clock") as started:
         assert started.result(ENDS_WITHIN_S)["cycles"] == 5
-        assert "node.drill.stepped_clock" in started.process.args  # type: ignore[operator]  # it is a list
+        assert "segway_ecc.hil.drill.stepped_clock" in started.process.args  # type: ignore[operator]  # it is a list

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from firmware_io.links.serial_link import Port
-from hil.pseudo_terminal import PtyPort
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.hil.pseudo_terminal import PtyPort
 
 ALL_BYTES = bytes(range(256))
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from hil.kernels.guest import GuestResult
+from segway_ecc.hil.kernels.guest import GuestResult
 
 ROOT = Path(__file__).parents[2]
 # The files in these folders need the CAN of a guest: test_in_guest.py and test_in_rt_guest.py run them there, and set
@@ -61,7 +61,7 @@ def check_in_guest(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path, 
         results = tmp_path_factory.mktemp(folder.name)
         report = results / "report.xml"
         options = [f"--junitxml={report}", "--continue-on-collection-errors", "-p", "no:cacheprovider"]
-        command = [sys.executable, "-m", "pytest", str(folder), *options, "--basetemp=/run/pytest"]
+        command = [sys.executable, "-P", "-m", "pytest", str(folder), *options, "--basetemp=/run/pytest"]
         outcome = run(command, {IN_GUEST: "1"}, results)
         assert report.exists(), f"pytest in the guest wrote no report (status {outcome.exit_status}):\n{outcome.output}"
         cases = ET.parse(report).iter("testcase")  # noqa: S314 - our own pytest wrote it a moment ago

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.kernels.guest import GuestResult, to_stdout
-from hil.kernels.qemu import run_in_guest
+from segway_ecc.hil.kernels.guest import GuestResult, to_stdout
+from segway_ecc.hil.kernels.qemu import run_in_guest
 
 ROOT = Path(__file__).parents[2]
 GUEST = Path("tests/kernel/rt_guest")

@@ -3,8 +3,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from node.config import (
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.node.config import (
     ModelSection,
     NoHardwareSection,
     RobotFile,
@@ -13,14 +13,14 @@ from node.config import (
     packaged_robots,
     read_text,
 )
-from node.documents import decode_yaml
-from node.errors import ConfigurationError, UnknownNameError
-from node.robot import build_robot
-from node.safety.settings import StationSettings
-from node.testing import ScriptedClock
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError, UnknownNameError
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.safety.settings import StationSettings
+from segway_ecc.testing import ScriptedClock
 
 PACKAGED = "the packaged robots are cart, cart-can, cart-cia402, cart-odrive, cart-vesc, segway, segway-odrive"
-BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
+BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring: {}\n"
 
 
 def refusal(text: str) -> str:
@@ -62,7 +62,7 @@ def test_a_robot_that_would_sit_down_by_what_it_does_not_have_is_not_built() -> 
 
 def test_what_a_file_leaves_out_has_its_default() -> None:
     file = decode_yaml(BASE, RobotFile, "robot.yaml")
-    assert file.model == ModelSection(source="node.models.cart:Cart", parameters={})
+    assert file.model == ModelSection(source="segway_ecc.node.models.cart:Cart", parameters={})
     assert (file.hardware, file.arming, file.actuate) == (NoHardwareSection(), "on_request", "next_cycle")
     assert file.setpoint == SetpointSection(timeout_s=0.5, stamp_tolerance_s=0.1, horizon_s=30.0)
     assert file.simulation is None

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from node.logs import messages, messages_to
+from segway_ecc.node.logs import messages, messages_to
 
 
 def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -16,7 +16,7 @@ def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 def test_notices_and_warnings_go_to_standard_error_in_order_under_our_name(capsys: pytest.CaptureFixture[str]) -> None:
     with messages():
-        logging.getLogger("node.anything").info("robot '%s' runs", "cart")
+        logging.getLogger("segway_ecc.node.anything").info("robot '%s' runs", "cart")
         logging.getLogger("elsewhere").warning("it is warm")
 
     assert lines(capsys) == ["segway-ecc: robot 'cart' runs", "segway-ecc: it is warm"]
@@ -24,7 +24,7 @@ def test_notices_and_warnings_go_to_standard_error_in_order_under_our_name(capsy
 
 def test_details_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     with messages():
-        logging.getLogger("node.anything").debug("a detail")
+        logging.getLogger("segway_ecc.node.anything").debug("a detail")
 
     assert lines(capsys) == []
 
@@ -40,7 +40,7 @@ def test_python_can_only_tells_errors(capsys: pytest.CaptureFixture[str]) -> Non
 def test_everything_said_is_written_by_the_time_the_context_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     with messages():
         for number in range(1000):
-            logging.getLogger("node").info("%d", number)
+            logging.getLogger("segway_ecc.node").info("%d", number)
 
     assert lines(capsys) == [f"segway-ecc: {number}" for number in range(1000)]
 
@@ -48,7 +48,7 @@ def test_everything_said_is_written_by_the_time_the_context_is_left(capsys: pyte
 def test_an_error_on_the_way_out_loses_no_message(capsys: pytest.CaptureFixture[str]) -> None:
     def fail() -> None:
         with messages():
-            logging.getLogger("node").info("just before")
+            logging.getLogger("segway_ecc.node").info("just before")
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -71,7 +71,7 @@ def test_the_root_logger_is_left_as_it_was(caplog: pytest.LogCaptureFixture) -> 
 def test_contexts_can_follow_one_another(capsys: pytest.CaptureFixture[str]) -> None:
     for number in range(2):
         with messages():
-            logging.getLogger("node").info("%d", number)
+            logging.getLogger("segway_ecc.node").info("%d", number)
 
     assert lines(capsys) == ["segway-ecc: 0", "segway-ecc: 1"]
 
@@ -93,11 +93,11 @@ def test_a_terminal_that_takes_nothing_does_not_hold_up_who_speaks(monkeypatch: 
     terminal = Stuck()
     monkeypatch.setattr(sys, "stderr", terminal)
     with messages():
-        logging.getLogger("node").warning("first")
+        logging.getLogger("segway_ecc.node").warning("first")
         assert terminal.reached.wait(60.0)
         # Were the messages written here, this would not come back.
         for number in range(100):
-            logging.getLogger("node").warning("%d", number)
+            logging.getLogger("segway_ecc.node").warning("%d", number)
         terminal.let_go.set()
 
     assert terminal.getvalue().splitlines() == ["segway-ecc: first", *(f"segway-ecc: {n}" for n in range(100))]
@@ -118,10 +118,10 @@ def test_messages_can_go_elsewhere(capsys: pytest.CaptureFixture[str]) -> None:
     kept, root = Kept(), logging.getLogger()
     before = (root.level, list(root.handlers))
     with messages_to(kept):
-        logging.getLogger("node").debug("a detail")
-        logging.getLogger("node").info("it is %s", "warm")
+        logging.getLogger("segway_ecc.node").debug("a detail")
+        logging.getLogger("segway_ecc.node").info("it is %s", "warm")
         logging.getLogger("can.interfaces").warning("something python-can finds remarkable")
-    logging.getLogger("node").warning("too late")
+    logging.getLogger("segway_ecc.node").warning("too late")
 
     assert kept.said == ["it is warm"]
     assert lines(capsys) == []

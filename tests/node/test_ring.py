@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.ring import CONTINUED, FREE, LARGEST, SLOT_BYTES, RingReader, RingWriter, open_ring, slots_for
+from segway_ecc.node.ring import CONTINUED, FREE, LARGEST, SLOT_BYTES, RingReader, RingWriter, open_ring, slots_for
 
 KIND = ord("C")
 SLOTS = 64
@@ -209,7 +209,7 @@ def test_the_memory_outlives_a_process_that_put_messages_into_it_and_was_killed(
     memory: int, reader: RingReader
 ) -> None:
     program = (
-        "import os, sys\nfrom node.ring import RingWriter\nring = RingWriter(int(sys.argv[1]))\n"
+        "import os, sys\nfrom segway_ecc.node.ring import RingWriter\nring = RingWriter(int(sys.argv[1]))\n"
         "assert all([ring.put(67, b'message %d' % n) for n in range(9)])\nos.kill(os.getpid(), 9)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program, str(memory)], pass_fds=(memory,), check=False)

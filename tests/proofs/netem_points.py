@@ -91,7 +91,7 @@ def main(file: Path) -> None:
         *inside("robot"),
         sys.executable,
         "-m",
-        "node.cli.main",
+        "segway_ecc.node.cli.main",
         "run",
         "cart",
         "--ros",

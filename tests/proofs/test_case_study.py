@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from node.case_study.can import RealTimeCanSeat
-from node.case_study.conduct import conduct
-from node.case_study.offline import OfflineSeat
-from node.case_study.ros import RosSeat
-from node.case_study.seats import SeatRunner
-from node.case_study.study import Seat, Study, worst_difference
+from segway_ecc.hil.case_study.can import RealTimeCanSeat
+from segway_ecc.hil.case_study.conduct import conduct
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.ros import RosSeat
+from segway_ecc.hil.case_study.seats import SeatRunner
+from segway_ecc.hil.case_study.study import Seat, Study, worst_difference
 
 pytestmark = pytest.mark.proof
 RUNS = 10
@@ -42,7 +42,7 @@ def test_can_in_real_time_is_close_to_the_thesis(tmp_path: Path) -> None:
 
 
 def test_every_cycle_of_ten_minutes_is_accounted_for(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "node.cli.main", "run", "cart", "--duration", "600", "--json"]
+    command = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "run", "cart", "--duration", "600", "--json"]
     output = subprocess.run([*command, "--log", str(tmp_path / "log.mcap")], stdout=subprocess.PIPE, check=True).stdout
     result: dict[str, Any] = json.loads(output)
     timing = result["diagnostics"]["cart: timing"]

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from hil.kernels.guest import to_stdout
-from hil.kernels.qemu import run_in_guest
+from segway_ecc.hil.kernels.guest import to_stdout
+from segway_ecc.hil.kernels.qemu import run_in_guest
 
 pytestmark = [pytest.mark.proof, pytest.mark.rt_kernel, pytest.mark.ros, pytest.mark.timeout(900)]
 

@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple
 import aiohttp
 import pytest
 
-from hil.processes import command
-from tests.node.supervisor.whole_stack import Stack, ros_of_our_own
+from segway_ecc.hil.processes import command
+from tests.deploy.station.whole_stack import Stack, ros_of_our_own
 
 pytestmark = [pytest.mark.proof, pytest.mark.ros, pytest.mark.timeout(900)]
 
@@ -29,8 +29,8 @@ ROUNDS: Final = 3
 LOOKS_S: Final = 40.0
 RUNS_S: Final = 30.0
 TESTS: Final = Path(__file__).parents[1]
-VIEWER: Final = TESTS / "node" / "supervisor" / "web" / "viewers.py"
-FAKE_ROBOT: Final = TESTS / "node" / "supervisor" / "fake_robot.py"
+VIEWER: Final = TESTS / "deploy" / "station" / "web" / "viewers.py"
+FAKE_ROBOT: Final = TESTS / "deploy" / "station" / "fake_robot.py"
 COLUMNS: Final = ("p50", "p99", "p999", "max")
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 
@@ -106,7 +106,7 @@ def run_the_real_ones(stack: Stack) -> tuple[list[Mapping[str, Any]], int]:
 
 def phase(stack: Stack, fakes: int, *, viewers: int) -> Phase:
     """Run the real robots with so many viewers, who look from before they start until after they ended."""
-    pids = {"station": stack.pid("supervise"), "fifteen robots that are not real": fakes}
+    pids = {"station": stack.pid("station"), "fifteen robots that are not real": fakes}
     with contextlib.ExitStack() as running:
         looking = None
         if viewers:

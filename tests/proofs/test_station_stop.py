@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import pytest
 
-from tests.node.supervisor.whole_stack import NAMESPACE, Seat, Stack, chromium, ros_of_our_own, seat_at, until
+from tests.deploy.station.whole_stack import NAMESPACE, Seat, Stack, chromium, ros_of_our_own, seat_at, until
 from tests.proofs.delaying_proxy import slow_way_to
 
 if TYPE_CHECKING:

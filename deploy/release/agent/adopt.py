@@ -4,9 +4,9 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import link_whole
-from deploy.release.agent.install import ROBOT_FILE
-from deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.files import link_whole
+from segway_ecc.deploy.release.agent.install import ROBOT_FILE
+from segway_ecc.deploy.release.agent.store import Store
 
 BACKUP: Final = "robot.yaml.before-deploy"
 

@@ -3,7 +3,7 @@
 import time
 from typing import Final
 
-from deploy.release.agent.services import NODE, Service, show
+from segway_ecc.deploy.release.agent.services import NODE, Service, show
 
 _POSTURE: Final = frozenset({"imu_still", "tilt", "wheels_still"})
 """Items of the checklist that tell how the robot stands, not how well its software runs."""

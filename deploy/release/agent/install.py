@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from deploy.release.agent.files import RefusedError, is_safe, sha256_of, sync_folder
-from deploy.release.agent.journal import stamp
-from deploy.release.agent.manifest import FAILED, HEALTHY, NAME, Entry, Manifest, entries_of
-from deploy.release.agent.report import Reporter
-from deploy.release.agent.store import Store
-from deploy.release.agent.surroundings import write_surroundings
+from segway_ecc.deploy.release.agent.files import RefusedError, is_safe, sha256_of, sync_folder
+from segway_ecc.deploy.release.agent.journal import stamp
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, NAME, Entry, Manifest, entries_of
+from segway_ecc.deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.surroundings import write_surroundings
 
 ROBOT_FILE: Final = "robot/robot.yaml"
 _GROWTH: Final = 4

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import sync_folder, write_whole
+from segway_ecc.deploy.release.agent.files import sync_folder, write_whole
 
 PENDING: Final = "transaction.json"
 LAST: Final = "last-transaction.json"

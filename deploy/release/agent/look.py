@@ -10,11 +10,11 @@ import sysconfig
 from pathlib import Path
 from typing import Any
 
-from deploy.release.agent.adopt import is_adopted
-from deploy.release.agent.files import RefusedError, is_locked
-from deploy.release.agent.journal import Journal
-from deploy.release.agent.services import show
-from deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.adopt import is_adopted
+from segway_ecc.deploy.release.agent.files import RefusedError, is_locked
+from segway_ecc.deploy.release.agent.journal import Journal
+from segway_ecc.deploy.release.agent.services import show
+from segway_ecc.deploy.release.agent.store import Store
 
 
 def probe(store: Store, config: Path) -> dict[str, Any]:

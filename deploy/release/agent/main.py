@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from deploy.release.agent.adopt import adopt, is_adopted
-from deploy.release.agent.files import RefusedError, locked, write_whole
-from deploy.release.agent.install import (
+from segway_ecc.deploy.release.agent.adopt import adopt, is_adopted
+from segway_ecc.deploy.release.agent.files import RefusedError, locked, write_whole
+from segway_ecc.deploy.release.agent.install import (
     check_room,
     install,
     is_settled,
@@ -19,13 +19,13 @@ from deploy.release.agent.install import (
     self_test,
     wanted_from,
 )
-from deploy.release.agent.journal import Transaction, stamp
-from deploy.release.agent.look import probe, status
-from deploy.release.agent.manifest import FAILED, Manifest
-from deploy.release.agent.report import Reporter
-from deploy.release.agent.services import NODE, show
-from deploy.release.agent.store import Store
-from deploy.release.agent.update import Rules, Update, detached, settle
+from segway_ecc.deploy.release.agent.journal import Transaction, stamp
+from segway_ecc.deploy.release.agent.look import probe, status
+from segway_ecc.deploy.release.agent.manifest import FAILED, Manifest
+from segway_ecc.deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.services import NODE, show
+from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.update import Rules, Update, detached, settle
 
 REFUSED: Final = 11
 AGENT: Final = "agent.pyz"

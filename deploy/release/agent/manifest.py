@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from deploy.release.agent.files import sha256_of, write_whole
+from segway_ecc.deploy.release.agent.files import sha256_of, write_whole
 
 NAME: Final = "manifest.json"
 NEW: Final = "new"

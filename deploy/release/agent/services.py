@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from deploy.release.agent.files import RefusedError
+from segway_ecc.deploy.release.agent.files import RefusedError
 
 NODE: Final = "segway-ecc-node.service"
 UNITS: Final = (NODE, "segway-ecc-guard.service", "segway-ecc-archive.service")

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import RefusedError, link_whole, sync_folder
-from deploy.release.agent.manifest import HEALTHY, Manifest, differences, read_manifest
+from segway_ecc.deploy.release.agent.files import RefusedError, link_whole, sync_folder
+from segway_ecc.deploy.release.agent.manifest import HEALTHY, Manifest, differences, read_manifest
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,99}")
 _INCOMING: Final = ".incoming-"

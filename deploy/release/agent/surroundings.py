@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Final
 
-from deploy.release.agent.files import write_whole
+from segway_ecc.deploy.release.agent.files import write_whole
 
 NAME: Final = "environment"
 """In a release's folder; the units read it before /etc/segway-ecc/environment."""

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.release.agent import journal as outcomes
-from deploy.release.agent.files import RefusedError
-from deploy.release.agent.health import Trial, watched
-from deploy.release.agent.journal import Journal, Transaction, stamp
-from deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, Manifest
-from deploy.release.agent.report import Reporter
-from deploy.release.agent.services import Service, restart, show
-from deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent import journal as outcomes
+from segway_ecc.deploy.release.agent.files import RefusedError
+from segway_ecc.deploy.release.agent.health import Trial, watched
+from segway_ecc.deploy.release.agent.journal import Journal, Transaction, stamp
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, Manifest
+from segway_ecc.deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.services import Service, restart, show
+from segway_ecc.deploy.release.agent.store import Store
 
 EXIT_CODES: Final = {outcomes.HEALTHY: 0, outcomes.WENT_BACK: 12, outcomes.NO_WAY_BACK: 12}
 

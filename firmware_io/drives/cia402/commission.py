@@ -3,15 +3,15 @@
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from firmware_io.drives.cia402.frames import NmtCommand, Service, pack_nmt
-from firmware_io.drives.cia402.limits import BOOT_WITHIN_NS, SETTLE_NS
-from firmware_io.drives.cia402.network import LinkNetwork
-from firmware_io.drives.cia402.plan import Plan
-from firmware_io.drives.cia402.restoring import Restoring
-from firmware_io.drives.cia402.setup import SetUpError, set_up
-from firmware_io.drives.cia402.wheel import Cia402Wheel
-from firmware_io.errors import LinkLostError
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, Service, pack_nmt
+from segway_ecc.firmware_io.drives.cia402.limits import BOOT_WITHIN_NS, SETTLE_NS
+from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
+from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
+from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
+from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ATTEMPTS: Final = 3
 

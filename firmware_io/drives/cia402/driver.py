@@ -4,15 +4,15 @@ import importlib.util
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
-from firmware_io.drives.cia402.plan import Plan
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.drives.cia402.states import Controlword
-from firmware_io.drives.cia402.wheel import Cia402Wheel
-from firmware_io.drives.enabling import Enabling, Phase
-from firmware_io.errors import HardwareError
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
+from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.states import Controlword
+from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
+from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.errors import HardwareError
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _SYNC: Final = Frame(Service.SYNC, b"")
 
@@ -77,7 +77,7 @@ class Cia402Pair:
 
         A drive that cannot be set up speaks against arming from then on.
         """
-        from firmware_io.drives.cia402.commission import commission  # noqa: PLC0415 - needs an optional library
+        from segway_ecc.firmware_io.drives.cia402.commission import commission  # noqa: PLC0415 - needs an optional library
 
         commission(self._link, self._wheels, self._plans, self._now_ns, self._sleep_until_ns)
 

@@ -8,7 +8,7 @@ import enum
 import struct
 from typing import Final, NamedTuple, Self
 
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 PERMILLE: Final = 0.001
 """Step of 0x6071 and 0x6077, in parts of the rated torque."""

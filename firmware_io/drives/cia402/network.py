@@ -8,11 +8,11 @@ from typing import Final
 import canopen
 from canopen.sdo.client import SdoClient
 
-from firmware_io.drives.cia402.frames import NmtState, Service, unpack_heartbeat
-from firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS
-from firmware_io.drives.cia402.restoring import Exchange
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.drives.cia402.frames import NmtState, Service, unpack_heartbeat
+from segway_ecc.firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS
+from segway_ecc.firmware_io.drives.cia402.restoring import Exchange
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _PUMP_NS: Final = 1_000_000
 _SDO_LENGTH: Final = 8

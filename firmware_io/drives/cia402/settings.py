@@ -4,7 +4,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
 
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 Units = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]

@@ -6,18 +6,25 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from canopen.pdo import PdoMap
 
-from firmware_io.drives.cia402.dictionary import object_dictionary
-from firmware_io.drives.cia402.frames import MAX_TORQUE_SHARE, PDOS, MappedObject, NmtCommand, Service, pack_nmt
-from firmware_io.drives.cia402.limits import (
+from segway_ecc.firmware_io.drives.cia402.dictionary import object_dictionary
+from segway_ecc.firmware_io.drives.cia402.frames import (
+    MAX_TORQUE_SHARE,
+    PDOS,
+    MappedObject,
+    NmtCommand,
+    Service,
+    pack_nmt,
+)
+from segway_ecc.firmware_io.drives.cia402.limits import (
     ANSWER_WITHIN_NS,
     HEARTBEAT_PERIOD_MS,
     MAX_SYNCS,
     SUPPLY_PERIOD_US,
     WATCHDOG_ALLOWED_MS,
 )
-from firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
-from firmware_io.drives.cia402.plan import Plan
-from firmware_io.errors import HardwareError
+from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
+from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.errors import HardwareError
 
 CYCLIC_SYNCHRONOUS_TORQUE: Final = 10
 PROFILE: Final = 402

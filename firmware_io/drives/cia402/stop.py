@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.drives.cia402.frames import Command, Service, Status
-from firmware_io.drives.cia402.settings import Cia402Settings
-from firmware_io.drives.cia402.states import Controlword, DriveState, state_of
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.cia402.frames import Command, Service, Status
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.cia402.states import Controlword, DriveState, state_of
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
 
 _LENGTH: Final = 4
 _DISABLE: Final = Command(Controlword.DISABLE_VOLTAGE, 0.0).pack()

@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from firmware_io.devices import Readings
-from firmware_io.drives.cia402.frames import (
+from segway_ecc.firmware_io.devices import Readings
+from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
     Command,
     Emergency,
@@ -17,15 +17,21 @@ from firmware_io.drives.cia402.frames import (
     unpack_supply,
     unpack_velocity,
 )
-from firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
-from firmware_io.drives.cia402.restoring import Restoring
-from firmware_io.drives.cia402.settings import Cia402WheelSettings
-from firmware_io.drives.cia402.states import WITHOUT_TORQUE, Controlword, DriveState, state_of, step_towards_operation
-from firmware_io.drives.off_word import OffWord
-from firmware_io.drivetrain import TURN, WrappedCounter
-from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
+from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.states import (
+    WITHOUT_TORQUE,
+    Controlword,
+    DriveState,
+    state_of,
+    step_towards_operation,
+)
+from segway_ecc.firmware_io.drives.off_word import OffWord
+from segway_ecc.firmware_io.drivetrain import TURN, WrappedCounter
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 _HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
 _POSITION_BITS: Final = 32

@@ -4,16 +4,16 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_io.devices import Readings
-from firmware_io.drives.enabling import Enabling, Phase
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
-from firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, encode, request
-from firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
-from firmware_io.drives.odrive.listener import AxisListener
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.off_word import OffWord
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.devices import Readings
+from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, encode, request
+from segway_ecc.firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
+from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.off_word import OffWord
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ZERO = c.SetInputTorque(0.0)
 _TORQUE_MODE = c.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)

@@ -6,7 +6,7 @@ Sources: `Axis.Error` of the ODrive v3 firmware 0.5.6; the value table of Axis_E
 from collections.abc import Mapping
 from typing import Final
 
-from firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 
 AXIS_ERRORS: Final[Mapping[Firmware, Mapping[int, str]]] = {
     Firmware.V0_5: {

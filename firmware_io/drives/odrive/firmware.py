@@ -1,8 +1,8 @@
 """Which firmware a drive has: what the robot file says, or what it answers when asked."""
 
-from firmware_io.drives.odrive.frames import Firmware
-from firmware_io.drives.odrive.limits import ANSWERS_WITHIN_NS, ASK_EVERY_NS
-from firmware_io.drives.odrive.telemetry import Version
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.limits import ANSWERS_WITHIN_NS, ASK_EVERY_NS
+from segway_ecc.firmware_io.drives.odrive.telemetry import Version
 
 _FIRST_THAT_ANSWERS = (0, 6)
 

@@ -10,10 +10,10 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive import telemetry as t
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 COMMANDS: Final = 32
 """Commands that an identifier can carry."""

@@ -5,12 +5,12 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from firmware_io.drives.odrive import telemetry as t
-from firmware_io.drives.odrive.commands import AxisState
-from firmware_io.drives.odrive.errors import WATCHDOG, error_names
-from firmware_io.drives.odrive.firmware import FirmwareSearch
-from firmware_io.drives.odrive.frames import (
+from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drives.odrive.commands import AxisState
+from segway_ecc.firmware_io.drives.odrive.errors import WATCHDOG, error_names
+from segway_ecc.firmware_io.drives.odrive.firmware import FirmwareSearch
+from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
     ESTIMATES,
     HEARTBEAT,
@@ -20,12 +20,12 @@ from firmware_io.drives.odrive.frames import (
     arbitration_id,
     decode,
 )
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.odrive.watchdog import WatchdogProof
-from firmware_io.drivetrain import TURN
-from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.odrive.watchdog import WatchdogProof
+from segway_ecc.firmware_io.drivetrain import TURN
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 _TOLD_IN_HEALTH: Final[Mapping[type[Message], str]] = {
     t.BusVoltageCurrent: "bus",

@@ -18,13 +18,13 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.odrive.telemetry import BusVoltageCurrent, EncoderEstimates, Heartbeat
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
-from firmware_io.links.serial_link import LOST
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.odrive.telemetry import BusVoltageCurrent, EncoderEstimates, Heartbeat
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import LOST
 
 _LONGEST: Final = 64
 """What the board puts into a line at the most."""

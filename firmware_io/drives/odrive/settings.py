@@ -4,8 +4,9 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from firmware_io.drives.odrive.limits import MAX_NODE_ID
-from firmware_io.settings import BusSettings, Positive, SerialSettings, WheelSettings
+from segway_ecc.firmware_io.drives.odrive.limits import MAX_NODE_ID
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings, Positive, WheelSettings
 
 NodeId = Annotated[int, msgspec.Meta(ge=0, le=MAX_NODE_ID)]
 _LEAST_BAUDRATE: Final = 460_800

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive.commands import AxisState
-from firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.drives.odrive.telemetry import Heartbeat
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive.commands import AxisState
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.odrive.telemetry import Heartbeat
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
 
 _ANY: Final = Firmware.V0_5
 

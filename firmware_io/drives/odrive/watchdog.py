@@ -8,7 +8,7 @@ it that the watchdog has expired since. The time from the order to that heartbea
 
 from typing import Final
 
-from firmware_io.drives.odrive.limits import CLEAR_EVERY_NS
+from segway_ecc.firmware_io.drives.odrive.limits import CLEAR_EVERY_NS
 
 _NEVER: Final = -(1 << 62)
 

@@ -10,9 +10,9 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from firmware_io.drives.vesc.frames import Command, arbitration_id
-from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.vesc.frames import Command, arbitration_id
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
+from segway_ecc.firmware_io.links.link import Frame
 
 SHORT_BYTES: Final = 6
 """A packet of up to this many bytes fits one frame."""

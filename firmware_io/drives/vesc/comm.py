@@ -10,8 +10,8 @@ import struct
 from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
-from firmware_io.drives.vesc.frames import Command
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.drives.vesc.frames import Command
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 
 @enum.unique

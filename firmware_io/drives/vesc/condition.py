@@ -6,10 +6,10 @@ Both are values of the serial protocol, asked for one at a time so that question
 
 from typing import Final, NamedTuple
 
-from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, frames_of
-from firmware_io.drives.vesc.comm import TIMED_OUT, ask_selective, decode_values, mask_of
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, frames_of
+from segway_ecc.firmware_io.drives.vesc.comm import TIMED_OUT, ask_selective, decode_values, mask_of
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 HOST_IDS: Final = {"left": 254, "right": 253}
 """Under which identifier this computer asks about each wheel, so that answers are told apart."""

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from firmware_io.drives.enabling import Enabling, Phase
-from firmware_io.drives.off_word import OffWord
-from firmware_io.drives.vesc.buffers import decode_short
-from firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
-from firmware_io.drives.vesc.frames import (
+from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.off_word import OffWord
+from segway_ecc.firmware_io.drives.vesc.buffers import decode_short
+from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
+from segway_ecc.firmware_io.drives.vesc.frames import (
     Command,
     Current,
     Status,
@@ -20,12 +20,12 @@ from firmware_io.drives.vesc.frames import (
     decode,
     frame_of,
 )
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
-from firmware_io.drivetrain import TURN, WrappedCounter
-from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
+from segway_ecc.firmware_io.drivetrain import TURN, WrappedCounter
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""

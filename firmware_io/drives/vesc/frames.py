@@ -10,8 +10,8 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 BROADCAST_ID: Final = 255
 """Every controller listens to commands for this one."""

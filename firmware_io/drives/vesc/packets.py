@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 
 MAX_PACKET: Final = 512
 """The longest packet of the firmware, bytes."""

@@ -9,20 +9,27 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from firmware_io.drives.vesc.buffers import Mode, frames_of
-from firmware_io.drives.vesc.comm import SET_PACKETS, ask_selective, decode_values, encode_values, forward, mask_of
-from firmware_io.drives.vesc.condition import HOST_IDS
-from firmware_io.drives.vesc.frames import (
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, frames_of
+from segway_ecc.firmware_io.drives.vesc.comm import (
+    SET_PACKETS,
+    ask_selective,
+    decode_values,
+    encode_values,
+    forward,
+    mask_of,
+)
+from segway_ecc.firmware_io.drives.vesc.condition import HOST_IDS
+from segway_ecc.firmware_io.drives.vesc.frames import (
     Command,
     Status,
     Status5,
     addressed,
     frame_of,
 )
-from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 _NEEDED: Final = ("motor_current", "duty", "erpm", "bus_voltage", "tachometer", "fault", "controller_id")
 _MASK: Final = mask_of((*_NEEDED, "flags"))

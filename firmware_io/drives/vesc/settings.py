@@ -4,8 +4,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from firmware_io.drives.vesc.limits import MAX_CURRENT, TIMEOUT_ALLOWED_S
-from firmware_io.settings import BusSettings, SerialSettings, WheelSettings
+from segway_ecc.firmware_io.drives.vesc.limits import MAX_CURRENT, TIMEOUT_ALLOWED_S
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
 
 _WATCHDOG_DEFAULT = BusSettings().watchdog_s
 

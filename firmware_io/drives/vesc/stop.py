@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.drives.vesc.frames import Command, Current, addressed, decode, frame_of
-from firmware_io.drives.vesc.settings import VescSettings
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, addressed, decode, frame_of
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
 
 _OTHERS: Final = frozenset(
     command for command in Command if command.name.startswith("SET_") and command is not Command.SET_CURRENT

@@ -1,4 +1,4 @@
-"""The frames in C, for whoever writes the firmware: `python -m firmware_io.drives.wheel_board.codec FOLDER`.
+"""The frames in C, for whoever writes the firmware: `python -m segway_ecc.firmware_io.drives.wheel_board.codec FOLDER`.
 
 cantools makes the packing from wheel_board.dbc; counter and CRC, which it does not know, are our own files beside it.
 """
@@ -15,7 +15,7 @@ from typing import ClassVar, Final
 
 _GENERATED: Final = ("wheel_board.h", "wheel_board.c")
 _OURS: Final = ("wheel_board_protection.h", "wheel_board_protection.c")
-_MODULE: Final = "firmware_io.drives.wheel_board"
+_MODULE: Final = "segway_ecc.firmware_io.drives.wheel_board"
 
 
 class CodecError(Exception):
@@ -48,7 +48,10 @@ def _run_cantools(dbc: Path, folder: Path) -> None:
     """Let cantools generate; as a process, since the product does not import it."""
     options = ["--use-round", "--output-directory", str(folder), str(dbc)]
     done = subprocess.run(  # noqa: S603 - a program of this environment, and no shell reads the arguments
-        [sys.executable, "-m", "cantools", "generate_c_source", *options], capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-m", "cantools", "generate_c_source", *options],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode != 0:
         said = done.stderr.strip().splitlines() or ["it does not say why"]

@@ -6,11 +6,11 @@ from typing import Final
 
 from msgspec.structs import astuple
 
-from firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from firmware_io.drives.enabling import Enabling, Phase
-from firmware_io.drives.off_word import OffWord
-from firmware_io.drives.wheel_board.endpoint import Endpoint
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.off_word import OffWord
+from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     BoardSetup,
     BoardState,
@@ -18,9 +18,9 @@ from firmware_io.drives.wheel_board.frames import (
     FrameId,
     WheelCommand,
 )
-from firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
-from firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
     FrameId.LEFT_WHEEL: {"left.angle": "rad", "left.velocity": "rad/s"},

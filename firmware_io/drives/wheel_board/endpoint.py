@@ -3,9 +3,9 @@
 from collections import Counter
 from typing import Protocol
 
-from firmware_io.drives.wheel_board.frames import FrameId, Payload, decode, encode
-from firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, Payload, decode, encode
+from segway_ecc.firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 
 class Sender(Protocol):

@@ -5,8 +5,8 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final
 
-from firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
-from firmware_io.value import Value
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
+from segway_ecc.firmware_io.value import Value
 
 MAX_VOLTAGE: Final = 30.0
 MAX_ANGLE: Final = 200_000.0

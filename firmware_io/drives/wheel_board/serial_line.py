@@ -13,11 +13,11 @@ import struct
 from collections import Counter
 from typing import Final
 
-from firmware_io.integrity import Refusal, crc16_xmodem
-from firmware_io.links import cobs
-from firmware_io.links.cobs import CobsReceiver
-from firmware_io.links.link import Frame
-from firmware_io.links.serial_link import LOST
+from segway_ecc.firmware_io.integrity import Refusal, crc16_xmodem
+from segway_ecc.firmware_io.links import cobs
+from segway_ecc.firmware_io.links.cobs import CobsReceiver
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import LOST
 
 REQUEST_ID: Final = 0x7FE
 """Reserved: a packet with this identifier and no data asks for the newest telemetry."""

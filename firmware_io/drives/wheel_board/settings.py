@@ -1,6 +1,7 @@
 """What a robot file says of a wheel board."""
 
-from firmware_io.settings import BusSettings, SerialSettings
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.firmware_io.settings import BusSettings
 
 
 class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_board"):

@@ -3,10 +3,17 @@
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, decode, encode
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
+    BoardState,
+    BoardStatus,
+    FrameId,
+    WheelCommand,
+    decode,
+    encode,
+)
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
 
 _OFF: Final = WheelCommand(0.0, 0.0, enable=False)
 _BURST: Final = 2

@@ -5,13 +5,13 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from typing import Final
 
-from firmware_io.devices import FrameKey, Readings
-from firmware_io.freshness import Freshness, stale_after_ns
-from firmware_io.imus.mounting import Vector
-from firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, decode
-from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.devices import FrameKey, Readings
+from segway_ecc.firmware_io.freshness import Freshness, stale_after_ns
+from segway_ecc.firmware_io.imus.mounting import Vector
+from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, decode
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 _NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)
 _HEARD: Final = (

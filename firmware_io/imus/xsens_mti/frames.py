@@ -11,8 +11,8 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 
 @enum.unique

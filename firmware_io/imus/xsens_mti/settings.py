@@ -4,10 +4,10 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from firmware_io.devices import FrameKey
-from firmware_io.imus.mounting import Axis, Mounting
-from firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message
-from firmware_io.section import Section
+from segway_ecc.firmware_io.devices import FrameKey
+from segway_ecc.firmware_io.imus.mounting import Axis, Mounting
+from segway_ecc.firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message
+from segway_ecc.firmware_io.section import Section
 
 _STANDARD_IDS: Final = 1 << 11
 _EXTENDED_IDS: Final = 1 << 29

@@ -7,8 +7,8 @@ import zlib
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from node.errors import ModelError
-from node.native.cache import cached, digest
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cache import cached, digest
 
 LARGEST_BYTES: Final = 2 * 1024**3
 """An FMU that unpacks to more than this is taken for a mistake."""

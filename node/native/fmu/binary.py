@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.native.cache import cached, digest
-from node.native.fmu.compile import compile_library, compiler, find_sources
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cache import cached, digest
+from segway_ecc.node.native.fmu.compile import compile_library, compiler, find_sources
 
 _PREFERRED: Final = ("x86_64-linux", "linux64", "aarch64-linux")
 """Folders to look into first where several hold a library for this machine."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.native.cache import cached, digest
-from node.native.fmu.xml import read_xml
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cache import cached, digest
+from segway_ecc.node.native.fmu.xml import read_xml
 
 _SHIM_SOURCES: Final = ("shim.c", "calls.h")
 _SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.model.variables import Variable, Write
-from node.native.description import Description, Flavour
-from node.native.fmu.facts import Causality, Facts, FmuVariable
-from node.native.fmu.twenty_sim import TwentySim
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.fmu.facts import Causality, Facts, FmuVariable
+from segway_ecc.node.native.fmu.twenty_sim import TwentySim
 
 _ROUNDING: Final = 1e-9
 """How far two steps may differ by how they are printed."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from node.errors import ModelError
-from node.native.fmu.xml import flag, number, read_xml
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.fmu.xml import flag, number, read_xml
 
 DESCRIPTION: Final = "modelDescription.xml"
 _LARGEST_REFERENCE: Final = 2**32 - 1

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.model.variables import Variable, Write
-from node.native.fmu.archive import unpack
-from node.native.fmu.binary import exported, find_library, private_copy
-from node.native.fmu.compile import shim
-from node.native.fmu.description import Layout, describe
-from node.native.fmu.facts import Facts, read_facts
-from node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
-from node.native.library import Kind, NativeModel
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.native.fmu.archive import unpack
+from segway_ecc.node.native.fmu.binary import exported, find_library, private_copy
+from segway_ecc.node.native.fmu.compile import shim
+from segway_ecc.node.native.fmu.description import Layout, describe
+from segway_ecc.node.native.fmu.facts import Facts, read_facts
+from segway_ecc.node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
+from segway_ecc.node.native.library import Kind, NativeModel
 
 _FOREVER: Final = 1e300
 """End of the experiment given to 20-sim's FMUs, s: older ones stop at a baked-in end when they are given none."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from node.native.fmu.xml import number, parse_xml, read_xml
+from segway_ecc.node.native.fmu.xml import number, parse_xml, read_xml
 
 _SECTION: Final = re.compile(
     r"^void\s+\w*Calculate(Initial|Static|Input|Dynamic|Output)\s*\([^)]*\)\s*\{(.*?)^\}", re.MULTILINE | re.DOTALL

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from node.errors import ModelError
+from segway_ecc.node.errors import ModelError
 
 
 class _NoDoctype(ET.TreeBuilder):

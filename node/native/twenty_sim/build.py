@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from node.errors import ModelError
-from node.native.cache import cached, digest
-from node.native.twenty_sim.files import CPP_SUFFIXES, Folder
-from node.native.twenty_sim.includes import TREE, supplied_headers
-from node.native.twenty_sim.parts import Parts
-from node.native.twenty_sim.shim import Shim
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cache import cached, digest
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder
+from segway_ecc.node.native.twenty_sim.includes import TREE, supplied_headers
+from segway_ecc.node.native.twenty_sim.parts import Parts
+from segway_ecc.node.native.twenty_sim.shim import Shim
 
 _COMPILE: Final = ("-O2", "-fPIC", "-c")
 _C: Final = ("-std=gnu11",)

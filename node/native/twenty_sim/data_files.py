@@ -8,9 +8,9 @@ below whatever folder the process happens to run in. So their content goes into 
 import re
 from collections.abc import Mapping
 
-from node.errors import ModelError
-from node.native.twenty_sim.c_text import code_of
-from node.native.twenty_sim.parts import Parts
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.twenty_sim.c_text import code_of
+from segway_ecc.node.native.twenty_sim.parts import Parts
 
 
 def read_data(parts: Parts) -> dict[str, bytes]:

@@ -12,8 +12,8 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from node.errors import ModelError
-from node.native.twenty_sim.c_text import Function, code_of, functions
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.twenty_sim.c_text import Function, code_of, functions
 
 C_SUFFIXES: Final = frozenset({".c"})
 CPP_SUFFIXES: Final = frozenset({".cpp", ".cc", ".cxx"})

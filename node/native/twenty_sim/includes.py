@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from node.native.twenty_sim.c_text import code_of
-from node.native.twenty_sim.files import Folder, Source
+from segway_ecc.node.native.twenty_sim.c_text import code_of
+from segway_ecc.node.native.twenty_sim.files import Folder, Source
 
 TREE: Final = "model"
 """Where the user's files lie in the folder that is compiled."""

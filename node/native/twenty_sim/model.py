@@ -4,13 +4,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from node.errors import ModelError
-from node.model.variables import Variable, Write
-from node.native.description import Description, Flavour
-from node.native.twenty_sim.names import Label, Table, choose, label_of, unique
-from node.native.twenty_sim.parts import METHODS, Element, Parts, find_method, number, setting
-from node.native.twenty_sim.ports import Ports
-from node.native.twenty_sim.writes import Effect, parameter_effects, state_effects
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.twenty_sim.names import Label, Table, choose, label_of, unique
+from segway_ecc.node.native.twenty_sim.parts import METHODS, Element, Parts, find_method, number, setting
+from segway_ecc.node.native.twenty_sim.ports import Ports
+from segway_ecc.node.native.twenty_sim.writes import Effect, parameter_effects, state_effects
 
 _ASK: Final = "pass {} to load_model"
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from node.native.twenty_sim.files import Source
+from segway_ecc.node.native.twenty_sim.files import Source
 
 _LABEL: Final = re.compile(r"(.*?)\s*(?:\{([^{}]*)\})?\s*$")
 _QUOTED: Final = re.compile(r'"((?:\\.|[^"\\])*)"')

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from node.errors import ModelError
-from node.native.description import Flavour
-from node.native.twenty_sim.c_text import Function, assignments
-from node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Source
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.description import Flavour
+from segway_ecc.node.native.twenty_sim.c_text import Function, assignments
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Source
 
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from node.errors import ModelError
-from node.native.twenty_sim.c_text import code_of, comment_at
-from node.native.twenty_sim.names import Label, Table, label_of
-from node.native.twenty_sim.parts import Parts
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.twenty_sim.c_text import code_of, comment_at
+from segway_ecc.node.native.twenty_sim.names import Label, Table, label_of
+from segway_ecc.node.native.twenty_sim.parts import Parts
 
 _INPUT: Final = re.compile(r"([^;{}=]+)=\s*u\s*\[\s*(\d+)\s*\]\s*;")
 _OUTPUT: Final = re.compile(r"(?<!\w)y\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Final
 
-from node.errors import ModelError
-from node.native.description import Description, Flavour
-from node.native.twenty_sim.c_text import Function
-from node.native.twenty_sim.data_files import embedded
-from node.native.twenty_sim.files import Source
-from node.native.twenty_sim.includes import TREE
-from node.native.twenty_sim.parts import Parts
-from node.native.twenty_sim.ports import Ports
-from node.native.twenty_sim.shim_partial import partial_shim
-from node.native.twenty_sim.shim_text import (
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.twenty_sim.c_text import Function
+from segway_ecc.node.native.twenty_sim.data_files import embedded
+from segway_ecc.node.native.twenty_sim.files import Source
+from segway_ecc.node.native.twenty_sim.includes import TREE
+from segway_ecc.node.native.twenty_sim.parts import Parts
+from segway_ecc.node.native.twenty_sim.ports import Ports
+from segway_ecc.node.native.twenty_sim.shim_partial import partial_shim
+from segway_ecc.node.native.twenty_sim.shim_text import (
     BOTH,
     HOOK,
     UNUSED,
@@ -70,7 +70,7 @@ def make_shim(parts: Parts, description: Description, ports: Ports, data: Mappin
     else:
         body = partial_shim(parts, description, ports)
     head = [*_head(parts, description), *embedded(data)]
-    source = resources.files("node.native.twenty_sim").joinpath("shim.c").read_text(encoding="utf-8")
+    source = resources.files("segway_ecc.node.native.twenty_sim").joinpath("shim.c").read_text(encoding="utf-8")
     return Shim("\n".join([*head, *body, ""]), source, _hooked(parts))
 
 

@@ -2,11 +2,11 @@
 
 from typing import Final
 
-from node.errors import ModelError
-from node.native.description import Description
-from node.native.twenty_sim.parts import METHODS, Parts
-from node.native.twenty_sim.ports import Ports
-from node.native.twenty_sim.shim_text import (
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.description import Description
+from segway_ecc.node.native.twenty_sim.parts import METHODS, Parts
+from segway_ecc.node.native.twenty_sim.ports import Ports
+from segway_ecc.node.native.twenty_sim.shim_text import (
     BOTH,
     HOOK,
     UNUSED,

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Final
 
-from node.native.twenty_sim.c_text import Function
-from node.native.twenty_sim.parts import Parts
+from segway_ecc.node.native.twenty_sim.c_text import Function
+from segway_ecc.node.native.twenty_sim.parts import Parts
 
 HOOK: Final = "ecc_before_initial"
 """Our function at the head of the initial equations; it sets the parameters that were written."""

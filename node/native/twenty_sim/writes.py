@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
-from node.model.variables import Write
-from node.native.twenty_sim.parts import SECTIONS, Parts
+from segway_ecc.node.model.variables import Write
+from segway_ecc.node.native.twenty_sim.parts import SECTIONS, Parts
 
 _RUNNING: Final = ("Input", "Dynamic", "Output", "Final")
 

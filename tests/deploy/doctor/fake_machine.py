@@ -8,13 +8,13 @@ from pathlib import Path
 
 import msgspec
 
-from deploy.doctor.finding import Finding
-from deploy.doctor.system import Job, Machine, NoAnswerError, WriteSpeed
-from firmware_io.links.interface_state import UNKNOWN, InterfaceState
-from firmware_io.links.link import LinkState
-from firmware_io.settings import SerialSettings
-from node.config import NoHardwareSection, load_robot
-from node.cycle.timing import Summary
+from segway_ecc.deploy.doctor.finding import Finding
+from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError, WriteSpeed
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
+from segway_ecc.firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.node.config import NoHardwareSection, load_robot
+from segway_ecc.node.cycle.timing import Summary
 
 GOOD_CAN = InterfaceState("can", is_up=True, state=LinkState.ACTIVE, bitrate=500_000, restart_ms=100, tec=0, rec=0)
 MS = 1e-3

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.board import check_board
-from deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.board import check_board
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job, raspberry_pi
 
 

@@ -2,10 +2,10 @@ import dataclasses
 
 import pytest
 
-from deploy.doctor.can import check_can
-from deploy.doctor.finding import Finding, Verdict
-from firmware_io.links.interface_state import InterfaceState
-from firmware_io.links.link import LinkState
+from segway_ecc.deploy.doctor.can import check_can
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.link import LinkState
 from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, job
 
 

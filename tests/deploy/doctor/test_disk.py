@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from deploy.doctor.disk import check_disk
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.system import WriteSpeed
+from segway_ecc.deploy.doctor.disk import check_disk
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.system import WriteSpeed
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
 
 

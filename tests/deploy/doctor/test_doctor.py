@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.doctor import CHECKS, examine
-from deploy.doctor.finding import Finding, Verdict, good, is_fit
-from deploy.doctor.system import Job, Machine
-from firmware_io.links.link import LinkState
+from segway_ecc.deploy.doctor.doctor import CHECKS, examine
+from segway_ecc.deploy.doctor.finding import Finding, Verdict, good, is_fit
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.firmware_io.links.link import LinkState
 from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, container, job, raspberry_pi
 
 

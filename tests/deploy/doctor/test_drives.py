@@ -1,7 +1,7 @@
 import pytest
 
-from deploy.doctor.drives import check_drives
-from deploy.doctor.finding import Verdict
+from segway_ecc.deploy.doctor.drives import check_drives
+from segway_ecc.deploy.doctor.finding import Verdict
 from tests.deploy.doctor.fake_machine import FakeMachine, job
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict, bad, good, is_fit, warning
+from segway_ecc.deploy.doctor.finding import Finding, Verdict, bad, good, is_fit, warning
 
 
 @pytest.mark.parametrize("verdict", [Verdict.WARNING, Verdict.BAD])

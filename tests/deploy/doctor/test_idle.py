@@ -4,8 +4,8 @@ from importlib import resources
 
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.idle import RULE, check_idle
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.idle import RULE, check_idle
 from tests.deploy.doctor.fake_machine import FakeMachine, job
 
 FILE = "/dev/cpu_dma_latency"
@@ -85,5 +85,5 @@ def test_without_a_unit_it_is_this_user_who_counts(device: FakeMachine, monkeypa
 
 
 def test_the_rule_is_the_one_that_is_shipped() -> None:
-    shipped = (resources.files("deploy") / "udev" / "70-segway-latency.rules").read_text("utf-8")
+    shipped = (resources.files("segway_ecc.deploy") / "udev" / "70-segway-latency.rules").read_text("utf-8")
     assert RULE in shipped.splitlines()

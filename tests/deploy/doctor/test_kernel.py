@@ -1,5 +1,5 @@
-from deploy.doctor.finding import Verdict
-from deploy.doctor.kernel import check_kernel
+from segway_ecc.deploy.doctor.finding import Verdict
+from segway_ecc.deploy.doctor.kernel import check_kernel
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
 
 

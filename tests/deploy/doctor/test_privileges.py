@@ -1,7 +1,7 @@
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.privileges import check_privileges
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.privileges import check_privileges
 from tests.deploy.doctor.fake_machine import NODE_UNIT, FakeMachine, by_name, job
 
 REFUSED = "!/usr/bin/python3: PermissionError: [Errno 1] Operation not permitted"

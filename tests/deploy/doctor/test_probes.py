@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.probes import RealProbes
-from firmware_io.links.interface_state import UNKNOWN
-from firmware_io.settings import SerialSettings
-from hil.pseudo_terminal import PtyPort
+from segway_ecc.deploy.doctor.probes import RealProbes
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.hil.pseudo_terminal import PtyPort
 
 MS = 1_000_000
 

@@ -1,5 +1,5 @@
-from deploy.doctor.finding import Verdict
-from deploy.doctor.python import check_python
+from segway_ecc.deploy.doctor.finding import Verdict
+from segway_ecc.deploy.doctor.python import check_python
 from tests.deploy.doctor.fake_machine import FakeMachine, job
 
 

@@ -1,7 +1,7 @@
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.ros import check_ros
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.ros import check_ros
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
 
 

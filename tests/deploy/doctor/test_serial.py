@@ -4,10 +4,10 @@ import os
 import msgspec
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.serial import check_serial
-from deploy.doctor.system import Job
-from firmware_io.build import with_port
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.serial import check_serial
+from segway_ecc.deploy.doctor.system import Job
+from segway_ecc.firmware_io.build import with_port
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
 
 

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.services import check_services, properties
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.services import check_services, properties
 from tests.deploy.doctor.fake_machine import UNIT, FakeMachine, by_name, container, job
 
 NODE = "segway-ecc-node.service"
@@ -29,7 +29,7 @@ def test_the_others_are_looked_at_where_they_are_installed(fake: FakeMachine) ->
 def test_a_robot_is_no_base_station_and_a_base_station_that_is_off_is_one_that_does_not_start(
     fake: FakeMachine,
 ) -> None:
-    """As the image ships it, and as `segway-ecc base-station` leaves its mark."""
+    """As the image ships it, and as `segway-ecc station install` leaves its mark."""
     off = "LoadState=loaded\nUnitFileState=disabled\nActiveState=inactive\nSubState=dead\nNRestarts=0\n"
     fake.systemd(station=off)
     found = looked(fake)["segway-ecc-station.service"]

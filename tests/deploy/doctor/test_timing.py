@@ -1,7 +1,7 @@
 import pytest
 
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.timing import check_timing
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.timing import check_timing
 from tests.deploy.doctor.fake_machine import MS, FakeMachine, by_name, job, lateness
 
 CLOCK = "/sys/devices/system/clocksource/clocksource0"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image import disk
-from deploy.image.base import cache_folder
-from deploy.image.build import Image, Wishes, build, image_in
-from deploy.image.recipe import Recipe
-from hil.kernels.machine import Machine, switched_on
+from segway_ecc.deploy.image import disk
+from segway_ecc.deploy.image.base import cache_folder
+from segway_ecc.deploy.image.build import Image, Wishes, build, image_in
+from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.hil.kernels.machine import Machine, switched_on
 from tests.deploy.image.robot import SwitchOn
 
 KEPT_S = 12 * 3600
@@ -29,9 +29,9 @@ ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 """,
     "robot/shaker.py": '''"""Both motors ahead, always: so that it shows when they are off."""
 
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
 
 
 class Shaker(SectionedModel):
@@ -51,7 +51,7 @@ hardware:
   can: {interface: auto, channel: auto, bitrate: 500000}
   watchdog_s: 0.05
 wiring: {Left: left.voltage, Right: right.voltage}
-simulation: {plant: "hil.plants.cart:CartPlant"}
+simulation: {plant: "segway_ecc.hil.plants.cart:CartPlant"}
 """,
 }
 

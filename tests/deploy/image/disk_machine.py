@@ -1,4 +1,4 @@
-"""The disk that `segway-ecc image --disk` makes, in a machine of its own: QEMU, a real-time kernel, and a network.
+"""The disk that `segway-ecc deploy image --disk` makes, in QEMU with a real-time kernel and a network.
 
 The machine is emulated, with no help of the host's processor: ten to fifty times slower than a real one. Its network is
 QEMU's own, with DHCP; this host reaches the machine's ssh and the base station's page through ports of its own.
@@ -18,11 +18,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from deploy.image import disk
-from deploy.image.base import cache_folder
-from deploy.image.build import Wishes, build, image_in
-from deploy.image.recipe import Recipe
-from hil.kernels.guest import search_path
+from segway_ecc.deploy.image import disk
+from segway_ecc.deploy.image.base import cache_folder
+from segway_ecc.deploy.image.build import Wishes, build, image_in
+from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.hil.kernels.guest import search_path
 from tests.deploy.image.conftest import CONFIG, ROOT
 
 PAGE_PORT: Final = 8700

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from hil.kernels.machine import Machine
+from segway_ecc.hil.kernels.machine import Machine
 
 NODE = "segway-ecc-node.service"
 

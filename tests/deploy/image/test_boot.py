@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.kernels.machine import Machine
+from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.boot_report import analysis, boot_of
 from tests.deploy.image.robot import Robot, SwitchOn
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.kernels.machine import Machine
-from node.drill import trace
+from segway_ecc.hil.drill import trace
+from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.robot import Robot, SwitchOn
 from tests.deploy.image.test_boot import WRITE
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from node.cli.main import main
+from segway_ecc.node.cli.main import main
 from tests.deploy.image.disk_machine import SLOW_ROBOT, DiskMachine, load, own_disk, switched_on
 from tests.deploy.image.robot import NODE
 
@@ -60,13 +60,14 @@ def test_the_disk_boots_with_the_network_that_there_is_and_its_node_is_ready_wit
     assert " ro," in machine.run("grep ' / ext4 ' /proc/mounts")
     assert machine.run("cat /proc/sys/kernel/hostname").strip() == "robot-on-disk"
     # As the service's user: ROS keeps a log in the home folder, and root's is read-only here.
-    look = "env HOME=/var/lib/segway-ecc $(grep ROS_ /etc/segway-ecc/environment) segway-ecc status --json --wait 60"
+    environment = "env HOME=/var/lib/segway-ecc $(grep ROS_ /etc/segway-ecc/environment)"
+    look = f"{environment} segway-ecc station status --json --wait 60"
     seen = machine.run(f"cd /; runuser -u segway -- {look} 2> /run/status", 600, check=False)
     assert '"shaker"' in seen, "another process of the machine finds the robot over ROS"
 
 
 def test_the_doctor_finds_a_robot_s_computer(machine: DiskMachine) -> None:
-    found = json.loads(machine.run("segway-ecc doctor --json", 900, check=False))["findings"]
+    found = json.loads(machine.run("segway-ecc deploy doctor --json", 900, check=False))["findings"]
     verdicts = {each["name"]: each["verdict"] for each in found}
     # A slow machine is one, so what is measured in real time is not asked.
     fit = ["kernel", "CAN in the kernel", "real-time scheduling", "memory lock", "processor idle states", "memory"]

@@ -1,4 +1,4 @@
-"""`segway-ecc base-station` under a real systemd: in user-mode Linux, and its firewall on a kernel that has one."""
+"""`segway-ecc station install` under a real systemd: in user-mode Linux, and its firewall on a kernel that has one."""
 
 import contextlib
 import json
@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from deploy.image import disk
-from deploy.image.build import image_in
-from hil.kernels.machine import Machine
-from hil.kernels.machine import switched_on as uml_switched_on
+from segway_ecc.deploy.image import disk
+from segway_ecc.deploy.image.build import image_in
+from segway_ecc.hil.kernels.machine import Machine
+from segway_ecc.hil.kernels.machine import switched_on as uml_switched_on
 from tests.deploy.image.disk_machine import PAGE_PORT, DiskMachine, disk_folder, load, own_disk, switched_on
 
 pytestmark = [pytest.mark.image, pytest.mark.proof, pytest.mark.timeout(7200)]
@@ -75,7 +75,7 @@ def test_a_base_station_under_systemd_lets_in_who_has_a_token_also_after_a_resta
 def test_the_firewall_is_loaded_keeps_others_out_and_is_there_again_after_a_power_cut(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = f"segway-ecc base-station --address 0.0.0.0 --port {PAGE_PORT} --json --firewall"
+    command = f"segway-ecc station install --address 0.0.0.0 --port {PAGE_PORT} --json --firewall"
     with own_disk() as image:
         with switched_on(image, tmp_path / "first", *ROBOTS) as machine:
             began_s = time.monotonic()
@@ -105,7 +105,7 @@ def test_the_firewall_is_loaded_keeps_others_out_and_is_there_again_after_a_powe
             assert 0 < loaded <= network, "closed before there is a network"
             machine.run(f"{command} ens3 2> /run/errors", 900)
             assert _login_from_here(machine, operator) == HTTPStatus.NO_CONTENT, "the token of before the power cut"
-            machine.run("segway-ecc base-station --remove", 300)
+            machine.run("segway-ecc station install --remove", 300)
             assert "segway_ecc" not in machine.run("nft list ruleset")
     with capsys.disabled():
         print(f"\nbase station with firewall in QEMU: made and well after {took_s:.0f} s; {load()}")  # noqa: T201 - figures
@@ -114,7 +114,7 @@ def test_the_firewall_is_loaded_keeps_others_out_and_is_there_again_after_a_powe
 def _base_station(machine: Machine, words: str = "") -> dict[str, Any]:
     """How the command ended: exit code, what it answered, and what it said besides."""
     share = "/run/share"
-    code = machine.run(f"segway-ecc base-station --json {words} > {share}/said 2> {share}/errors; echo $?", 900)
+    code = machine.run(f"segway-ecc station install --json {words} > {share}/said 2> {share}/errors; echo $?", 900)
     said = (machine.share / "said").read_text("utf-8")
     errors = (machine.share / "errors").read_text("utf-8")
     return {"code": int(code.split()[-1]), "answer": json.loads(said or "{}"), "errors": errors}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image import disk, manifest
-from deploy.image.commands import ImageError, run
-from deploy.image.recipe import Recipe
+from segway_ecc.deploy.image import disk, manifest
+from segway_ecc.deploy.image.commands import ImageError, run
+from segway_ecc.deploy.image.recipe import Recipe
 
 FILES = Path(__file__).parents[3] / "deploy" / "image" / "files"
 

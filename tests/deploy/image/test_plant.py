@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from hil.kernels.machine import Machine
-from node.case_study.conduct import conduct
-from node.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.conduct import conduct
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.robot import Robot, SwitchOn
 
 pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
 WITHIN_M = 0.05
 CASE_STUDY = "segway-ecc case-study --seat can --lock-step --robot cart-can --channel vcan0 --out /run/study --json"
-SEGWAY = "segway-ecc endurance segway --channel vcan0 --hours 0.005 --frame-loss 0 --seeds 1 --json"
+SEGWAY = "segway-ecc prove endurance segway --channel vcan0 --hours 0.005 --frame-loss 0 --seeds 1 --json"
 CYCLES = 3600
 BOTH_WHEELS_BOTH_WAYS = 4
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.image.commands import ImageError
-from deploy.image.disk import MIB
-from deploy.image.room import RELEASES, Room, log_limit, room
+from segway_ecc.deploy.image.commands import ImageError
+from segway_ecc.deploy.image.disk import MIB
+from segway_ecc.deploy.image.room import RELEASES, Room, log_limit, room
 
 
 def test_the_data_partition_holds_what_it_must(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from deploy.image.base import cache_folder
-from deploy.image.release import build_wheel
+from segway_ecc.deploy.image.base import cache_folder
+from segway_ecc.deploy.image.release import build_wheel
 from tests.deploy.image.robot import Robot
 
 RELEASES: Final = "/opt/segway-ecc/releases/"
@@ -30,16 +30,16 @@ hardware:
   can: {{interface: auto, channel: auto, bitrate: 500000}}
   watchdog_s: 0.05
 wiring: {{Left: left.voltage, Right: right.voltage}}
-simulation: {{plant: "hil.plants.cart:CartPlant"}}
+simulation: {{plant: "segway_ecc.hil.plants.cart:CartPlant"}}
 """
 # A slow one keeps its rate for two seconds, so that it is started before it fails.
 _MODEL: Final = '''"""A robot that stands still."""
 
 import time
 
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
 
 
 class Model(SectionedModel):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.release.host import Host
+from segway_ecc.deploy.release.host import Host
 from tests.deploy.release.robot import LocalHost, Robot, Sshd, make_robot
 
 

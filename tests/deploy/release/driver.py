@@ -7,8 +7,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
-from deploy.release.agent.main import serve
-from deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.main import serve
+from segway_ecc.deploy.release.agent.report import Reporter
 
 
 class Killing(Reporter):

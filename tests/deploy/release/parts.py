@@ -5,7 +5,7 @@ import hashlib
 import zipfile
 from pathlib import Path
 
-from deploy.release.bundle import Bundle, Installing, bundle
+from segway_ecc.deploy.release.bundle import Bundle, Installing, bundle
 
 _MAIN = """
 import sys

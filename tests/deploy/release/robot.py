@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deploy.release.agent.files import is_locked
-from deploy.release.agent.journal import Journal
-from deploy.release.agent.manifest import differences
-from deploy.release.agent.store import Store
-from deploy.release.host import Event, Host
+from segway_ecc.deploy.release.agent.files import is_locked
+from segway_ecc.deploy.release.agent.journal import Journal
+from segway_ecc.deploy.release.agent.manifest import differences
+from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.host import Event, Host
 from tests.deploy.release.parts import SYSTEMCTL, make_bundle
 
 

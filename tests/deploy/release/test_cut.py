@@ -4,8 +4,8 @@ import contextlib
 
 import pytest
 
-from deploy.release.errors import ConnectionLostError
-from deploy.release.host import Event, Host
+from segway_ecc.deploy.release.errors import ConnectionLostError
+from segway_ecc.deploy.release.host import Event, Host
 from tests.deploy.release.robot import Robot, Sshd
 
 BEFORE = ("check", "receive", "need", "venv", "install", "complete", "selftest", "ready")

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from deploy.release.agent.health import Trial
-from deploy.release.agent.services import Service
+from segway_ecc.deploy.release.agent.health import Trial
+from segway_ecc.deploy.release.agent.services import Service
 
 GOOD = {"mode": "DISARMED", "reason": "started", "rate_hz": 200.0, "late": 0, "blocked_by": ["tilt: it lies"]}
 STOPPED = Service(load="loaded")

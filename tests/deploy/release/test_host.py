@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy.release.archive import BOOTSTRAP
-from deploy.release.errors import UnreachableError, UpdateRefusedError
-from deploy.release.host import Host
-from deploy.release.requests import Place, Trying, status
-from node.cli.main import main
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.archive import BOOTSTRAP
+from segway_ecc.deploy.release.errors import UnreachableError, UpdateRefusedError
+from segway_ecc.deploy.release.host import Host
+from segway_ecc.deploy.release.requests import Place, Trying, status
+from segway_ecc.node.cli.main import main
+from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.robot import Robot, Sshd
 
 

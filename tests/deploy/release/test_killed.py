@@ -2,9 +2,9 @@
 
 import pytest
 
-from deploy.release.agent.store import Store
-from deploy.release.errors import ConnectionLostError, UnreachableError, UpdateRefusedError
-from node.errors import NodeError
+from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.errors import ConnectionLostError, UnreachableError, UpdateRefusedError
+from segway_ecc.node.errors import NodeError
 from tests.deploy.release.robot import LocalHost, Robot
 
 STEPS = ("check", "receive", "venv", "install", "complete", "selftest", "switch", "restart", "trial", "end")

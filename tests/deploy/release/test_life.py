@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from deploy.release.agent.look import probe
-from deploy.release.target import target_from
-from node.cli.main import main
+from segway_ecc.deploy.release.agent.look import probe
+from segway_ecc.deploy.release.target import target_from
+from segway_ecc.node.cli.main import main
 from tests.deploy.release.parts import make_wheel
 from tests.deploy.release.robot import Robot, Sshd
 

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from deploy.release.agent.manifest import Manifest
-from node.cli.main import main
+from segway_ecc.deploy.release.agent.manifest import Manifest
+from segway_ecc.node.cli.main import main
 from tests.deploy.release.robot import Robot, Sshd
 
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.release.robot_files import robot_files
-from node.config import load_robot
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.robot_files import robot_files
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.errors import ConfigurationError
 
 ROBOT = "name: r\nmodel: {{source: '{}'}}\nwiring: {{}}\n"
 
@@ -18,7 +18,7 @@ def found(folder: Path, source: str) -> set[str]:
 
 
 def test_a_model_of_the_package_needs_no_file(tmp_path: Path) -> None:
-    assert found(tmp_path, "node.models.cart:Cart") == {"robot/robot.yaml"}
+    assert found(tmp_path, "segway_ecc.node.models.cart:Cart") == {"robot/robot.yaml"}
 
 
 @pytest.mark.parametrize(

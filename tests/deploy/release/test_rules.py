@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from deploy.release.agent.manifest import Manifest
-from deploy.release.errors import UpdateRefusedError
-from deploy.release.host import Event
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release.agent.manifest import Manifest
+from segway_ecc.deploy.release.errors import UpdateRefusedError
+from segway_ecc.deploy.release.host import Event
+from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.parts import make_bundle
 from tests.deploy.release.robot import LocalHost, Robot
 

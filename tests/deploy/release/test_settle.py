@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.release.agent.journal import PENDING, Journal, Transaction
-from deploy.release.archive import agent_archive
+from segway_ecc.deploy.release.agent.journal import PENDING, Journal, Transaction
+from segway_ecc.deploy.release.archive import agent_archive
 from tests.deploy.release.robot import LocalHost, Robot
 
 
@@ -48,11 +48,13 @@ def test_a_transaction_that_had_ended_is_only_put_away_at_boot(robot: Robot, loc
 
 def test_the_archive_is_the_same_each_time_and_needs_the_standard_library_only(tmp_path: Path) -> None:
     assert agent_archive() == agent_archive()
-    code = "import sys; sys.path.insert(0, sys.argv[1]); import deploy.release.agent.main; print(*sys.modules)"
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import segway_ecc.deploy.release.agent.main; print(*sys.modules)"
+    )
     archive = tmp_path / "agent.pyz"
     archive.write_bytes(agent_archive())
     loaded = subprocess.check_output([sys.executable, "-I", "-S", "-c", code, archive], text=True).split()
-    assert {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names) - {"__main__"} == {"deploy"}
+    assert {name.partition(".")[0] for name in loaded} - set(sys.stdlib_module_names) - {"__main__"} == {"segway_ecc"}
 
 
 def test_a_journal_that_a_newer_version_wrote_is_understood(robot: Robot, local: LocalHost) -> None:

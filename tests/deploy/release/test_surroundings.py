@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from deploy.release.agent.surroundings import write_surroundings
+from segway_ecc.deploy.release.agent.surroundings import write_surroundings
 
 
 def test_a_release_with_ros_says_where_its_libraries_are(tmp_path: Path) -> None:

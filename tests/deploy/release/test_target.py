@@ -6,8 +6,8 @@ import pytest
 from packaging.tags import Tag, cpython_tags
 from packaging.utils import parse_wheel_filename
 
-from deploy.release.errors import UpdateRefusedError
-from deploy.release.target import target_from
+from segway_ecc.deploy.release.errors import UpdateRefusedError
+from segway_ecc.deploy.release.target import target_from
 
 PI = {
     "python": [3, 12],

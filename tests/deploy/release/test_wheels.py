@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.release import wheels
-from deploy.release.target import Target
-from node.errors import ConfigurationError
+from segway_ecc.deploy.release import wheels
+from segway_ecc.deploy.release.target import Target
+from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.parts import make_wheel
 
 TARGET = Target("3.11", "x86_64", ("manylinux_2_36_x86_64",), system_ros=False, robot_files={}, has_robot_file=True)

@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
 
 MS = 1_000_000
 

@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_io.drives.off_word import OffWord
+from segway_ecc.firmware_io.drives.off_word import OffWord
 
 
 @pytest.fixture

@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from firmware_io.assembly import Assembly
-from firmware_io.build import Clocks, HardwareSettings
-from firmware_io.guard.guard import Guard
-from firmware_io.guard.stoppers import stopper_of
-from firmware_io.guard.watch import Watch
-from firmware_io.hardware import Sensors
-from firmware_io.links.link import Link
-from hil.faulty_link import FaultyLink, LinkFault
-from hil.lockstep import LockstepRig
-from hil.simulated_robot import SimulatedRobot
-from hil.simulation import simulated_bus, simulated_robot
-from node.config import NoHardwareSection, load_robot
-from node.robot import build_robot
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.build import Clocks, HardwareSettings
+from segway_ecc.firmware_io.guard.guard import Guard
+from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.watch import Watch
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import NoHardwareSection, load_robot
+from segway_ecc.node.robot import build_robot
 
 MS = 1_000_000
 

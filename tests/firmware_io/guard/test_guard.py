@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from firmware_io.build import Clocks
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.guard.guard import Guard, describe
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.guard.watch import Cause, End, Intervention, Watch
-from firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.build import Clocks
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.guard.guard import Guard, describe
+from segway_ecc.firmware_io.guard.watch import Cause, End, Intervention, Watch
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 
 MS = 1_000_000
 STOP = Frame(0x50, b"stop")

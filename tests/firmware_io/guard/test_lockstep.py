@@ -4,15 +4,15 @@ from typing import Any
 
 import pytest
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint
-from firmware_io.drives.wheel_board.frames import BoardState, FrameId, WheelCommand
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.guard.stopper import Meaning
-from firmware_io.guard.stoppers import stopper_of
-from firmware_io.guard.watch import Cause, End
-from firmware_io.links.link import Frame
-from hil.devices.wheel_board import SimulatedWheelBoard
-from hil.lockstep import LockstepRig
+from segway_ecc.firmware_io.drives.stopper import Meaning
+from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, FrameId, WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.watch import Cause, End
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
+from segway_ecc.hil.rig.lockstep import LockstepRig
 
 MS = 1_000_000
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]

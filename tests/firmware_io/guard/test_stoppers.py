@@ -6,13 +6,13 @@ import struct
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.build import HardwareSettings
-from firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.guard.stopper import Heard, Meaning, Stopper
-from firmware_io.guard.stoppers import stopper_of
-from firmware_io.links.link import Frame
-from node.config import NoHardwareSection, load_robot
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning, Stopper
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.node.config import NoHardwareSection, load_robot
 
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]
 MOVE, ZERO, DISABLE, ON, OFF = Meaning

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.guard.stopper import Heard, Meaning
-from firmware_io.guard.watch import Cause, End, Watch
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.guard.watch import Cause, End, Watch
+from segway_ecc.firmware_io.links.link import Frame
 
 MS = 1_000_000
 MOVE, ZERO, DISABLE, ON, OFF = Meaning

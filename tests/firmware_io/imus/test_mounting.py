@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_io.imus.mounting import Axis, Mounting
+from segway_ecc.firmware_io.imus.mounting import Axis, Mounting
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}

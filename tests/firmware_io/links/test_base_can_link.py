@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links import interface_watch
-from firmware_io.links.base_can_link import BaseCanLink, CanSettings
-from firmware_io.links.can_port import ERROR, EXTENDED, REMOTE, Arrival, PortError
-from firmware_io.links.interface_state import UNKNOWN, InterfaceState
-from firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links import interface_watch
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings
+from segway_ecc.firmware_io.links.can_port import ERROR, EXTENDED, REMOTE, Arrival, PortError
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 
 S = 1_000_000_000
 PATIENCE_S = 20.0

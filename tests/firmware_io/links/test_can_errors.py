@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.links.can_errors import BusError, BusErrors, decode_error
-from firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links.can_errors import BusError, BusErrors, decode_error
+from segway_ecc.firmware_io.links.link import LinkState
 
 CAUSES = {
     "tx_timeout",

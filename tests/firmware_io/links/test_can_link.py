@@ -8,9 +8,9 @@ import can
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.can_link import CanLink
-from firmware_io.links.link import Frame, LinkState
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.link import Frame, LinkState
 
 S = 1_000_000_000
 START_NS = 5 * S

@@ -4,12 +4,12 @@ from pathlib import Path
 import can
 import pytest
 
-from firmware_io.errors import BusNotFoundError
-from firmware_io.links import can_interfaces
-from firmware_io.links.can_link import CanLink, make_can_link, resolve, socketcan_interfaces
-from firmware_io.links.link import Link
-from firmware_io.links.local_link import LocalLink
-from firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links import can_interfaces
+from segway_ecc.firmware_io.links.can_link import CanLink, make_can_link, resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.local_link import LocalLink
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 UP, DOWN = "0x40081", "0x40080"
 """Flags of linux/if.h and if_arp.h as sysfs prints them; the last bit is IFF_UP."""

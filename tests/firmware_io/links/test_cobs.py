@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.links.cobs import CobsError, CobsReceiver, decode, encode
+from segway_ecc.firmware_io.links.cobs import CobsError, CobsReceiver, decode, encode
 
 
 def _bytes(first: int, last: int) -> bytes:

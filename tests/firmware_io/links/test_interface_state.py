@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.links.interface_state import (
+from segway_ecc.firmware_io.links.interface_state import (
     UNKNOWN,
     InterfaceState,
     encode_request,
     parse_reply,
     read_interface_state,
 )
-from firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links.link import LinkState
 
 # What Linux 6.1 answered for a serial-line CAN interface that is up at 500 kbit/s, and for a virtual one: the header,
 # and of the attributes the one on the kind of link.

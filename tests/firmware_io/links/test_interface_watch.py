@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_io.links import interface_watch
-from firmware_io.links.interface_state import UNKNOWN, InterfaceState
-from firmware_io.links.interface_watch import InterfaceWatch
-from firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links import interface_watch
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
+from segway_ecc.firmware_io.links.interface_watch import InterfaceWatch
+from segway_ecc.firmware_io.links.link import LinkState
 
 PATIENCE_S = 20.0
 PASSIVE = InterfaceState("can", is_up=True, state=LinkState.PASSIVE)

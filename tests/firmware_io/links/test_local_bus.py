@@ -14,9 +14,9 @@ import can
 import can.bus
 import pytest
 
-from firmware_io.links import local_socket
-from firmware_io.links.local_bus import LocalBus
-from firmware_io.links.local_socket import PORT, multicast_group
+from segway_ecc.firmware_io.links import local_socket
+from segway_ecc.firmware_io.links.local_bus import LocalBus
+from segway_ecc.firmware_io.links.local_socket import PORT, multicast_group
 
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""

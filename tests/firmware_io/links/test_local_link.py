@@ -6,12 +6,12 @@ import can
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links import local_socket
-from firmware_io.links.link import Frame, Link
-from firmware_io.links.local_datagrams import encode
-from firmware_io.links.local_link import LocalLink
-from firmware_io.links.local_socket import PORT, multicast_group, multicast_socket
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links import local_socket
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.local_datagrams import encode
+from segway_ecc.firmware_io.links.local_link import LocalLink
+from segway_ecc.firmware_io.links.local_socket import PORT, multicast_group, multicast_socket
 
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""

@@ -1,5 +1,5 @@
-from firmware_io.links.link import LinkCounters
-from firmware_io.links.meter import Meter
+from segway_ecc.firmware_io.links.link import LinkCounters
+from segway_ecc.firmware_io.links.meter import Meter
 
 S = 1_000_000_000
 

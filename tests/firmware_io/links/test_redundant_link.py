@@ -1,8 +1,8 @@
 import pytest
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.link import Frame, LinkCounters, LinkState
-from firmware_io.links.redundant_link import SEND_FAILURES, RedundantLink
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.redundant_link import SEND_FAILURES, RedundantLink
 
 MS = 1_000_000
 COMMAND = Frame(0x110, b"torque")

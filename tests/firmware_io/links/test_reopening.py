@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from firmware_io.links.reopening import RETRY_NS, BackgroundTask, Reopening
+from segway_ecc.firmware_io.links.reopening import RETRY_NS, BackgroundTask, Reopening
 
 PATIENCE_S = 20.0
 

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links.link import Frame, Link, LinkState
-from firmware_io.links.redundant_link import StandbyLink
-from firmware_io.links.serial_link import LOST, Port, SerialLink
-from firmware_io.settings import SerialSettings
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkState
+from segway_ecc.firmware_io.links.redundant_link import StandbyLink
+from segway_ecc.firmware_io.links.serial_link import LOST, Port, SerialLink
+from segway_ecc.firmware_io.links.settings import SerialSettings
 
 MS = 1_000_000
 SETTINGS = SerialSettings(port="/dev/test", baudrate=100_000)

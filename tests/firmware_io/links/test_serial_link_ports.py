@@ -18,13 +18,13 @@ from msgspec.structs import replace
 from serial import rfc2217
 from serial.tools import list_ports
 
-from firmware_io.drives.wheel_board.serial_line import BoardLine
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links import serial_port
-from firmware_io.links.link import Frame, LinkState
-from firmware_io.links.serial_link import LOST, SerialLink
-from firmware_io.settings import SerialSettings
-from hil.pseudo_terminal import PtyPort
+from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links import serial_port
+from segway_ecc.firmware_io.links.link import Frame, LinkState
+from segway_ecc.firmware_io.links.serial_link import LOST, SerialLink
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.hil.pseudo_terminal import PtyPort
 
 COMMAND = Frame(0x110, b"\x00\x01\x02\xff\x00\xfe\x11\x13")
 LAST_ID = 0x7FF

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links import can_interfaces, interface_watch
-from firmware_io.links.interface_state import UNKNOWN
-from firmware_io.links.link import Frame, LinkState
-from firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links import can_interfaces, interface_watch
+from segway_ecc.firmware_io.links.interface_state import UNKNOWN
+from segway_ecc.firmware_io.links.link import Frame, LinkState
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 S = 1_000_000_000
 WALL_NS = 1_700_000_000 * S

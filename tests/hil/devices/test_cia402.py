@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.drives.cia402.states import DriveState
-from firmware_io.links.link import Frame
-from hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, SimulatedCia402
-from hil.devices.device import Device
-from hil.simulated_bus import SimulatedBus
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.states import DriveState
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, SimulatedCia402
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 LEFT, RIGHT = 1, 2
 MS = 1_000_000

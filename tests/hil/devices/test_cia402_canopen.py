@@ -8,10 +8,10 @@ from canopen import BaseNode402, SdoAbortedError
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.datatypes import UNSIGNED32
 
-from firmware_io.drives.cia402.dictionary import object_dictionary
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.links.link import Frame, LinkCounters, LinkState
-from hil.devices.cia402 import SimulatedCia402
+from segway_ecc.firmware_io.drives.cia402.dictionary import object_dictionary
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.hil.devices.cia402 import SimulatedCia402
 
 SETTINGS = Cia402Settings(
     left=Cia402WheelSettings(node_id=4, counts_per_turn=4000, max_torque=5.0),

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from hil.devices.cia402 import SimulatedCia402
-from hil.lockstep import LockstepRig
-from hil.simulation import simulated_bus, simulated_robot
-from node.case_study.can import LockstepCanSeat
-from node.case_study.offline import OfflineSeat
-from node.config import load_robot
-from node.robot import build_robot
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 ROBOT = "cart-cia402"
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from hil.faulty_link import FaultyLink, LinkFault
-from hil.lockstep import LockstepRig
-from hil.simulation import simulated_bus, simulated_robot
-from node.config import load_robot
-from node.robot import build_robot
+from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.robot import build_robot
 
 CYCLE_NS = 10_000_000
 CONFIRMED_WITHIN = 6  # cycles: a status every 20 ms of the slowest, and a cycle each way

@@ -10,12 +10,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from firmware_io.drives.odrive.commands import AxisState
-from firmware_io.drives.odrive.frames import Firmware
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.links.link import Frame, LinkCounters, LinkState
-from hil.devices.device import Device
-from hil.devices.odrive import SimulatedOdrive
+from segway_ecc.firmware_io.drives.odrive.commands import AxisState
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.odrive import SimulatedOdrive
 
 MS = 1_000_000
 IDLE, CLOSED = AxisState.IDLE, AxisState.CLOSED_LOOP_CONTROL

@@ -5,17 +5,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from firmware_io.drives.odrive.driver import Odrive
-from firmware_io.drives.odrive.frames import Firmware
-from firmware_io.drives.odrive.settings import OdriveSettings
-from hil.devices.odrive import TICK_NS, SimulatedOdrive
-from hil.lockstep import LockstepRig
-from hil.plants.cart import CartTorquePlant
-from hil.simulated_robot import SimulatedRobot
-from node.case_study.can import LockstepCanSeat
-from node.case_study.offline import OfflineSeat
-from node.config import load_robot
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
+from segway_ecc.hil.plants.cart import CartTorquePlant
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
 CYCLE_NS = 10 * MS

@@ -6,19 +6,19 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from firmware_io.assembly import Assembly
-from firmware_io.drives.odrive.commands import AxisState
-from firmware_io.drives.odrive.driver import Odrive
-from firmware_io.drives.odrive.serial_line import OdriveLine
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
-from hil.devices.odrive import TICK_NS, SimulatedOdrive
-from hil.faulty_link import FaultyLink, LinkFault
-from hil.lockstep import LockstepRig
-from hil.plants.cart import CartTorquePlant
-from hil.simulated_robot import SimulatedRobot
-from hil.simulated_serial import SimulatedSerial
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.drives.odrive.commands import AxisState
+from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.serial_link import SerialLink
+from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
+from segway_ecc.hil.plants.cart import CartTorquePlant
+from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
 MS = 1_000_000
 CYCLE_NS = 10 * MS

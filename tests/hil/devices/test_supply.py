@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from hil.devices.cia402 import SimulatedCia402
-from hil.lockstep import LockstepRig
-from hil.simulated_robot import SimulatedRobot
-from hil.simulation import simulated_bus, simulated_robot
-from node.config import RobotFile, load_robot
-from node.robot import build_robot
+from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import RobotFile, load_robot
+from segway_ecc.node.robot import build_robot
 
 CYCLE_NS = 10_000_000
 CARTS = ("cart-can", "cart-odrive", "cart-vesc", "cart-cia402")

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from firmware_io.drives.vesc.buffers import Mode, frames_of
-from firmware_io.drives.vesc.comm import ask_selective, decode_values, mask_of
-from firmware_io.drives.vesc.frames import (
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, frames_of
+from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, decode_values, mask_of
+from segway_ecc.firmware_io.drives.vesc.frames import (
     Command,
     Current,
     CurrentLimits,
@@ -21,13 +21,13 @@ from firmware_io.drives.vesc.frames import (
     decode,
     frame_of,
 )
-from firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
-from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
-from firmware_io.links.link import Frame
-from hil.devices._vesc_controller import Fault, Firmware
-from hil.devices.device import Device
-from hil.devices.vesc import TICK_NS, SimulatedVesc
-from hil.simulated_bus import SimulatedBus
+from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.devices._vesc_controller import Fault, Firmware
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 LEFT = VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=3.0)
 RIGHT = VescWheelSettings(

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from node.case_study.can import LockstepCanSeat
-from node.case_study.offline import OfflineSeat
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 
 @pytest.mark.parametrize(("linear", "angular", "duration"), [(2.0, 2.0, 10.0), (1.0, -0.5, 2.0)])

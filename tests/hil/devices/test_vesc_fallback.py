@@ -4,17 +4,17 @@ from collections.abc import Mapping
 
 import pytest
 
-from firmware_io.assembly import Assembly
-from firmware_io.drives.vesc.driver import Vesc
-from firmware_io.drives.vesc.serial_line import VescLine
-from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
-from firmware_io.settings import SerialSettings
-from hil.devices._vesc_controller import Fault
-from hil.devices.vesc import TICK_NS, SimulatedVesc
-from hil.simulated_bus import SimulatedBus
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.drives.vesc.driver import Vesc
+from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.serial_link import SerialLink
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.hil.devices._vesc_controller import Fault
+from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 LEFT = VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=3.0)
 RIGHT = VescWheelSettings(controller_id=2, pole_pairs=7, torque_constant=0.1, max_torque=3.0)

@@ -3,8 +3,8 @@ from collections.abc import Iterable, Mapping
 import pytest
 from msgspec.structs import astuple
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
@@ -16,13 +16,13 @@ from firmware_io.drives.wheel_board.frames import (
     WheelCommand,
     encode,
 )
-from firmware_io.drives.wheel_board.serial_line import BoardLine
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.links.link import Frame
-from hil.devices.device import Device
-from hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
-from hil.plants.cart import CartPlant
-from hil.simulated_bus import SimulatedBus
+from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
+from segway_ecc.hil.plants.cart import CartPlant
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 ON = WheelCommand(3.0, -4.0, enable=True)
 OFF = WheelCommand(3.0, -4.0, enable=False)

@@ -5,20 +5,20 @@ from typing import NamedTuple
 
 import pytest
 
-from firmware_io.assembly import Assembly
-from firmware_io.drives.wheel_board.driver import WheelBoard
-from firmware_io.drives.wheel_board.frames import BoardState
-from firmware_io.drives.wheel_board.serial_line import BoardLine
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.links.redundant_link import RedundantLink
-from firmware_io.links.serial_link import SerialLink
-from firmware_io.settings import SerialSettings
-from hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
-from hil.faulty_link import FaultyLink, LinkFault
-from hil.lockstep import LockstepRig
-from hil.plants.cart import CartPlant
-from hil.simulated_robot import SimulatedRobot
-from hil.simulated_serial import SimulatedSerial
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState
+from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.redundant_link import RedundantLink
+from segway_ecc.firmware_io.links.serial_link import SerialLink
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
+from segway_ecc.hil.plants.cart import CartPlant
+from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
 MS = 1_000_000
 CYCLE_NS = 10 * MS

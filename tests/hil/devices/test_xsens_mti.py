@@ -8,20 +8,20 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from msgspec import structs
 
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.imus.xsens_mti.driver import XsensMti
-from firmware_io.imus.xsens_mti.frames import Message
-from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from firmware_io.links.link import Frame
-from hil.devices.xsens_mti import SimulatedXsensMti
-from hil.errors import NoSimulationError
-from hil.lockstep import LockstepRig
-from hil.simulated_bus import SimulatedBus
-from hil.simulation import simulated_robot
-from node.case_study.can import LockstepCanSeat
-from node.config import RobotFile, load_robot
-from node.robot import build_robot
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
+from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
+from segway_ecc.hil.errors import NoSimulationError
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
+from segway_ecc.hil.rig.simulation import simulated_robot
+from segway_ecc.node.config import RobotFile, load_robot
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
 NAMES = [f"imu.{quantity}_{axis}" for quantity in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
@@ -187,7 +187,7 @@ def messages(path: Path, topic: str) -> Iterator[Any]:
 
 
 def test_a_cart_in_lock_step_logs_what_its_imu_measures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("node.case_study.can.load_robot", lambda _: with_imu(mounting=("-y", "+x", "+z")))
+    monkeypatch.setattr("segway_ecc.hil.case_study.can.load_robot", lambda _: with_imu(mounting=("-y", "+x", "+z")))
     LockstepCanSeat(tmp_path).run("turn", single_segment(0.5, 1.0, 2.0))
     log = tmp_path / "can_turn.mcap"
     imu = list(messages(log, "/imu/data"))

@@ -2,10 +2,10 @@
 
 import pytest
 
-from hil.faults.clock import DisturbedClock, ProcessKilledError
-from hil.faults.fault import Fault, Target, Type
-from hil.faults.injection import Injections
-from hil.lockstep import WALL_START_NS, LockstepRig
+from segway_ecc.hil.faults.clock import DisturbedClock, ProcessKilledError
+from segway_ecc.hil.faults.fault import Fault, Target, Type
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig
 
 MS = 1_000_000
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from hil.faults.fault import KINDS, Fault
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.hil.faults.fault import KINDS, Fault
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
 
 def decoded(text: str) -> Fault:

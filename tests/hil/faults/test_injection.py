@@ -2,8 +2,8 @@
 
 import pytest
 
-from hil.faults.fault import Fault
-from hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.hil.faults.injection import Injections
 
 MS = 1_000_000
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from firmware_io.links.link import Frame
-from hil.faults.fault import Fault, Target, Type
-from hil.faults.injection import Injections
-from hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
-from hil.simulated_bus import SimulatedBus
-from hil.simulated_serial import SimulatedSerial
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.faults.fault import Fault, Target, Type
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
+from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
 MS = 1_000_000
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from hil.faults.fault import _FOR_GOOD, KINDS, Fault, Target, Type
-from hil.faults.injection import Injections
-from hil.faults.plant import DisturbedPlant
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
+from segway_ecc.hil.faults.fault import _FOR_GOOD, KINDS, Fault, Target, Type
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.plant import DisturbedPlant
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
 
 STEP_S = 0.01
 TARGETS: Sequence[Target] = ("imu", "encoder", "left_motor", "right_motor", "battery")

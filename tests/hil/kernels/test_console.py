@@ -5,8 +5,8 @@ from typing import BinaryIO
 
 import pytest
 
-from hil.kernels import console
-from hil.kernels.console import Console
+from segway_ecc.hil.kernels import console
+from segway_ecc.hil.kernels.console import Console
 
 FAR_S = 60.0
 

@@ -3,7 +3,15 @@ from pathlib import Path
 
 import pytest
 
-from hil.kernels.initramfs import archive, file, folder, module_content, modules_in_order, program, symbolic_link
+from segway_ecc.hil.kernels.initramfs import (
+    archive,
+    file,
+    folder,
+    module_content,
+    modules_in_order,
+    program,
+    symbolic_link,
+)
 
 DEP = """\
 kernel/net/can/can.ko:

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from hil.kernels import qemu
-from hil.kernels.guest import GuestError, GuestResult, to_stdout
-from hil.kernels.qemu import available, main, run_in_guest
+from segway_ecc.hil.kernels import qemu
+from segway_ecc.hil.kernels.guest import GuestError, GuestResult, to_stdout
+from segway_ecc.hil.kernels.qemu import available, main, run_in_guest
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 30.0
@@ -128,7 +128,17 @@ def test_out_of_time_ends_the_guest(tmp_path: Path) -> None:
 
 @pytest.mark.rt_kernel
 def test_the_guest_does_not_outlive_the_process_that_started_it(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "hil.kernels.qemu", "--results", str(tmp_path), "--", "sleep", "900"]
+    words = [
+        sys.executable,
+        "-P",
+        "-m",
+        "segway_ecc.hil.kernels.qemu",
+        "--results",
+        str(tmp_path),
+        "--",
+        "sleep",
+        "900",
+    ]
     # Killed, it leaves its scratch folder behind.
     with subprocess.Popen(words, cwd=ROOT, env={**os.environ, "TMPDIR": str(tmp_path)}) as caller:
         started = in_time(lambda: bool(emulators(tmp_path)))

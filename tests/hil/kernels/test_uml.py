@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.kernels.uml import GuestError, GuestResult, available, main, run_in_guest
+from segway_ecc.hil.kernels.uml import GuestError, GuestResult, available, main, run_in_guest
 
 ROOT = Path(__file__).parents[3]
 SCRIPT = """

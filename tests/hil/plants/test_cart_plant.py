@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from hil.plants.cart import CartPlant, CartTorquePlant
-from node.models.cart import Cart
+from segway_ecc.hil.plants.cart import CartPlant, CartTorquePlant
+from segway_ecc.node.models.cart import Cart
 
 RESISTANCE, INDUCTANCE, INERTIA, FRICTION, MOTOR_CONSTANT = 0.64536, 8.68e-3, 2e-3, 1e-3, 0.1
 RADIUS, TRACK, ASSUMED_TRACK = 0.05, 0.3, 0.300522

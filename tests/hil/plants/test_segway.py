@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from hil.plants.segway import SegwayPlant, SegwayTorquePlant
-from node.errors import ModelError
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway import SegwayPlant, SegwayTorquePlant
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 PLANTS = (SegwayTorquePlant, SegwayPlant)
 Plant = type[SegwayTorquePlant | SegwayPlant]

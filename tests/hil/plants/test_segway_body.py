@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from hil.plants.segway_body import SegwayBody
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
 FREE = dataclasses.replace(PUBLISHED, viscous_friction=0.0, coulomb_friction=0.0, stop_angle=1e3)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from hil.plants.segway_body import SegwayBody
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 P = PUBLISHED
 PAYLOAD, PAYLOAD_HEIGHT = 1.5, 0.6

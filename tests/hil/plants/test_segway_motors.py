@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
 FULL = 18.0

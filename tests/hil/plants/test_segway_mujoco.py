@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from hil.plants.segway import SegwayTorquePlant
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway import SegwayTorquePlant
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 pytestmark = pytest.mark.mujoco
 

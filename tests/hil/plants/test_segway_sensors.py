@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 
 import pytest
 
-from hil.plants.segway_body import SegwayBody
-from hil.plants.segway_motors import MOST_STEPS
-from hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.hil.plants.segway_motors import MOST_STEPS
+from segway_ecc.hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
 COUNT = 2 * math.pi / 16384

@@ -6,10 +6,10 @@ from typing import Final, NamedTuple
 
 import pytest
 
-from hil.plants.segway import STEP_SIZE, SegwayPlant, SegwayTorquePlant
-from hil.plants.segway_body import SegwayBody
-from hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
-from node.models.segway_parameters import PUBLISHED
+from segway_ecc.hil.plants.segway import STEP_SIZE, SegwayPlant, SegwayTorquePlant
+from segway_ecc.hil.plants.segway_body import SegwayBody
+from segway_ecc.hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
+from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 STEPS: Final = 5
 PERIOD: Final = STEPS * STEP_SIZE

@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
-from firmware_io.links.link import Frame
-from node.case_study.can import LockstepCanSeat, RealTimeCanSeat
-from node.case_study.offline import OfflineSeat
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 BITRATE = 500_000
 PATIENCE_S = 10.0
 ENDS_WITHIN_S = 30.0
-COMMAND = [sys.executable, "-m", "node.cli.main"]
+COMMAND = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main"]
 
 
 def ip_link(*words: str) -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.can import check_can
-from deploy.doctor.doctor import examine
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.probes import RealProbes
-from deploy.doctor.system import Machine
+from segway_ecc.deploy.doctor.can import check_can
+from segway_ecc.deploy.doctor.doctor import examine
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.probes import RealProbes
+from segway_ecc.deploy.doctor.system import Machine
 from tests.deploy.doctor.fake_machine import by_name, job
 
 MS = 1_000_000

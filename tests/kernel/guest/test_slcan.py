@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.interface_state import read_interface_state
-from firmware_io.links.link import Frame, LinkState
-from firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.link import Frame, LinkState
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910

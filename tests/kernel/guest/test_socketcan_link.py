@@ -11,11 +11,11 @@ import can
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.can_link import CanLink, make_can_link
-from firmware_io.links.interface_state import read_interface_state
-from firmware_io.links.link import Frame, Link, LinkState
-from firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.can_link import CanLink, make_can_link
+from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkState
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 BITRATE = 500_000
 PATIENCE_S = 10.0

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-COMMAND = [sys.executable, "-m", "node.cli.main"]
+COMMAND = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main"]
 ENDS_WITHIN_S = 90.0
 HEARD_ON_CAN1 = Path("/sys/class/net/can1/statistics/rx_packets")
 

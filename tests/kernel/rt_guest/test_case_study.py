@@ -2,8 +2,8 @@
 
 import pytest
 
-from node.case_study.can import LockstepCanSeat
-from node.sequence.manoeuvre import single_segment
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.node.sequence.manoeuvre import single_segment
 
 
 @pytest.mark.parametrize("name", ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"])

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy.doctor.can import check_can
-from deploy.doctor.finding import Finding, Verdict
-from deploy.doctor.kernel import check_kernel
-from deploy.doctor.privileges import check_privileges
-from deploy.doctor.probes import RealProbes
-from deploy.doctor.system import Machine
+from segway_ecc.deploy.doctor.can import check_can
+from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.kernel import check_kernel
+from segway_ecc.deploy.doctor.privileges import check_privileges
+from segway_ecc.deploy.doctor.probes import RealProbes
+from segway_ecc.deploy.doctor.system import Machine
 from tests.deploy.doctor.fake_machine import by_name, job
 
 MACHINE = Machine(RealProbes())

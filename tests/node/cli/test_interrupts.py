@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from node.cli.interrupts import ends_at_once
-from node.config import read_text
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.config import read_text
 
 SWALLOWING = """
 import os, signal, time
@@ -19,7 +19,7 @@ try:
     time.sleep(10.0)
 except KeyboardInterrupt:
     pass
-from node.models.cart import Cart
+from segway_ecc.node.models.cart import Cart
 """
 
 
@@ -49,10 +49,10 @@ def test_who_ignores_it_still_does() -> None:
 def test_a_robot_whose_start_swallows_the_exception_does_not_run_on(tmp_path: Path) -> None:
     (tmp_path / "swallowing.py").write_text(SWALLOWING)
     robot = tmp_path / "robot.yaml"
-    robot.write_text(read_text("cart").replace("node.models.cart:Cart", "swallowing:Cart"))
+    robot.write_text(read_text("cart").replace("segway_ecc.node.models.cart:Cart", "swallowing:Cart"))
     words = ["run", str(robot), "--no-ros", "--no-log", "--duration", "0.1"]
     done = subprocess.run(
-        [sys.executable, "-m", "node.cli.main", *words],
+        [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words],
         env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
         capture_output=True,
         timeout=60.0,

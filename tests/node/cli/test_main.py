@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from firmware_io.errors import HardwareError
-from hil.errors import RigError
-from node.cli import main as cli
-from node.errors import (
+from segway_ecc.firmware_io.errors import HardwareError
+from segway_ecc.hil.errors import RigError
+from segway_ecc.node.cli import main as cli
+from segway_ecc.node.errors import (
     ConfigurationError,
     ModelError,
     NobodyListensError,
@@ -24,7 +24,7 @@ from node.errors import (
 )
 
 Run = Callable[..., Any]
-COMMAND = [sys.executable, "-m", "node.cli.main"]
+COMMAND = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main"]
 
 
 def without_ros(*words: str, env: Mapping[str, str] | None = None) -> "subprocess.CompletedProcess[str]":
@@ -35,7 +35,7 @@ def without_ros(*words: str, env: Mapping[str, str] | None = None) -> "subproces
         "hidden = ('rclpy', 'geometry_msgs', 'nav_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs')\n"
         "importlib.util.find_spec = lambda name, *rest: None if name in hidden else find(name, *rest)\n"
         "sys.modules.update(dict.fromkeys(hidden))\n"
-        "from node.cli.main import main\n"
+        "from segway_ecc.node.cli.main import main\n"
         "sys.exit(main())\n"
     )
     return subprocess.run(
@@ -54,49 +54,85 @@ def test_version_is_that_of_the_distribution(segway_ecc: Run) -> None:
     assert outcome.out == importlib.metadata.version("segway-ecc") + "\n"
 
 
-def test_help_names_every_verb(segway_ecc: Run) -> None:
+def test_help_lists_a_dozen_verbs_by_section_each_with_an_example(segway_ecc: Run) -> None:
     outcome = segway_ecc("--help")
 
     assert outcome.code == 0
-    first_words = [line.split()[0] for line in outcome.out.splitlines() if line.startswith("    ") and line[4] != " "]
-    assert first_words == [
-        "inspect",
-        "simulate",
-        "run",
-        "status",
-        "supervise",
-        "archive",
-        "support-bundle",
-        "sequence",
-        "guard",
-        "plant",
-        "failover",
-        "hil",
-        "campaign",
-        "kill-drill",
-        "play",
-        "design",
-        "margins",
-        "endurance",
-        "replay",
-        "traffic",
-        "deploy",
-        "base-station",
-        "image",
-        "case-study",
-        "soak",
-        "study",
-        "doctor",
-        "bench",
+    verbs = [line.split()[0] for line in outcome.out.splitlines() if line.startswith("  ") and " segway-ecc " in line]
+    assert verbs == [
+        *("run", "guard", "sequence", "play", "plant"),
+        *("model", "design"),
+        *("log", "station", "deploy"),
+        *("case-study", "prove", "bench"),
     ]
+
+
+def test_no_words_show_what_to_try_first(segway_ecc: Run) -> None:
+    outcome = segway_ecc()
+
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert outcome.errors[0] == "Try first:"
+    shown = [line.split("  ")[1].split() for line in outcome.errors[1:4]]
+    assert [words[:2] for words in shown] == [
+        ["segway-ecc", "case-study"],
+        ["segway-ecc", "play"],
+        ["segway-ecc", "model"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "suggestion"),
+    [
+        (("campain",), "prove campaign"),
+        (("doctor",), "deploy doctor"),
+        (("prove", "replay"), "log replay"),
+        (("rnu", "cart"), "run"),
+        (("model", "inspct", "x"), "model inspect"),
+    ],
+)
+def test_a_verb_that_does_not_exist_is_answered_with_the_closest(
+    segway_ecc: Run, words: tuple[str, ...], suggestion: str
+) -> None:
+    outcome = segway_ecc(*words)
+
+    assert outcome.code == 2
+    (line,) = outcome.errors
+    assert f"did you mean 'segway-ecc {suggestion}'?" in line
+
+
+@pytest.mark.parametrize("name", [verb.name for verb in cli.find_verbs().values()])
+def test_every_verb_shows_its_help_with_an_example(segway_ecc: Run, name: str) -> None:
+    outcome = segway_ecc(*name.split(), "--help")
+
+    assert outcome.code == 0
+    example = " ".join(outcome.out.split()).partition("Example: ")[2].removeprefix("sudo ")
+    assert example.startswith(f"segway-ecc {name}")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_verbs_and_options(segway_ecc: Run, shell: str) -> None:
+    outcome = segway_ecc("--completion", shell)
+
+    assert outcome.code == 0
+    assert "kill-drill" in outcome.out
+    assert "log-limit" in outcome.out
+
+
+def test_completion_without_shtab_names_the_remedy(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    outcome = segway_ecc("--completion", "bash")
+
+    assert outcome.code == 2
+    assert outcome.errors == ["segway-ecc: completion needs shtab: pip install 'segway-ecc[completion]'"]
 
 
 @pytest.mark.parametrize(
     "words",
     [
         ("frobnicate",),
-        (),
         ("run",),
+        ("prove",),
         ("run", "cart", "--frobnicate"),
         ("run", "cart", "--duration", "soon"),
         ("run", "cart", "--no-log", "--log", "x.mcap"),
@@ -137,7 +173,7 @@ def test_each_error_has_the_exit_code_of_the_docstring(
     def fail(_options: object) -> int:
         raise error("it broke")
 
-    monkeypatch.setattr("node.cli.plant.run", fail)
+    monkeypatch.setattr("segway_ecc.hil.verbs.plant.run", fail)
     outcome = segway_ecc("plant", "cart-can")
 
     assert outcome.code == code
@@ -145,7 +181,7 @@ def test_each_error_has_the_exit_code_of_the_docstring(
 
 
 def test_the_exit_code_of_a_verb_is_handed_on(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("node.cli.plant.run", lambda _options: 42)
+    monkeypatch.setattr("segway_ecc.hil.verbs.plant.run", lambda _options: 42)
 
     assert segway_ecc("plant", "cart-can").code == 42
 
@@ -157,7 +193,7 @@ def test_what_follows_ros_args_is_for_ros(monkeypatch: pytest.MonkeyPatch) -> No
         seen.extend([options.robot, options.ros_arguments])
         return 0
 
-    monkeypatch.setattr("node.cli.run.run", keep)
+    monkeypatch.setattr("segway_ecc.node.verbs.run.run", keep)
 
     assert cli.main(["run", "cart", "--ros-args", "-r", "odom:=odometry"]) == 0
     assert seen == ["cart", ["--ros-args", "-r", "odom:=odometry"]]
@@ -194,7 +230,9 @@ def test_output_into_a_closed_pipe_gives_no_traceback(words: list[str], unbuffer
 
 
 def test_only_the_verb_in_use_is_imported() -> None:
-    program = "import sys; import node.cli.main as m; m.main(['plant', 'cart']); print('rclpy' in sys.modules)"
+    program = (
+        "import sys; import segway_ecc.node.cli.main as m; m.main(['plant', 'cart']); print('rclpy' in sys.modules)"
+    )
     ended = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
 
     assert ended.stdout == "False\n"

@@ -2,11 +2,11 @@ import argparse
 
 import pytest
 
-from firmware_io.build import serial_of
-from firmware_io.settings import SerialSettings
-from node.cli.options import robot_file
-from node.config import NoHardwareSection, RobotFile, load_robot
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.links.settings import SerialSettings
+from segway_ecc.node.cli.options import robot_file
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
+from segway_ecc.node.errors import ConfigurationError
 
 
 def read(robot: str, **wanted: str) -> RobotFile:

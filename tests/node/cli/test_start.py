@@ -10,17 +10,17 @@ LATER = {
     "can": "only where a bus goes through python-can",
     "serial": "only where there is a serial line",
     "rclpy": "only with ROS",
-    "node.ros.remote": "only with ROS",
-    "node.ros.runtime": "only with ROS",
-    "node.ros.stage": "only with ROS",
-    "firmware_io.drives.cia402.driver": "only with such drives",
-    "firmware_io.drives.odrive.driver": "only with such drives",
-    "firmware_io.drives.odrive.frames": "only with such drives",
-    "firmware_io.drives.vesc.driver": "only with such drives",
-    "firmware_io.drives.wheel_board.driver": "only with such drives",
-    "firmware_io.imus.xsens_mti.driver": "only with such an IMU",
+    "segway_ecc.node.ros.remote": "only with ROS",
+    "segway_ecc.node.ros.runtime": "only with ROS",
+    "segway_ecc.node.ros.stage": "only with ROS",
+    "segway_ecc.firmware_io.drives.cia402.driver": "only with such drives",
+    "segway_ecc.firmware_io.drives.odrive.driver": "only with such drives",
+    "segway_ecc.firmware_io.drives.odrive.frames": "only with such drives",
+    "segway_ecc.firmware_io.drives.vesc.driver": "only with such drives",
+    "segway_ecc.firmware_io.drives.wheel_board.driver": "only with such drives",
+    "segway_ecc.firmware_io.imus.xsens_mti.driver": "only with such an IMU",
 }
-LOADED = "import sys; import node.cli.main, node.cli.run; print(*sys.modules)"
+LOADED = "import sys; import segway_ecc.node.cli.main, segway_ecc.node.verbs.run; print(*sys.modules)"
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_a_start_does_not_import(name: str, loaded: set[str]) -> None:
 
 def test_a_robot_takes_its_digests_without_openssl() -> None:
     said = (
-        "import node.cli.main as m; m._options(['run', 'cart']); import hashlib; "
+        "import segway_ecc.node.cli.main as m; m.main(['run', 'nobody']); import hashlib; "
         "print(hashlib.sha256(b'segway').hexdigest(), 'libcrypto' in open('/proc/self/maps').read())"
     )
     done = subprocess.run([sys.executable, "-c", said], check=True, capture_output=True, text=True)
@@ -50,7 +50,10 @@ def test_a_robot_takes_its_digests_without_openssl() -> None:
 
 def test_the_version_is_told_where_it_is_asked_for() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "node.cli.main", "--version"], check=True, capture_output=True, text=True
+        [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "--version"],
+        check=True,
+        capture_output=True,
+        text=True,
     )
     found = subprocess.run(
         [sys.executable, "-c", "import importlib.metadata as m; print(m.version('segway-ecc'))"],

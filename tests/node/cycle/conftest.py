@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
-from node.testing import Bench, RecordingHardware
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.testing import Bench, RecordingHardware
 
 
 class Probe(SectionedModel):

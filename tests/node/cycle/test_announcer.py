@@ -2,9 +2,9 @@ import logging
 
 import pytest
 
-from node.cycle.announcer import Announcer
-from node.safety.modes import Action, Modes
-from node.testing import ScriptedClock
+from segway_ecc.node.cycle.announcer import Announcer
+from segway_ecc.node.safety.modes import Action, Modes
+from segway_ecc.testing import ScriptedClock
 
 SECOND = 1_000_000_000
 
@@ -16,7 +16,7 @@ def clock() -> ScriptedClock:
 
 @pytest.fixture
 def announcer(clock: ScriptedClock, caplog: pytest.LogCaptureFixture) -> Announcer:
-    caplog.set_level(logging.INFO, logger="node.cycle.announcer")
+    caplog.set_level(logging.INFO, logger="segway_ecc.node.cycle.announcer")
     return Announcer(clock)
 
 

@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_io.errors import ArmingRefusedError
-from firmware_io.hardware import Sensors
-from node.cycle.authority import Authority
-from node.cycle.seams import HardwareAnswer
-from node.cycle.setpoints import REST, Setpoint, SetpointSchedule
-from node.safety.checklist import Item
-from node.safety.modes import Action, Answer, Mode
-from node.testing import RecordingHardware
+from segway_ecc.firmware_io.errors import ArmingRefusedError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.seams import HardwareAnswer
+from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointSchedule
+from segway_ecc.node.safety.checklist import Item
+from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.testing import RecordingHardware
 
 
 class Desk:

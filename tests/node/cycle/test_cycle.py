@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import PHASES, StampedSetpoint
-from node.cycle.setpoints import REST, Setpoint, SetpointRefusal
-from node.safety.modes import Action, Answer, Mode
-from node.testing import START_NS, WALL_START_NS, Bench
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import PHASES, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal
+from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.testing import START_NS, WALL_START_NS, Bench
 
 FAST, SLOW = Setpoint(2.0, 1.0), Setpoint(0.5, 0.0)
 MS = 1_000_000

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from firmware_io.errors import LinkLostError
-from firmware_io.hardware import Sensors
-from node.cycle.setpoints import REST, Setpoint
-from node.safety.modes import ACTIVE, Action, Answer, Mode
-from node.testing import Bench
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode
+from segway_ecc.testing import Bench
 
 FAST = Setpoint(2.0, 1.0)
 FRESH = Sensors((0.0,), (0.001,), (True,))

@@ -8,15 +8,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from firmware_io.errors import LinkLostError
-from firmware_io.hardware import Sensors
-from node.cycle.setpoints import Setpoint
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
-from node.safety.modes import ACTIVE, Action, Mode
-from node.safety.settings import LateCyclesLimit, SafetySettings, StationSettings
-from node.testing import Bench, RecordingHardware, ScriptedStage
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
+from segway_ecc.node.safety.settings import LateCyclesLimit, SafetySettings, StationSettings
+from segway_ecc.testing import Bench, RecordingHardware, ScriptedStage
 
 STEP: Final = 0.01
 MAX_COMMAND, DRIVE_LIMIT, SLEW = 8.0, 10.0, 100.0

@@ -8,19 +8,19 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from firmware_io.errors import LinkLostError
-from firmware_io.hardware import Sensors
-from node.config import load_robot
-from node.cycle.seams import NoRecorder, NoStage
-from node.cycle.setpoints import Setpoint
-from node.errors import ConfigurationError
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
-from node.robot import build_robot
-from node.safety.modes import Action, Mode, Transition
-from node.safety.settings import ChecklistSettings, FollowingErrorSettings, LateCyclesLimit, SafetySettings
-from node.testing import Bench, RecordingHardware, ScriptedClock
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import NoRecorder, NoStage
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.safety.modes import Action, Mode, Transition
+from segway_ecc.node.safety.settings import ChecklistSettings, FollowingErrorSettings, LateCyclesLimit, SafetySettings
+from segway_ecc.testing import Bench, RecordingHardware, ScriptedClock
 
 MS = 1_000_000
 G = 9.80665

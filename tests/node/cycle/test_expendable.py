@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from node.cycle.expendable import ExpendableRecorder
-from node.cycle.loop import Loop
-from node.cycle.seams import CycleRecord
-from node.cycle.status import Status
-from node.errors import RecordingError
-from node.safety.modes import Mode
-from node.testing import Bench
+from segway_ecc.node.cycle.expendable import ExpendableRecorder
+from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.testing import Bench
 
 
 class Disk:

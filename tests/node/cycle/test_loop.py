@@ -6,11 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from node.cycle.loop import LoopCounters
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Level
-from node.model.sectioned import SectionedModel
-from node.testing import START_NS, WALL_START_NS, Bench, RecordingHardware
+from segway_ecc.node.cycle.loop import LoopCounters
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Level
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.testing import START_NS, WALL_START_NS, Bench, RecordingHardware
 
 MS = 1_000_000
 PERIOD = 10 * MS

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_io.errors import BusNotFoundError, LinkLostError
-from node.cycle.setpoints import Setpoint
-from node.errors import ModelFailedError
-from node.testing import Bench
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import ModelFailedError
+from segway_ecc.testing import Bench
 
 WAY_OUT = ["disarm", "final", "close", "stage closed", "recorder closed"]
 AFTER_OPENING = ["close", "stage closed", "recorder closed"]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from node.cycle import real_time
-from node.cycle.real_time import (
+from segway_ecc.node.cycle import real_time
+from segway_ecc.node.cycle.real_time import (
     SWITCH_INTERVAL_S,
     helping_threads,
     isolated_processors,
@@ -21,7 +21,7 @@ PR_GET_TIMERSLACK = 30
 
 LOCK = """
 import resource
-from node.cycle.real_time import lock_memory
+from segway_ecc.node.cycle.real_time import lock_memory
 hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, hard))
 def refuse(*_):

@@ -3,15 +3,15 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from firmware_io.hardware import Hardware, Sensors
-from node.cycle.authority import Authority
-from node.cycle.report import DiagnosticReport
-from node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
-from node.cycle.status import Level, Status
-from node.cycle.time_base import TimeBase
-from node.cycle.timing import Histogram
-from node.safety.modes import Action
-from node.testing import RecordingHardware
+from segway_ecc.firmware_io.hardware import Hardware, Sensors
+from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.report import DiagnosticReport
+from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import Histogram
+from segway_ecc.node.safety.modes import Action
+from segway_ecc.testing import RecordingHardware
 
 PERIOD = 10_000_000
 

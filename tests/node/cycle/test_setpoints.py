@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.cycle.setpoints import CAPACITY, REST, Setpoint, SetpointRefusal, SetpointSchedule
+from segway_ecc.node.cycle.setpoints import CAPACITY, REST, Setpoint, SetpointRefusal, SetpointSchedule
 
 SLOW, FAST = Setpoint(0.5, -0.25), Setpoint(2.0, 1.0)
 

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 
 import pytest
 
-from firmware_io.hardware import Sensors
-from node.cycle.setpoints import Setpoint
-from node.errors import UnknownNameError
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
-from node.safety.modes import Action, Mode
-from node.safety.settings import StationSettings
-from node.testing import Bench, RecordingHardware
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.node.safety.settings import StationSettings
+from segway_ecc.testing import Bench, RecordingHardware
 
 STATION = StationSettings(timeout_s=0.5, sit_down_after_s=1.0, sit_down={"stand": 0.0}, disarm_after_s=2.0)
 LOST = "the base station is lost"

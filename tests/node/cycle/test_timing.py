@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.cycle.timing import Histogram, Summary, Tally
+from segway_ecc.node.cycle.timing import Histogram, Summary, Tally
 
 LARGEST = (1 << 40) - 1
 durations = st.one_of(st.integers(0, 200), st.integers(0, 10**8), st.integers(0, LARGEST))

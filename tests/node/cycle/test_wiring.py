@@ -2,13 +2,13 @@ from collections.abc import Mapping
 
 import pytest
 
-from firmware_io.hardware import NoHardware, Sensors
-from node.cycle.setpoints import Setpoint
-from node.cycle.wiring import PUBLISHED_SIGNALS, Origin, Source, wire
-from node.errors import ConfigurationError, UnknownNameError
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
-from node.testing import RecordingHardware
+from segway_ecc.firmware_io.hardware import NoHardware, Sensors
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, Origin, Source, wire
+from segway_ecc.node.errors import ConfigurationError, UnknownNameError
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.testing import RecordingHardware
 
 
 class Driver(SectionedModel):

@@ -3,7 +3,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from node.model.methods import ADVANCE, Dynamic, Method
+from segway_ecc.node.model.methods import ADVANCE, Dynamic, Method
 
 ORDERS = {Method.EULER: 1, Method.RUNGE_KUTTA_2: 2, Method.RUNGE_KUTTA_4: 4}
 

@@ -4,10 +4,10 @@ from fractions import Fraction
 
 import pytest
 
-from node.errors import ModelError, UnknownNameError
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable, Write
+from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable, Write
 
 NOT_FINITE = [math.nan, math.inf, -math.inf]
 

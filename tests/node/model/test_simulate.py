@@ -3,11 +3,11 @@ from typing import ClassVar
 
 import pytest
 
-from node.errors import UnknownNameError
-from node.model.methods import Method
-from node.model.sectioned import SectionedModel
-from node.model.simulate import held_inputs, simulate
-from node.model.variables import Variable
+from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.simulate import held_inputs, simulate
+from segway_ecc.node.model.variables import Variable
 
 
 class Sum(SectionedModel):

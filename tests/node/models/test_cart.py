@@ -3,8 +3,8 @@ from fractions import Fraction
 
 import pytest
 
-from node.case_study.study import Cell, thesis_cells
-from node.models.cart import Cart, CartController
+from segway_ecc.hil.case_study.study import Cell, thesis_cells
+from segway_ecc.node.models.cart import Cart, CartController
 
 OUTPUTS = [v.name for v in Cart.outputs]
 PARAMETERS = {v.name: Fraction(str(v.value)) for v in Cart.parameters}

@@ -6,11 +6,11 @@ import math
 import pytest
 from msgspec.structs import astuple
 
-from node.cli.design import designed
-from node.config import load_robot
-from node.errors import ModelError
-from node.models.segway import STEP_SIZE, SegwayController, SegwayVoltageController
-from node.models.segway_phases import Phase
+from segway_ecc.hil.verbs.design_gains import designed
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.models.segway import STEP_SIZE, SegwayController, SegwayVoltageController
+from segway_ecc.node.models.segway_phases import Phase
 
 G = 9.80665
 GAINS = load_robot("segway").model.parameters
@@ -292,7 +292,7 @@ def test_a_parameter_that_is_written_acts_in_the_next_step() -> None:
 
 
 def test_without_gains_it_does_not_start_and_says_what_to_do() -> None:
-    with pytest.raises(ModelError, match=r"has no gains: `segway-ecc design`"):
+    with pytest.raises(ModelError, match=r"has no gains: `segway-ecc design gains`"):
         SegwayController().initialize(inputs())
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from node.models.segway import SegwayController
-from node.models.segway_estimate import Estimate
-from node.models.segway_law import Law, Motion, torques
+from segway_ecc.node.models.segway import SegwayController
+from segway_ecc.node.models.segway_estimate import Estimate
+from segway_ecc.node.models.segway_law import Law, Motion, torques
 
 GAINS = {
     "TravelGain": -1.0,

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from node.models.segway_parameters import PUBLISHED, VARIABLES, SegwayParameters
+from segway_ecc.node.models.segway_parameters import PUBLISHED, VARIABLES, SegwayParameters
 
 
 def test_every_field_is_a_parameter_with_its_unit() -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.cache import cached, digest
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cache import cached, digest
 
 
 def fill(draft: Path) -> None:

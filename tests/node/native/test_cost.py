@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
-import node.models
-from node.errors import ModelError
-from node.native.cost import step_cost
-from node.native.load import load_native
+import segway_ecc.node.models
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.cost import step_cost
+from segway_ecc.node.native.load import load_native
 
-CART = Path(node.models.__file__).with_name("cart_submodel")
+CART = Path(segway_ecc.node.models.__file__).with_name("cart_submodel")
 pytestmark = pytest.mark.compiler
 
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from node.models.cart import Cart
+from segway_ecc.node.models.cart import Cart
 from tests.fixtures.twenty_sim import fmu, generate, models, more_models, variants
 from tests.fixtures.twenty_sim.made import FmuKind, Input, Layout, Made, Style, Write, input_at
 from tests.fixtures.twenty_sim.maker import Maker

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError, UnknownNameError
-from node.model import load_model
-from node.native.description import Flavour
-from node.native.library import NativeModel
-from node.native.load import load_native
+from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.native.description import Flavour
+from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.maker import Maker
 
@@ -47,9 +47,9 @@ def test_an_fmu_has_its_own_method(make: Maker) -> None:
 
 
 def test_a_model_in_python_has_its_own_step() -> None:
-    text = "^'node.models.cart:Cart' is written in Python and has its own method and step: leave them out$"
+    text = "^'segway_ecc.node.models.cart:Cart' is written in Python and has its own method and step: leave them out$"
     with pytest.raises(ModelError, match=text):
-        load_model("node.models.cart:Cart", step_size=0.1)
+        load_model("segway_ecc.node.models.cart:Cart", step_size=0.1)
 
 
 @pytest.mark.parametrize("source", ["models/tank", "./tank"])

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord
-from node.cycle.setpoints import Setpoint
-from node.recording.cycle_log import Layout
-from node.safety.modes import Mode
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.recording.cycle_log import Layout
+from segway_ecc.node.safety.modes import Mode
 
 PERIOD_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000

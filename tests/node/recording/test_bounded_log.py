@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from node.cycle.seams import CycleRecord
-from node.errors import RecordingError
-from node.recording.bounded_log import BoundedLog
-from node.recording.bounds import Bounds
-from node.recording.codec import CYCLE, CycleCodec
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
-from node.recording.salvage import Salvage
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.bounded_log import BoundedLog
+from segway_ecc.node.recording.bounds import Bounds
+from segway_ecc.node.recording.codec import CYCLE, CycleCodec
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.salvage import Salvage
 
 PROVENANCE = Provenance({"robot.json": "{}"}, {})
 KB = 1000

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from node.recording.bounds import Bounds, claim, make_room, part, parts
+from segway_ecc.node.recording.bounds import Bounds, claim, make_room, part, parts
 
 
 def log(folder: Path, name: str, size: int, age: int) -> Path:

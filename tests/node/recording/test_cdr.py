@@ -12,9 +12,9 @@ from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.schemas import (
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
     IMU,

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import (
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import (
     CycleRecord,
     HardwareAnswer,
     Heartbeat,
@@ -20,10 +20,10 @@ from node.cycle.seams import (
     StampedSetpoint,
     Written,
 )
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Level, Status
-from node.errors import RecordingError
-from node.recording.codec import (
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.codec import (
     CYCLE,
     DIAGNOSTICS,
     EVENTS,
@@ -32,9 +32,9 @@ from node.recording.codec import (
     pack_diagnostics,
     unpack_diagnostics,
 )
-from node.recording.cycle_message import stamp_of
-from node.recording.layout import Layout
-from node.safety.modes import Action, Mode
+from segway_ecc.node.recording.cycle_message import stamp_of
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.safety.modes import Action, Mode
 
 SNAPSHOT = {"values", "ages", "valid", "faults", "ready", "events", "off"}
 int64 = st.integers(-(2**63), 2**63 - 1)

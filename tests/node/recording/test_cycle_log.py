@@ -7,17 +7,17 @@ import msgspec
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from hil.lockstep import LockstepRig
-from node.config import load_robot
-from node.cycle.seams import CycleRecord, HardwareAnswer
-from node.cycle.status import Level, Status
-from node.recording.cycle_log import CycleLog, Layout, layout_of
-from node.recording.layout import field_names
-from node.recording.provenance import Provenance
-from node.robot import build_robot
-from node.sequence.manoeuvre import single_segment
-from node.sequence.player import Player
-from node.sequence.stage import ManoeuvreStage
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.recording.cycle_log import CycleLog, Layout, layout_of
+from segway_ecc.node.recording.layout import field_names
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import single_segment
+from segway_ecc.node.sequence.player import Player
+from segway_ecc.node.sequence.stage import ManoeuvreStage
 
 START_NS = 1_700_000_000_000_000_000
 COMMON = {

@@ -10,10 +10,10 @@ from mcap.records import Schema
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.highlevel import AnyReader
 
-from node.cycle.seams import CycleRecord
-from node.recording.cycle_log import CycleLog
-from node.recording.cycle_message import CYCLE_TYPE, CycleMessage
-from node.recording.layout import Layout, field_names
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.cycle_message import CYCLE_TYPE, CycleMessage
+from segway_ecc.node.recording.layout import Layout, field_names
 
 
 def test_mcap_ros2_support_reads_every_field(layout: Layout, record: Callable[[int], CycleRecord]) -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import (
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import (
     CycleRecord,
     HardwareAnswer,
     Heartbeat,
@@ -18,10 +18,10 @@ from node.cycle.seams import (
     StampedSetpoint,
     Written,
 )
-from node.cycle.setpoints import Setpoint
-from node.errors import RecordingError
-from node.recording.happenings import happenings, restored, texts
-from node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.happenings import happenings, restored, texts
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 QUIET = CycleRecord(7, 0, Mode.ARMED, 0, Sensors(), Setpoint(0.0, 0.0), (), (), (), (), ())
 numbers = st.floats(allow_nan=False)

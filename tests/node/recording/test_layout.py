@@ -5,7 +5,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from node.recording.layout import field_names
+from segway_ecc.node.recording.layout import field_names
 
 VALID = re.compile(r"^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")
 """What the ROS 2 interface definition allows a field to be called."""

@@ -12,10 +12,10 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.mcap_log import CHUNK_BYTES, McapLog
-from node.recording.schemas import SCHEMAS
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.mcap_log import CHUNK_BYTES, McapLog
+from segway_ecc.node.recording.schemas import SCHEMAS
 
 START_NS = 1_700_000_000_000_000_000
 TYPES = {

@@ -17,20 +17,20 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from hil.lockstep import LockstepRig
-from node.config import load_robot
-from node.cycle.seams import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Level, Status
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.cycle_log import EVENTS_TOPIC
-from node.recording.layout import Layout, layout_of
-from node.recording.provenance import Provenance
-from node.recording.recorder import ProcessRecorder
-from node.recording.salvage import Salvage
-from node.robot import build_robot
-from node.safety.modes import Mode
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
+from segway_ecc.node.recording.layout import Layout, layout_of
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.recorder import ProcessRecorder
+from segway_ecc.node.recording.salvage import Salvage
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.safety.modes import Mode
 
 MORE_THAN_FIT = 5000
 ENDS_WITHIN_S = 30.0
@@ -225,7 +225,7 @@ def test_a_record_that_is_damaged_on_its_way_costs_itself_and_is_told(
 def test_a_writer_that_never_ends_is_ended(
     recorder: ProcessRecorder, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("node.recording.recorder._CLOSE_S", 0.01)
+    monkeypatch.setattr("segway_ecc.node.recording.recorder._CLOSE_S", 0.01)
     recorder._process.send_signal(signal.SIGSTOP)
     recorder.close()
 
@@ -358,12 +358,12 @@ NODE = """
 import os, signal, sys, time
 from pathlib import Path
 import msgspec
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord
-from node.cycle.setpoints import Setpoint
-from node.recording.layout import Layout
-from node.recording.recorder import ProcessRecorder
-from node.safety.modes import Mode
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.recorder import ProcessRecorder
+from segway_ecc.node.safety.modes import Mode
 
 layout = msgspec.json.decode(sys.argv[2], type=Layout)
 recorder = ProcessRecorder(Path(sys.argv[1]), layout)
@@ -402,7 +402,7 @@ def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layou
 def test_a_signal_to_the_whole_process_group_leaves_a_finished_log(path: Path, number: signal.Signals) -> None:
     words = ["run", "cart", "--no-ros", "--log", str(path), "--json"]
     with subprocess.Popen(
-        [sys.executable, "-m", "node.cli.main", *words],
+        [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

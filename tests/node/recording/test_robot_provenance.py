@@ -10,9 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from node.config import RobotFile, load_robot, packaged_robots, read_text
-from node.model.load import load_model
-from node.recording.robot_provenance import model_hash, provenance_of
+from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.robot_provenance import model_hash, provenance_of
 
 
 @pytest.mark.parametrize("name", packaged_robots())
@@ -26,7 +26,11 @@ def test_a_robot_file_comes_back_as_it_was(name: str) -> None:
 
 
 def test_the_wire_of_the_board_is_described_where_it_is_used() -> None:
-    dbc = importlib.resources.files("firmware_io").joinpath("drives/wheel_board/wheel_board.dbc").read_text("utf-8")
+    dbc = (
+        importlib.resources.files("segway_ecc.firmware_io")
+        .joinpath("drives/wheel_board/wheel_board.dbc")
+        .read_text("utf-8")
+    )
 
     assert provenance_of(load_robot("cart-can")).attachments["wheel_board.dbc"] == dbc
     assert "wheel_board.dbc" not in provenance_of(load_robot("cart-odrive")).attachments
@@ -37,7 +41,10 @@ def test_software_machine_and_model_are_named() -> None:
     load_model(file.model.source)
     metadata = provenance_of(file).metadata
 
-    assert metadata["model"] == {"source": "node.models.cart:Cart", "sha256": model_hash("node.models.cart:Cart")}
+    assert metadata["model"] == {
+        "source": "segway_ecc.node.models.cart:Cart",
+        "sha256": model_hash("segway_ecc.node.models.cart:Cart"),
+    }
     assert metadata["software"]["segway-ecc"] == importlib.metadata.version("segway-ecc")
     assert metadata["software"]["mcap"] == importlib.metadata.version("mcap")
     assert metadata["machine"]["host"] == platform.node()
@@ -76,7 +83,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "model_of_ours.py").write_text(
         "import math\n"
         "from beside_of_ours import gain\n"
-        "from node.models.cart import Cart\n"
+        "from segway_ecc.node.models.cart import Cart\n"
         "class Model(Cart):\n"
         "    factor = gain() * math.pi\n"
     )

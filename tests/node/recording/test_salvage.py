@@ -8,13 +8,13 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord
-from node.errors import RecordingError
-from node.recording.cycle_log import CycleLog
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
-from node.recording.salvage import Salvage
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.salvage import Salvage
 
 FLUSHED_EVERY = 3
 CYCLES = 9

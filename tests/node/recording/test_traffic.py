@@ -7,9 +7,9 @@ import can
 import cantools.logreader
 import pytest
 
-from firmware_io.errors import BusNotFoundError
-from node.errors import RecordingError
-from node.recording.traffic import CandumpLog, listen
+from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.traffic import CandumpLog, listen
 
 LINE = re.compile(r"\((\d+\.\d{6})\) (\S+) ([0-9A-F]{3}|[0-9A-F]{8})#(R|[0-9A-F]*)( [RT])?")
 """A line of `candump -L` (can-utils)."""

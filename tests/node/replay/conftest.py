@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from hil.faults.fault import Fault
-from hil.lockstep import LockstepRig
-from node.campaign.campaign import run_trial
-from node.campaign.scenario import Expectation, Scenario, Trial
-from node.config import load_robot
-from node.cycle.seams import CycleRecord, Inbox, NoStage, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.model.model import Model
-from node.recording.cycle_log import CycleLog, layout_of
-from node.recording.robot_provenance import provenance_of
-from node.robot import Robot, build_robot
-from node.sequence.manoeuvre import Segment
+from segway_ecc.hil.campaign.campaign import run_trial
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, Trial
+from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoStage, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.recording.robot_provenance import provenance_of
+from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.sequence.manoeuvre import Segment
 
 Record = Callable[..., Path]
 

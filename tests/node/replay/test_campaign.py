@@ -1,15 +1,15 @@
 """Runs of all kinds of the campaign, recorded and replayed: identical to the last bit.
 
-All of them at once: `segway-ecc campaign --replay`.
+All of them at once: `segway-ecc prove campaign --replay`.
 """
 
 from pathlib import Path
 
 import pytest
 
-from node.campaign.campaign import run_trial, trials_of
-from node.campaign.scenario import Trial, load_all
-from node.replay.replay import replay
+from segway_ecc.hil.campaign.campaign import run_trial, trials_of
+from segway_ecc.hil.campaign.scenario import Trial, load_all
+from segway_ecc.node.replay.replay import replay
 
 _ALL = trials_of(list(load_all([])), seeds=1)
 SAMPLE = _ALL[:: max(len(_ALL) // 20, 1)]

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import pytest
 
-from firmware_io.hardware import Sensors
-from node.cycle.seams import CycleRecord
-from node.cycle.setpoints import Setpoint
-from node.recording.layout import Layout
-from node.replay.compare import Difference, differences, same
-from node.safety.modes import Mode
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.replay.compare import Difference, differences, same
+from segway_ecc.node.safety.modes import Mode
 
 LAYOUT = Layout(
     robot="r",

@@ -6,19 +6,19 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from firmware_io.errors import ArmingRefusedError, LinkLostError
-from firmware_io.hardware import Sensors
-from hil.lockstep import LockstepRig
-from node.config import RobotFile, load_robot
-from node.cycle.seams import CycleRecord, Inbox, Request, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.cycle.wiring import wire
-from node.recording.cycle_log import layout_of
-from node.replay.recorded import Recorded, RecordedHardware
-from node.replay.replay import replay
-from node.robot import Robot, build_robot
-from node.safety.modes import Action, Mode
-from node.testing import RecordingHardware, ScriptedClock
+from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
+from segway_ecc.firmware_io.hardware import Sensors
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.config import RobotFile, load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, Inbox, Request, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.wiring import wire
+from segway_ecc.node.recording.cycle_log import layout_of
+from segway_ecc.node.replay.recorded import Recorded, RecordedHardware
+from segway_ecc.node.replay.replay import replay
+from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.testing import RecordingHardware, ScriptedClock
 
 Run = Callable[..., Path]
 CYCLES = 80

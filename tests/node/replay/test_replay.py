@@ -7,23 +7,23 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from hil.faults.fault import Fault
-from hil.lockstep import LockstepRig
-from node.config import load_robot
-from node.cycle.seams import CycleRecord, Inbox, NoStage, Request, SetValue, StampedSetpoint, Written
-from node.cycle.setpoints import Setpoint
-from node.errors import RecordingError
-from node.recording import cdr
-from node.recording.cycle_log import CycleLog, layout_of
-from node.recording.layout import Layout
-from node.recording.provenance import Provenance
-from node.recording.recorder import ProcessRecorder
-from node.recording.robot_provenance import provenance_of
-from node.replay.log import RecordedRun
-from node.replay.replay import replay
-from node.robot import Robot, build_robot
-from node.safety.modes import Action, Mode
-from node.testing import ScriptedClock, ScriptedStage
+from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoStage, Request, SetValue, StampedSetpoint, Written
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.recorder import ProcessRecorder
+from segway_ecc.node.recording.robot_provenance import provenance_of
+from segway_ecc.node.replay.log import RecordedRun
+from segway_ecc.node.replay.replay import replay
+from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.testing import ScriptedClock, ScriptedStage
 
 Run = Callable[..., Path]
 CYCLES = 80

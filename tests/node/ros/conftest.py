@@ -44,7 +44,7 @@ def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
         def started(name: str, *words: str, env: dict[str, str] | None = None) -> "subprocess.Popen[str]":
             with (messages / f"{name}.txt").open("w") as errors:
                 process = subprocess.Popen(
-                    [sys.executable, "-m", "node.cli.main", *words],
+                    [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.PIPE,
                     stderr=errors,
@@ -61,7 +61,7 @@ def start(ros_environment: dict[str, str], messages: Path) -> Iterator[Start]:
 @pytest.fixture(scope="module")
 def on_request(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A robot file of the cart that waits to be armed."""
-    text = importlib.resources.files("node").joinpath("robots/cart.yaml").read_text("utf-8")
+    text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart.yaml").read_text("utf-8")
     path = tmp_path_factory.mktemp("robot") / "cart-on-request.yaml"
     path.write_text(text.replace("arming: at_start", "arming: on_request"), "utf-8")
     return str(path)

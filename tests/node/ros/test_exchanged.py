@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.cycle.status import Level, Status
-from node.errors import ModelError
-from node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
-from node.ros import arrivals as arrivals_module
-from node.ros.arrivals import Arrivals
-from node.ros.exchanged import (
+from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
+from segway_ecc.node.ros import arrivals as arrivals_module
+from segway_ecc.node.ros.arrivals import Arrivals
+from segway_ecc.node.ros.exchanged import (
     Answered,
     ToLoop,
     WriteDone,
@@ -28,8 +28,8 @@ from node.ros.exchanged import (
     decode_to_write,
     encoder,
 )
-from node.ros.remote import INBOX_SLOTS
-from node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.ros.remote import INBOX_SLOTS
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 PERIOD_NS = 1_000_000
 REPORT = Report(

@@ -14,8 +14,8 @@ Ask = Callable[..., Any]
 Start = Callable[..., "subprocess.Popen[str]"]
 
 MODEL = '''
-from node.model.sectioned import SectionedModel
-from node.model.variables import Variable
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
 
 
 class Leaning(SectionedModel):

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from node.cycle.seams import Heartbeat, Report
-from node.ros.mode import make_mode_publisher
-from node.safety.modes import Mode
-from node.supervisor.heard import mode_heard
+from segway_ecc.deploy.station.heard import mode_heard
+from segway_ecc.node.cycle.seams import Heartbeat, Report
+from segway_ecc.node.ros.mode import make_mode_publisher
+from segway_ecc.node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 

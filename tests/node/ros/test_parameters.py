@@ -14,7 +14,7 @@ TRIES = 2000
 ROBOT = """
 name: opened
 model:
-  source: node.models.cart:Cart
+  source: segway_ecc.node.models.cart:Cart
   parameters: {Friction: 0.002}
 arming: at_start
 wiring:

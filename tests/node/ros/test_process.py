@@ -7,12 +7,12 @@ import sys
 
 HANGING = """
 import os, time
-from node.cycle.seams import Report
-from node.ring import RingReader, RingWriter, open_ring
-from node.ros import process
-from node.ros.arrivals import Arrivals
-from node.ros.exchanged import FromLoop, encoder
-from node.safety.modes import Mode
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.ring import RingReader, RingWriter, open_ring
+from segway_ecc.node.ros import process
+from segway_ecc.node.ros.arrivals import Arrivals
+from segway_ecc.node.ros.exchanged import FromLoop, encoder
+from segway_ecc.node.safety.modes import Mode
 
 process.HANGS_S = 1
 
@@ -35,12 +35,12 @@ publishing.run(0)
 
 UNHEARD = """
 import itertools, threading, time
-from node.cycle.seams import Report
-from node.ring import RingReader, RingWriter, open_ring
-from node.ros import process
-from node.ros.arrivals import Arrivals
-from node.ros.exchanged import FromLoop, ToLoop, decode_heard, encoder
-from node.safety.modes import Mode
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.ring import RingReader, RingWriter, open_ring
+from segway_ecc.node.ros import process
+from segway_ecc.node.ros.arrivals import Arrivals
+from segway_ecc.node.ros.exchanged import FromLoop, ToLoop, decode_heard, encoder
+from segway_ecc.node.safety.modes import Mode
 
 
 class Stage:

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from node.cycle.seams import Report
-from node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
-from node.ros.publishers import make_publishers
-from node.ros.section import RosSection
-from node.safety.modes import Mode
+from segway_ecc.node.config import RosSection
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
+from segway_ecc.node.ros.publishers import make_publishers
+from segway_ecc.node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 

@@ -8,17 +8,17 @@ from collections.abc import Callable, Iterator
 import pytest
 from msgspec.structs import replace
 
-from node.config import load_robot
-from node.cycle.clock import RealClock
-from node.cycle.seams import Heartbeat, Inbox, Report, StampedSetpoint
-from node.cycle.setpoints import Setpoint
-from node.errors import RosUnavailableError
-from node.ring import RingReader, RingWriter, open_ring, slots_for
-from node.robot import Robot, build_robot
-from node.ros.exchanged import ToLoop, decode_report, encoder
-from node.ros.remote import INBOX_SLOTS, RemoteStage, Speaker
-from node.ros.stage import LONGEST_NAME
-from node.safety.modes import Mode
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import RosUnavailableError
+from segway_ecc.node.ring import RingReader, RingWriter, open_ring, slots_for
+from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.ros.exchanged import ToLoop, decode_report, encoder
+from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, Speaker
+from segway_ecc.node.ros.stage import LONGEST_NAME
+from segway_ecc.node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 
@@ -143,7 +143,7 @@ def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind
 def test_a_process_that_never_ends_is_ended(
     stage: RemoteStage, speaker: Speaker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("node.ros.remote._CLOSE_S", 0.01)
+    monkeypatch.setattr("segway_ecc.node.ros.remote._CLOSE_S", 0.01)
     os.kill(speaker.pid, signal.SIGSTOP)
     stage.close()
     assert speaker.status == -signal.SIGKILL

@@ -9,8 +9,8 @@ pytestmark = pytest.mark.ros
 
 PUBLISHED = """
 import sys
-from node.ros.messages import message_type
-from node.ros.runtime import preload, ros_node
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.runtime import preload, ros_node
 
 preload()
 odometry = message_type("nav_msgs/msg/Odometry")

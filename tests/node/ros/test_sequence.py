@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from node.case_study.offline import OfflineSeat
-from node.case_study.study import Trajectory
-from node.sequence.manoeuvre import Manoeuvre, Segment
+from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.study import Trajectory
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 pytestmark = pytest.mark.ros
 

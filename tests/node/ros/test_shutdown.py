@@ -13,19 +13,19 @@ import can
 import cantools
 import pytest
 
-from firmware_io.links.local_bus import LocalBus
-from node.config import read_text
-from node.soak.usage import children
+from segway_ecc.firmware_io.links.local_bus import LocalBus
+from segway_ecc.hil.soak.usage import children
+from segway_ecc.node.config import read_text
 
 pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
 Start = Callable[..., "subprocess.Popen[str]"]
-BOARD = importlib.resources.files("firmware_io") / "drives" / "wheel_board"
+BOARD = importlib.resources.files("segway_ecc.firmware_io") / "drives" / "wheel_board"
 DBC = cantools.database.load_string((BOARD / "wheel_board.dbc").read_text("utf-8"), "dbc")
 WHEEL_COMMAND = DBC.get_message_by_name("WHEEL_COMMAND")
 ENDS_WITHIN_S = 30.0
 FAILING_MODEL = """
-from node.models.cart import CartController
+from segway_ecc.node.models.cart import CartController
 
 
 class Failing(CartController):
@@ -135,7 +135,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     (tmp_path / "failing_model.py").write_text(FAILING_MODEL, "utf-8")
     packaged = read_text("cart-can")
     robot = tmp_path / "failing.yaml"
-    robot.write_text(packaged.replace("node.models.cart:CartController", "failing_model:Failing"), "utf-8")
+    robot.write_text(packaged.replace("segway_ecc.node.models.cart:CartController", "failing_model:Failing"), "utf-8")
     words = ["run", str(robot), "--interface", "local", "--channel", channel, "--no-ros", "--no-log"]
     node = start("failing", *words, "--sequence", manoeuvre, env={"PYTHONPATH": str(tmp_path)})
     wait_for_command(witness, lambda command: command["Enable"] == 1 and command["RightVoltage"] > 0.5)
@@ -150,7 +150,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
 
 def speaker_of(node: "subprocess.Popen[str]") -> int:
     """The process that speaks ROS for a node."""
-    found = [child for child, words in children(node.pid) if "node.ros.process" in words]
+    found = [child for child, words in children(node.pid) if "segway_ecc.node.ros.process" in words]
     assert len(found) == 1
     return found[0]
 

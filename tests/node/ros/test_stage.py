@@ -5,13 +5,13 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from node.cycle.seams import Report, StampedSetpoint
-from node.cycle.setpoints import REST
-from node.cycle.wiring import PUBLISHED_SIGNALS
-from node.ros.job import Job
-from node.ros.section import RosSection
-from node.ros.stage import RosStage
-from node.safety.modes import Mode
+from segway_ecc.node.config import RosSection
+from segway_ecc.node.cycle.seams import Report, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import REST
+from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS
+from segway_ecc.node.ros.job import Job
+from segway_ecc.node.ros.stage import RosStage
+from segway_ecc.node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from node.ros.messages import message_type
-from node.ros.template import STAMP, Template
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.template import STAMP, Template
 
 pytestmark = pytest.mark.ros
 

@@ -8,7 +8,16 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from node.ros.transports import LOCALHOST_ONLY, PEERS, PROFILES, RANGE, RMW, TRANSPORTS, profiles_for, udp_only
+from segway_ecc.node.ros.transports import (
+    LOCALHOST_ONLY,
+    PEERS,
+    PROFILES,
+    RANGE,
+    RMW,
+    TRANSPORTS,
+    profiles_for,
+    udp_only,
+)
 from tests.ros_domains import next_domain
 
 XML = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
@@ -84,7 +93,7 @@ def test_profiles_in_the_working_directory_are_left_alone(tmp_path: Path, monkey
 def test_a_node_of_ours_maps_no_shared_memory(settings: dict[str, str], tmp_path: Path) -> None:
     code = (
         "from pathlib import Path\n"
-        "from node.ros.runtime import ros_node\n"
+        "from segway_ecc.node.ros.runtime import ros_node\n"
         "with ros_node('x', '', []): print(Path('/proc/self/maps').read_text().count('/dev/shm/fastrtps'), 'ports')"
     )
     unset = {PROFILES, TRANSPORTS, RANGE, PEERS, LOCALHOST_ONLY}

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from node.safety.bounds import Bounds
-from node.safety.check import Signal, View
+from segway_ecc.node.safety.bounds import Bounds
+from segway_ecc.node.safety.check import Signal, View
 
 SUPPLY = Bounds(Signal("supply.voltage", 1), 20.0, 30.0, "V")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from node.safety.check import View, periods_in
+from segway_ecc.node.safety.check import View, periods_in
 
 VIEW = View((1.0, 2.0, 3.0, 4.0), (True, False, True, True), 1)
 

@@ -3,8 +3,8 @@ from collections.abc import Callable
 import pytest
 from msgspec.structs import replace
 
-from node.safety.checklist import Item, Measured, drives_item, no_checklist, obstacles, run_checklist
-from node.safety.settings import ChecklistSettings, SupplyWindow
+from segway_ecc.node.safety.checklist import Item, Measured, drives_item, no_checklist, obstacles, run_checklist
+from segway_ecc.node.safety.settings import ChecklistSettings, SupplyWindow
 
 GOOD = Measured(
     wanted_hz=200.0,

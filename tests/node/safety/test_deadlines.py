@@ -1,7 +1,7 @@
 import pytest
 
-from node.safety.deadlines import LATE_FRACTION, DeadlineWatch
-from node.safety.settings import LateCyclesLimit
+from segway_ecc.node.safety.deadlines import LATE_FRACTION, DeadlineWatch
+from segway_ecc.node.safety.settings import LateCyclesLimit
 
 MS = 1_000_000
 PERIOD = 10 * MS

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from node.safety.check import View
-from node.safety.following import FollowingError
-from node.safety.settings import FollowingErrorSettings
+from segway_ecc.node.safety.check import View
+from segway_ecc.node.safety.following import FollowingError
+from segway_ecc.node.safety.settings import FollowingErrorSettings
 
 STEP = 0.01
 SETTLE = 50

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from node.safety.limits import limit, not_finite
+from segway_ecc.node.safety.limits import limit, not_finite
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 import pytest
 
-from node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition
+from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition
 
 OBSTACLES = ("no supply: switch it on", "no watchdog")
 

@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from node.safety.modes import ACTIVE, Action, Mode, Modes, Transition
+from segway_ecc.node.safety.modes import ACTIVE, Action, Mode, Modes, Transition
 
 KEPT = 64
 FAULTS = st.lists(st.sampled_from(["too hot", "too fast"]), max_size=2, unique=True)

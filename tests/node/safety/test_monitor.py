@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from node.errors import ConfigurationError
-from node.safety.monitor import SafetyMonitor
-from node.safety.settings import (
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.safety.monitor import SafetyMonitor
+from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
     FollowingErrorSettings,

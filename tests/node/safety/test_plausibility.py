@@ -3,9 +3,9 @@ import random
 
 import pytest
 
-from node.safety.check import Signal, View
-from node.safety.plausibility import MOVING, Frozen, VelocityAgreement, YawAgreement
-from node.safety.settings import VelocityConsistency, YawConsistency
+from segway_ecc.node.safety.check import Signal, View
+from segway_ecc.node.safety.plausibility import MOVING, Frozen, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
 
 STEP = 0.005
 MS_100 = 20

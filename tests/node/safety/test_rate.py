@@ -1,6 +1,6 @@
 import pytest
 
-from node.safety.rate import WINDOW_S, RateMeter, StillWatch
+from segway_ecc.node.safety.rate import WINDOW_S, RateMeter, StillWatch
 
 MS = 1_000_000
 G = 9.80665

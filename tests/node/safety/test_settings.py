@@ -3,10 +3,10 @@ import re
 import msgspec
 import pytest
 
-from node.config import RobotFile
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
-from node.safety.settings import (
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.safety.settings import (
     NOTHING_WATCHED,
     ChecklistSettings,
     FollowingErrorSettings,
@@ -18,7 +18,7 @@ from node.safety.settings import (
     YawConsistency,
 )
 
-BASE = "name: cart\nmodel: {source: 'node.models.cart:Cart'}\nwiring: {}\n"
+BASE = "name: cart\nmodel: {source: 'segway_ecc.node.models.cart:Cart'}\nwiring: {}\n"
 FULL = """
 safety:
   tilt_limit_rad: 0.6

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from node.safety.slew import Restraint, slew
+from segway_ecc.node.safety.slew import Restraint, slew
 
 
 def test_each_command_moves_by_no_more_than_a_step_from_what_it_was() -> None:

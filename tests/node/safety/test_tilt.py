@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from node.safety.check import View
-from node.safety.tilt import GRAVITY, TiltEstimate, TiltWatch
+from segway_ecc.node.safety.check import View
+from segway_ecc.node.safety.tilt import GRAVITY, TiltEstimate, TiltWatch
 
 STEP = 0.005
 G = 9.80665

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from node.cycle.setpoints import REST, Setpoint
-from node.errors import ConfigurationError
-from node.sequence.manoeuvre import Manoeuvre, Said, Segment, load_manoeuvre, schedule, single_segment
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, Segment, load_manoeuvre, schedule, single_segment
 
 MS = 1_000_000
 AHEAD, TURN = Setpoint(1.0, 0.0), Setpoint(1.0, -0.5)

@@ -1,8 +1,8 @@
 import pytest
 
-from node.cycle.setpoints import REST, Setpoint
-from node.sequence.manoeuvre import Manoeuvre, Said, Segment
-from node.sequence.player import LEAD_NS, Odometry, Player, Progress
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, Segment
+from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, Progress
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000

@@ -2,13 +2,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from node.cycle.seams import Inbox, Report, StampedSetpoint
-from node.cycle.setpoints import REST, Setpoint
-from node.safety.modes import Mode
-from node.sequence.manoeuvre import single_segment
-from node.sequence.player import Odometry, Player
-from node.sequence.stage import ManoeuvreStage
-from node.testing import WALL_START_NS, ScriptedClock
+from segway_ecc.node.cycle.seams import Inbox, Report, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.sequence.manoeuvre import single_segment
+from segway_ecc.node.sequence.player import Odometry, Player
+from segway_ecc.node.sequence.stage import ManoeuvreStage
+from segway_ecc.testing import WALL_START_NS, ScriptedClock
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000

@@ -9,8 +9,8 @@ import pytest
 from canopen import LocalNode
 from canopen.objectdictionary import import_od
 
-from firmware_io.errors import LinkLostError
-from firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 
 U8, U16, U32, I8, I16, I32 = 5, 6, 7, 2, 3, 4
 

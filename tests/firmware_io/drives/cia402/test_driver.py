@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from firmware_io.devices import Drive
-from firmware_io.drives.cia402.driver import Cia402Pair, MissingLibraryError
-from firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.devices import Drive
+from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair, MissingLibraryError
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.links.link import Frame
 
 MS = 1_000_000
 LEFT, RIGHT = 1, 2
@@ -103,9 +103,9 @@ def test_a_missing_library_is_told_with_the_command_that_installs_it(
 WITHOUT_LIBRARY = """
 import sys
 sys.modules["canopen"] = None
-from firmware_io.build import Clocks, build_hardware
-from firmware_io.errors import HardwareError
-from node.config import load_robot
+from segway_ecc.firmware_io.build import Clocks, build_hardware
+from segway_ecc.firmware_io.errors import HardwareError
+from segway_ecc.node.config import load_robot
 settings = load_robot("cart-cia402").hardware
 try:
     build_hardware(settings, 0.01, Clocks())

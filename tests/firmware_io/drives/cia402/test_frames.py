@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.cia402.frames import (
+from segway_ecc.firmware_io.drives.cia402.frames import (
     Command,
     Emergency,
     NmtCommand,
@@ -19,7 +19,7 @@ from firmware_io.drives.cia402.frames import (
     unpack_supply,
     unpack_velocity,
 )
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 many = settings(max_examples=10_000)
 DECODERS = {

@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_io.drives.cia402.restoring import Exchange, Restoring
+from segway_ecc.firmware_io.drives.cia402.restoring import Exchange, Restoring
 
 MS = 1_000_000
 WRITE = Exchange(bytes.fromhex("2b17100014000000"), bytes.fromhex("6017100000000000"))

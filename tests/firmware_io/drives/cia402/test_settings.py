@@ -5,11 +5,11 @@ import msgspec
 import pytest
 import yaml
 
-from firmware_io.drives.cia402.settings import Cia402Settings
-from firmware_io.drivetrain import Drivetrain
-from node.config import load_robot, read_text
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drivetrain import Drivetrain
+from segway_ecc.node.config import load_robot, read_text
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
 
 def decode(hardware: dict[str, Any]) -> Cia402Settings:

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from canopen import SdoAbortedError
 
-from firmware_io.drives.cia402.network import LinkNetwork
-from firmware_io.drives.cia402.plan import Plan
-from firmware_io.drives.cia402.setup import SetUpError, set_up
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
+from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
+from segway_ecc.firmware_io.links.link import Frame
 
 PLAN = Plan(node_id=5, host_node_id=127, watchdog_ms=50, cycle_us=2_000, max_torque=3.0)
 MS = 1_000_000

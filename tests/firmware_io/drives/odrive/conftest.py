@@ -4,7 +4,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 
 Configure = Callable[..., OdriveSettings]
 

@@ -6,16 +6,16 @@ from typing import Any
 import cantools
 import pytest
 
-from firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
-from firmware_io.drives.odrive.errors import AXIS_ERRORS, WATCHDOG, error_names
-from firmware_io.drives.odrive.frames import LAYOUTS, Firmware
-from firmware_io.drives.odrive.listener import AxisListener
+from segway_ecc.firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
+from segway_ecc.firmware_io.drives.odrive.errors import AXIS_ERRORS, WATCHDOG, error_names
+from segway_ecc.firmware_io.drives.odrive.frames import LAYOUTS, Firmware
+from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 
 FILES = {Firmware.V0_5: "odrive-cansimple-0.5.6", Firmware.V0_6: "odrive-cansimple-0.6.10"}
 
 
 def load(firmware: Firmware) -> Any:
-    with as_file(files("firmware_io.drives.odrive") / f"{FILES[firmware]}.dbc") as path:
+    with as_file(files("segway_ecc.firmware_io.drives.odrive") / f"{FILES[firmware]}.dbc") as path:
         return cantools.database.load_file(path)
 
 
@@ -63,7 +63,7 @@ def test_several_errors_are_named_lowest_first_and_one_without_a_name_by_its_num
 
 @pytest.mark.parametrize("firmware", Firmware)
 def test_the_licence_ships_with_the_dbc(firmware: Firmware) -> None:
-    licence = (files("firmware_io.drives.odrive") / f"{FILES[firmware]}.LICENSE").read_text("utf-8")
+    licence = (files("segway_ecc.firmware_io.drives.odrive") / f"{FILES[firmware]}.LICENSE").read_text("utf-8")
     assert "MIT License" in licence
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from firmware_io.devices import Drive
-from firmware_io.drives.odrive.driver import Odrive
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.links.link import Frame, LinkCounters, LinkState
+from segway_ecc.firmware_io.devices import Drive
+from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 
 Configure = Callable[..., OdriveSettings]
 MS = 1_000_000

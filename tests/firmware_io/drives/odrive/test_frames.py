@@ -12,9 +12,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive import telemetry as t
-from firmware_io.drives.odrive.frames import (
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drives.odrive.frames import (
     LAYOUTS,
     Firmware,
     Message,
@@ -24,14 +24,14 @@ from firmware_io.drives.odrive.frames import (
     encode,
     request,
 )
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 FILES = {Firmware.V0_5: "odrive-cansimple-0.5.6.dbc", Firmware.V0_6: "odrive-cansimple-0.6.10.dbc"}
 
 
 def load(firmware: Firmware) -> Any:
-    with as_file(files("firmware_io.drives.odrive") / FILES[firmware]) as path:
+    with as_file(files("segway_ecc.firmware_io.drives.odrive") / FILES[firmware]) as path:
         return cantools.database.load_file(path)
 
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.odrive import commands as c
-from firmware_io.drives.odrive.frames import Firmware, encode, request
-from firmware_io.drives.odrive.serial_line import OdriveLine, checked
-from firmware_io.drives.odrive.settings import OdriveSettings
-from firmware_io.links.link import Frame
-from firmware_io.links.serial_link import Line
+from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware, encode, request
+from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine, checked
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import Line
 
 Configure = Callable[..., OdriveSettings]
 NOW = 123_456_789

@@ -4,8 +4,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from firmware_io.drives.odrive.settings import OdriveSettings
-from node.documents import decode_yaml
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.node.documents import decode_yaml
 
 Configure = Callable[..., OdriveSettings]
 MINIMAL = b"""

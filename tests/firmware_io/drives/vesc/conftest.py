@@ -2,7 +2,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 
 
 class _MemoryLink:

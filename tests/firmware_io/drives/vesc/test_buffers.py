@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short, frames_of
-from firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short, frames_of
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
+from segway_ecc.firmware_io.links.link import Frame
 
 
 def test_a_question_fits_one_frame() -> None:

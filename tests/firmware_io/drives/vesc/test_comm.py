@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.comm import (
+from segway_ecc.firmware_io.drives.vesc.comm import (
     ALL_FIELDS,
     FIELD_NAMES,
     SET_PACKETS,
@@ -19,7 +19,7 @@ from firmware_io.drives.vesc.comm import (
     mask_of,
     read_mask,
 )
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 SIZES = [2, 2, 4, 4, 4, 4, 2, 4, 2, 4, 4, 4, 4, 4, 4, 1, 4, 1, 6, 4, 4, 1]
 """Bytes of each bit's field."""

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short
-from firmware_io.drives.vesc.condition import FAULT, FLAGS, Answer, answer, ask, fault_name
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short
+from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, Answer, answer, ask, fault_name
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ import random
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.devices import Drive, FrameKey
-from firmware_io.drives.enabling import ENABLE_WITHIN_NS
-from firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
-from firmware_io.drives.vesc.driver import Vesc
-from firmware_io.drives.vesc.frames import Command, Current, Payload, Status, Status5, frame_of
-from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
-from firmware_io.integrity import Refusal
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.devices import Drive, FrameKey
+from segway_ecc.firmware_io.drives.enabling import ENABLE_WITHIN_NS
+from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
+from segway_ecc.firmware_io.drives.vesc.driver import Vesc
+from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, Payload, Status, Status5, frame_of
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from segway_ecc.firmware_io.integrity import Refusal
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 MS = 1_000_000
 RIGHT = VescWheelSettings(

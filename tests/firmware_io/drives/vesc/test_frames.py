@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.frames import (
+from segway_ecc.firmware_io.drives.vesc.frames import (
     Command,
     Current,
     CurrentLimits,
@@ -33,8 +33,8 @@ from firmware_io.drives.vesc.frames import (
     encode,
     frame_of,
 )
-from firmware_io.integrity import FrameRefusedError, Refusal
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 CASES: list[tuple[Command, int, Payload, str]] = [
     (Command.SET_DUTY, 0, Duty(-0.5), "FFFF3CB0"),

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.packets import MAX_PACKET, PacketReceiver, frame_packet
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.drives.vesc.packets import MAX_PACKET, PacketReceiver, frame_packet
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 PUBLISHED = [
     ("04", "02 01 04 40 84 03"),

@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io.drives.vesc.comm import ask_selective, encode_values, mask_of
-from firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
-from firmware_io.drives.vesc.frames import Command, Current, DelayedCurrent, Duty, RelativeCurrent, frame_of
-from firmware_io.drives.vesc.packets import frame_packet
-from firmware_io.drives.vesc.serial_line import VescLine
-from firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
-from firmware_io.integrity import Refusal
-from firmware_io.links.link import Frame
-from firmware_io.links.serial_link import Line
+from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, encode_values, mask_of
+from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
+from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, DelayedCurrent, Duty, RelativeCurrent, frame_of
+from segway_ecc.firmware_io.drives.vesc.packets import frame_packet
+from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
+from segway_ecc.firmware_io.integrity import Refusal
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import Line
 
 NEAR, FAR = 5, 23
 QUESTION = "3200 22A1C4"  # motor current, duty, erpm, supply, tachometer, fault, identifier, flags

@@ -3,10 +3,10 @@ from typing import Any
 import pytest
 import yaml
 
-from firmware_io.drives.vesc.settings import VescSettings
-from node.config import load_robot
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
 GOOD: dict[str, Any] = {
     "type": "vesc",

@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
+from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
 
 MS = 1_000_000
 TIMEOUT_S = 0.05

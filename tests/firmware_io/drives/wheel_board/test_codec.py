@@ -15,9 +15,9 @@ import cantools
 import pytest
 from msgspec.structs import astuple
 
-from firmware_io.drives.wheel_board import codec
-from firmware_io.drives.wheel_board.codec import CodecError, generate, main
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.drives.wheel_board import codec
+from segway_ecc.firmware_io.drives.wheel_board.codec import CodecError, generate, main
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
@@ -30,13 +30,13 @@ from firmware_io.drives.wheel_board.frames import (
     decode,
     encode,
 )
-from firmware_io.integrity import CounterCheck
+from segway_ecc.firmware_io.integrity import CounterCheck
 
 NAMES = ["wheel_board.c", "wheel_board.h", "wheel_board_protection.c", "wheel_board_protection.h"]
 TAKEN, LENGTH, CRC, COUNTER = range(4)
 ROUNDS = 200
 
-with as_file(files("firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
+with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
     DBC: Any = cantools.database.load_file(_path)
 
 

@@ -6,11 +6,11 @@ from typing import Any
 import cantools
 import pytest
 
-from firmware_io.drives.wheel_board.driver import WheelBoard
-from firmware_io.drives.wheel_board.frames import CYCLE_TIME_S, BoardState, FrameId
-from firmware_io.links.link import Link
+from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
+from segway_ecc.firmware_io.drives.wheel_board.frames import CYCLE_TIME_S, BoardState, FrameId
+from segway_ecc.firmware_io.links.link import Link
 
-with as_file(files("firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
+with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
     DBC: Any = cantools.database.load_file(_path)
 
 

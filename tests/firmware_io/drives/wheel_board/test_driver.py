@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 import pytest
 from msgspec.structs import astuple, replace
 
-from firmware_io.devices import Drive
-from firmware_io.drives.wheel_board.driver import WheelBoard
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.devices import Drive
+from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
@@ -19,7 +19,7 @@ from firmware_io.drives.wheel_board.frames import (
     decode,
     encode,
 )
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 ZERO = (0x110, WheelCommand(0.0, 0.0, enable=False))
 ZERO_ENABLED = (0x110, WheelCommand(0.0, 0.0, enable=True))

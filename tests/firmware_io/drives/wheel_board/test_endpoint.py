@@ -3,10 +3,10 @@ from collections.abc import Callable
 import pytest
 from msgspec.structs import replace
 
-from firmware_io.drives.wheel_board.endpoint import Endpoint
-from firmware_io.drives.wheel_board.frames import BoardSetup, FrameId, Payload, Wheel, WheelCommand, encode
-from firmware_io.integrity import Refusal
-from firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardSetup, FrameId, Payload, Wheel, WheelCommand, encode
+from segway_ecc.firmware_io.integrity import Refusal
+from segway_ecc.firmware_io.links.link import Frame, Link
 
 LEFT, RIGHT = FrameId.LEFT_WHEEL, FrameId.RIGHT_WHEEL
 HEARD = frozenset({LEFT, RIGHT})

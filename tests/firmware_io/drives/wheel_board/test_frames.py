@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from firmware_io.drives.wheel_board.frames import (
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
@@ -22,14 +22,14 @@ from firmware_io.drives.wheel_board.frames import (
     decode,
     encode,
 )
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 Crc = Callable[[bytes], int]
 Signals = dict[str, float]
 
 steady = settings(derandomize=True, deadline=None, max_examples=10_000)
 
-with as_file(files("firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
+with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
     DBC: Any = cantools.database.load_file(_path)
 
 PROTECTION = {"Counter", "Crc"}

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode, encode
-from firmware_io.drives.wheel_board.serial_line import REQUEST_ID, BoardLine
-from firmware_io.integrity import FrameRefusedError
-from firmware_io.links.link import Frame
-from firmware_io.links.serial_link import LOST, Line
+from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode, encode
+from segway_ecc.firmware_io.drives.wheel_board.serial_line import REQUEST_ID, BoardLine
+from segway_ecc.firmware_io.integrity import FrameRefusedError
+from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.serial_link import LOST, Line
 
 NOW_NS = 123_456_789
 

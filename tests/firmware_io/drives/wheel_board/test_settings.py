@@ -1,13 +1,13 @@
 import pytest
 from msgspec import structs
 
-from firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from firmware_io.settings import CanSettings, SerialSettings
-from node.config import RobotFile
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
-BASE = "name: bench\nmodel: {source: node.models.cart:Cart}\nwiring: {}\n"
+BASE = "name: bench\nmodel: {source: segway_ecc.node.models.cart:Cart}\nwiring: {}\n"
 
 
 def _decoded(hardware: str) -> WheelBoardSettings:

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from firmware_io.devices import FrameKey
-from firmware_io.imus.xsens_mti.driver import GroupCounter, XsensMti
-from firmware_io.imus.xsens_mti.frames import Message
-from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from firmware_io.links.link import Frame
+from segway_ecc.firmware_io.devices import FrameKey
+from segway_ecc.firmware_io.imus.xsens_mti.driver import GroupCounter, XsensMti
+from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.firmware_io.links.link import Frame
 
 PERIOD_NS = 5_000_000
 LOOP_PERIOD_S = 0.010

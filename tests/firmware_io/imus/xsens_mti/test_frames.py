@@ -10,8 +10,8 @@ from cantools.database.can import Database
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message, decode, encode
-from firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message, decode, encode
+from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 DBC = """
 BO_ 1 error: 1 MTi

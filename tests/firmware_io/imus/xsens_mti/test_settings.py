@@ -1,15 +1,15 @@
 import pytest
 
-from firmware_io.devices import FrameKey
-from firmware_io.imus.xsens_mti.frames import Message
-from firmware_io.imus.xsens_mti.settings import XsensMtiSettings
-from node.config import RobotFile
-from node.documents import decode_yaml
-from node.errors import ConfigurationError
+from segway_ecc.firmware_io.devices import FrameKey
+from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
+from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
 
 ROBOT = """
 name: bench
-model: {source: "node.models.cart:CartController"}
+model: {source: "segway_ecc.node.models.cart:CartController"}
 wiring: {}
 hardware:
   type: wheel_board

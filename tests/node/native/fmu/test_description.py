@@ -3,12 +3,12 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.model.variables import Variable, Write
-from node.native.description import Description, Flavour
-from node.native.fmu.description import Layout, describe
-from node.native.fmu.facts import read_facts
-from node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.fmu.description import Layout, describe
+from segway_ecc.node.native.fmu.facts import read_facts
+from segway_ecc.node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, NAME_OF_INPUT, Shape, description
 
 NOTHING: frozenset[str] = frozenset()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.fmu import archive
-from node.native.fmu.load import load_fmu
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.fmu import archive
+from segway_ecc.node.native.fmu.load import load_fmu
 from tests.fixtures.tiny_fmu import make
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, Changes, Shape, compile_model, description, entries
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.load import load_native
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import generate, models
 from tests.fixtures.twenty_sim.made import Layout
 from tests.fixtures.twenty_sim.maker import Maker
@@ -94,7 +94,7 @@ def test_another_compiler_compiles_it_again(make: Maker, compilers: Compilers, t
 LOADING = """
 import sys
 from pathlib import Path
-from node.native.load import load_native
+from segway_ecc.node.native.load import load_native
 model = load_native(Path(sys.argv[1]))
 print(model.initialize([0.1]), [model.step([0.1]) for _ in range(10)])
 """

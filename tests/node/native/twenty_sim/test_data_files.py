@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.load import load_native
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import generate, models
 from tests.fixtures.twenty_sim.made import Made
 

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.twenty_sim.files import read_folder
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.twenty_sim.files import read_folder
 from tests.fixtures.twenty_sim import models
 from tests.fixtures.twenty_sim.made import Layout
 from tests.fixtures.twenty_sim.maker import Maker

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.model.variables import Write
-from node.native.description import Description, Flavour
-from node.native.twenty_sim.files import read_folder
-from node.native.twenty_sim.model import describe_model
-from node.native.twenty_sim.names import Label, label_of, read_tables
-from node.native.twenty_sim.parts import find_parts
-from node.native.twenty_sim.ports import find_ports
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.model.variables import Write
+from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.twenty_sim.files import read_folder
+from segway_ecc.node.native.twenty_sim.model import describe_model
+from segway_ecc.node.native.twenty_sim.names import Label, label_of, read_tables
+from segway_ecc.node.native.twenty_sim.parts import find_parts
+from segway_ecc.node.native.twenty_sim.ports import find_ports
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.made import Layout, Made, Style
 from tests.fixtures.twenty_sim.maker import Maker

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from node.errors import ModelError
-from node.native.library import NativeModel
-from node.native.load import load_native
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import generate, models, more_models
 from tests.fixtures.twenty_sim.made import Input, Layout, Made, Style, Write, input_at
 from tests.fixtures.twenty_sim.maker import Maker
@@ -280,7 +280,7 @@ RANDOM = """
 import ctypes, sys
 libc = ctypes.CDLL(None)
 from pathlib import Path
-from node.native.load import load_native
+from segway_ecc.node.native.load import load_native
 models = [load_native(Path(sys.argv[1])) for _ in range(2)]
 def run(model):
     model.initialize([0.0])

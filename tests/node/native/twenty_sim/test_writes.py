@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from node.model.variables import Write
-from node.native.twenty_sim.files import read_folder
-from node.native.twenty_sim.parts import Parts, find_parts
-from node.native.twenty_sim.writes import parameter_effects, state_effects
+from segway_ecc.node.model.variables import Write
+from segway_ecc.node.native.twenty_sim.files import read_folder
+from segway_ecc.node.native.twenty_sim.parts import Parts, find_parts
+from segway_ecc.node.native.twenty_sim.writes import parameter_effects, state_effects
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.maker import Maker
 from tests.fixtures.twenty_sim.spec import Spec

@@ -1,0 +1,211 @@
+"""The logs of robots, fetched into the station's folder by threads of their own.
+
+The station's ROS thread knows nothing of it, and what a robot claims decides neither where a file goes nor how much
+room it takes.
+"""
+
+import functools
+import shutil
+import threading
+import urllib.parse
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Final, NamedTuple, Protocol
+
+from segway_ecc.deploy.station.archive_fetch import FetchError, Line, fetch_bundle, fetch_log
+from segway_ecc.deploy.support.log_folder import LogFile, open_log
+from segway_ecc.deploy.support.pieces import LOGS, Value, logs_of
+from segway_ecc.node.errors import NobodyListensError
+
+MOST_KEPT_BYTES: Final = 4 * 1024**3
+_LEFT_FREE_BYTES: Final = 256 * 1024**2
+_LARGEST_BUNDLE: Final = 512 * 1024**2
+_AT_ONCE: Final = 2
+_MOST_WAITING: Final = 16
+_MOST_TOLD: Final = 200
+
+
+class Calls(Protocol):
+    """What asks archives; `segway_ecc.deploy.support.archive_calls.ArchiveCalls` is one."""
+
+    def ask(self, robot: str, name: str) -> Value:
+        """The value of a parameter of a robot's archive."""
+
+    def close(self) -> None:
+        """Ask no more."""
+
+
+class Progress(NamedTuple):
+    """How far a fetch is.
+
+    Attributes:
+        state: `waiting`, `fetching`, `done` or `failed`.
+        fetched: Bytes that are here.
+        size: Bytes that there are.
+        why: Why it failed.
+    """
+
+    state: str
+    fetched: int = 0
+    size: int = 0
+    why: str = ""
+
+    @property
+    def is_going_on(self) -> bool:
+        """Whether more is to come."""
+        return self.state in {"waiting", "fetching"}
+
+
+class ArchiveClient:
+    """Every method may be called from any thread that may wait."""
+
+    def __init__(
+        self,
+        calls: Calls,
+        folder: Path,
+        *,
+        most_bytes: int = MOST_KEPT_BYTES,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        """Fetch into a folder.
+
+        Args:
+            calls: What asks; ours to close.
+            folder: Where fetched logs go, by robot.
+            most_bytes: Of fetched logs together; the oldest give way.
+            free_bytes: How much room there is on the disk of a folder.
+        """
+        self._calls = calls
+        self._folder = folder
+        self._most_bytes = most_bytes
+        self._free_bytes = free_bytes
+        self._pool = ThreadPoolExecutor(_AT_ONCE, "fetch")
+        self._progress: dict[tuple[str, str], Progress] = {}
+        self._lock = threading.Lock()
+        self._room = threading.Lock()
+        self._bundle = threading.Lock()
+        self._ending = threading.Event()
+        for left in folder.glob(".*.part"):  # bundles of a station that was killed
+            left.unlink()
+
+    def close(self) -> None:
+        """End what goes on; what is here stays for the next time."""
+        self._ending.set()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._calls.close()
+        self._pool.shutdown()
+
+    def logs(self, robot: str) -> Sequence[LogFile]:
+        """The logs that a robot hands out, newest first.
+
+        Raises:
+            NobodyListensError: It hands out none; the text says what to start.
+        """
+        answer = self._calls.ask(robot, LOGS)
+        if not isinstance(answer, list):
+            raise NobodyListensError(
+                f"the archive of robot {robot} does not tell which logs it has; is it of our kind?"
+            )
+        return logs_of(answer)
+
+    def begin(self, robot: str, name: str) -> None:
+        """Begin to fetch a log, or go on where a fetch broke off; `progress` tells how far it is.
+
+        Raises:
+            NobodyListensError: Too much is being fetched already.
+        """
+        key = (robot, name)
+        with self._lock:
+            going_on = [each for each, progress in self._progress.items() if progress.is_going_on]
+            if key in going_on:
+                return
+            if len(going_on) >= _MOST_WAITING or self._ending.is_set():
+                raise NobodyListensError(
+                    f"{len(going_on)} logs are being fetched already; try again when they are here"
+                )
+            self._forget_some()
+            self._progress[key] = Progress("waiting")
+            self._pool.submit(self._fetch, robot, name)
+
+    def progress(self, robot: str) -> Mapping[str, Progress]:
+        """How far the logs of a robot are, by name."""
+        with self._lock:
+            return {name: progress for (each, name), progress in self._progress.items() if each == robot}
+
+    def open(self, robot: str, name: str) -> tuple[int, int]:
+        """A fetched log's file descriptor, which is the caller's to close, and its size in bytes.
+
+        Raises:
+            FileNotFoundError: It was not fetched.
+        """
+        return open_log(self._place(robot), name)
+
+    def bundle(self, robot: str) -> Path:
+        """A support bundle that the robot made, as a file that is the caller's to remove.
+
+        Raises:
+            NobodyListensError: It cannot be had.
+            OSError: It cannot be written.
+        """
+        with self._bundle:
+            self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            room = min(_LARGEST_BUNDLE, self._free_bytes(self._folder) - _LEFT_FREE_BYTES)
+            return fetch_bundle(self._line(robot, lambda _here, _size: None), self._folder, room)
+
+    def _fetch(self, robot: str, name: str) -> None:
+        key = (robot, name)
+        try:
+            log = self._log(robot, name)
+            place = self._place(robot)
+            place.mkdir(parents=True, exist_ok=True, mode=0o700)
+            self._make_room(log, place)
+            fetch_log(self._line(robot, functools.partial(self._tell, key)), log, place)
+            end = Progress("done", log.size, log.size)
+        except Exception as error:  # noqa: BLE001 - whoever looks is told
+            known = self._progress[key]
+            why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            end = Progress("failed", known.fetched, known.size, why)
+        with self._lock:
+            self._progress[key] = end
+
+    def _log(self, robot: str, name: str) -> LogFile:
+        for log in self.logs(robot):
+            if log.name == name:
+                return log
+        raise FetchError(f"the robot has no log {name} any more")
+
+    def _tell(self, key: tuple[str, str], fetched: int, size: int) -> None:
+        if self._ending.is_set():
+            raise FetchError("the station ends")
+        with self._lock:
+            self._progress[key] = Progress("fetching", fetched, size)
+
+    def _line(self, robot: str, tell: Callable[[int, int], None]) -> Line:
+        return Line(functools.partial(self._calls.ask, robot), self._wait, tell)
+
+    def _wait(self, seconds: float) -> None:
+        if self._ending.wait(seconds):
+            raise FetchError("the station ends")
+
+    def _place(self, robot: str) -> Path:
+        return self._folder / urllib.parse.quote(robot, safe="")
+
+    def _make_room(self, log: LogFile, place: Path) -> None:
+        with self._room:
+            if log.size > self._most_bytes:
+                raise FetchError(f"{log.name} has {log.size} bytes, more than the {self._most_bytes} that are kept")
+            kept = [path for path in self._folder.glob("*/*") if path.is_file() and path != place / f".{log.name}.part"]
+            kept.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)
+            total = sum(path.stat().st_size for path in kept)
+            while kept and total + log.size > self._most_bytes:
+                oldest = kept.pop()
+                total -= oldest.stat().st_size
+                oldest.unlink()
+            if self._free_bytes(self._folder) < log.size + _LEFT_FREE_BYTES:
+                raise FetchError(f"the station's disk has no room for {log.name} ({log.size} bytes)")
+
+    def _forget_some(self) -> None:
+        over = [key for key, progress in self._progress.items() if not progress.is_going_on]
+        for key in over[: max(len(self._progress) - _MOST_TOLD, 0)]:
+            del self._progress[key]

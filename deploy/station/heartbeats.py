@@ -1,0 +1,43 @@
+"""Heartbeats to the robots, and the round trip by their echo. Pure: time is given."""
+
+from collections import deque
+from typing import Final
+
+from segway_ecc.deploy.station.heard import ModeHeard
+
+PERIOD_NS: Final = 100_000_000
+_KEPT: Final = 50
+"""Stamps that an echo may bear: those of five seconds."""
+_HEARS_NS: Final = 1_000_000_000
+"""A robot that heard us longer ago does not hear us."""
+
+
+class Heartbeats:
+    """One clock of heartbeats for all robots; only stamps that we sent count as echoes of ours.
+
+    Attributes:
+        name: Our name.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Beat as `name`."""
+        self.name = name
+        self._sent: deque[int] = deque(maxlen=_KEPT)
+        self._round_trips: dict[str, tuple[float, int]] = {}
+
+    def due(self, now_ns: int) -> int | None:
+        """The stamp of a heartbeat to send now, or None."""
+        if self._sent and now_ns - self._sent[-1] < PERIOD_NS:
+            return None
+        self._sent.append(now_ns)
+        return now_ns
+
+    def hear(self, robot: str, mode: ModeHeard, at_ns: int) -> None:
+        """Take what a robot said at `at_ns`, monotonic, where it is an echo of ours: it tells other stations too."""
+        if mode.station == self.name and mode.beat_ns in self._sent and mode.beat_age_ns <= _HEARS_NS:
+            self._round_trips[robot] = (max(at_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9, at_ns)
+
+    def round_trip_s(self, robot: str, now_ns: int) -> float | None:
+        """From our heartbeat to the echo, without the time the robot kept it; None where it does not hear us."""
+        round_trip_s, at_ns = self._round_trips.get(robot, (None, 0))
+        return round_trip_s if now_ns - at_ns <= _HEARS_NS else None

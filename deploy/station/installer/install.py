@@ -1,0 +1,154 @@
+"""Makes a machine a base station; doing it again changes what is different, and nothing else."""
+
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.station.installer.checks import check_files, check_machine, check_place, check_rules
+from segway_ecc.deploy.station.installer.health import wait_until_healthy
+from segway_ecc.deploy.station.installer.machine import Machine, Owner
+from segway_ecc.deploy.station.installer.program import check_environment, command_for, ros_variables
+from segway_ecc.deploy.station.installer.rendering import FIREWALL, PENDING, RULES, STATION, SYSUSERS, UNITS, files
+from segway_ecc.deploy.station.installer.settings import Settings, check
+from segway_ecc.deploy.station.installer.tokens import make_tokens
+from segway_ecc.deploy.station.web.access import Role
+from segway_ecc.node.errors import NodeError
+
+_WANTED: Final = f"{UNITS}/multi-user.target.wants"
+_TIMEOUT_NS: Final = 60_000_000_000
+
+Show = Callable[[Mapping[Role, str]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be done to a machine.
+
+    Attributes:
+        machine: The machine.
+        settings: Checked.
+        files: What is to be written: text by path.
+    """
+
+    machine: Machine
+    settings: Settings
+    files: Mapping[str, str]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Those that start at boot."""
+        return (STATION,) if self.settings.firewall is None else (FIREWALL, STATION)
+
+
+def plan(machine: Machine, settings: Settings, command: str | None) -> Plan:
+    """Check everything that can be known before anything is written.
+
+    Raises:
+        ConfigurationError: A setting, or this machine, is not fit for it.
+        RosUnavailableError: ROS is missing.
+    """
+    check(settings)
+    program = command_for(machine, command)
+    if machine.is_live:
+        check_machine(machine, settings)
+        check_environment(program)
+        check_place(machine, settings)
+    check_files(machine, settings)
+    made = files(settings, program, ros_variables() if machine.is_live else {})
+    if RULES in made and machine.is_live and os.geteuid() == 0:  # the kernel tells nobody else
+        check_rules(machine, made[RULES])
+    return Plan(machine, settings, made)
+
+
+def install(made: Plan, *, new_tokens: bool, show: Show) -> list[str]:
+    """Do what is planned.
+
+    Args:
+        made: The plan.
+        new_tokens: Whether tokens that are there are replaced.
+        show: Called with new tokens as soon as they are kept, since nobody can show them later.
+
+    Returns:
+        The files that were changed.
+
+    Raises:
+        NodeError: Something did not go through; doing it again goes on from there.
+    """
+    machine = made.machine
+    was_interrupted = machine.is_live and not machine.write(PENDING, "")
+    changed = [SYSUSERS] if machine.write(SYSUSERS, made.files[SYSUSERS]) else []
+    owner = _user(machine)
+    if machine.is_live:
+        check_files(machine, made.settings, owner)
+    tokens = make_tokens(machine, owner, anew=new_tokens)
+    if tokens:
+        show(tokens)
+    changed += [name for name, text in made.files.items() if machine.write(name, text)]
+    if machine.is_live:
+        _start(made, is_changed=bool(was_interrupted or changed or tokens))
+        wait_until_healthy(made.settings, _TIMEOUT_NS)
+        machine.delete(PENDING)
+    else:
+        _enable_offline(made)
+    return changed
+
+
+def commands(made: Plan) -> list[list[str]]:
+    """What is run on this machine, in order."""
+    if not made.machine.is_live:
+        return []
+    return [_sysusers(), ["systemctl", "daemon-reload"], *_starting(made, is_changed=True)]
+
+
+def _sysusers() -> list[str]:
+    return ["systemd-sysusers", SYSUSERS]
+
+
+def _user(machine: Machine) -> Owner:
+    """The service's user, made where it is not there."""
+    if machine.is_live:
+        machine.run(_sysusers())
+    elif machine.owner() is None and os.geteuid() == 0 and shutil.which("systemd-sysusers"):
+        machine.run(["systemd-sysusers", f"--root={machine.root}", Path(SYSUSERS).name])
+    owner = machine.owner()
+    if owner is not None:
+        return owner
+    if machine.is_live:
+        raise NodeError(f"systemd-sysusers made no user of {SYSUSERS}")
+    # Not as root: whoever packs the folder says whose the files are.
+    return Owner(os.geteuid(), os.getegid())
+
+
+def _start(made: Plan, *, is_changed: bool) -> None:
+    machine = made.machine
+    if made.settings.firewall is None and machine.path(f"{UNITS}/{FIREWALL}").exists():
+        machine.run(["systemctl", "--quiet", "disable", "--now", FIREWALL])
+        machine.delete(f"{UNITS}/{FIREWALL}")
+        machine.delete(RULES)
+    machine.run(["systemctl", "daemon-reload"])
+    for words in _starting(made, is_changed=is_changed):
+        machine.run(words)
+
+
+def _starting(made: Plan, *, is_changed: bool) -> list[list[str]]:
+    """A station that is as it should be is not restarted: its operators stay logged in."""
+    # New rules take the place of the old ones in one step; a restart would leave the ports open in between.
+    verbs = {FIREWALL: "reload-or-restart", STATION: "restart"} if is_changed else {}
+    starting = [["systemctl", verbs.get(unit, "start"), unit] for unit in made.units]
+    return [["systemctl", "--quiet", "enable", *made.units], *starting]
+
+
+def _enable_offline(made: Plan) -> None:
+    """What `systemctl enable` does."""
+    machine = made.machine
+    if made.settings.firewall is None:
+        for name in (f"{_WANTED}/{FIREWALL}", f"{UNITS}/{FIREWALL}", RULES):
+            machine.delete(name)
+    for unit in made.units:
+        link = machine.path(f"{_WANTED}/{unit}")
+        link.parent.mkdir(parents=True, exist_ok=True)
+        if not link.is_symlink():
+            link.symlink_to(f"{UNITS}/{unit}")

@@ -1,0 +1,156 @@
+"""The machine that becomes a base station: this one, or a root file system in a folder."""
+
+import contextlib
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from segway_ecc.node.errors import ConfigurationError, NodeError
+
+USER: Final = "segway"
+_PASSWD_FIELDS: Final = 7
+
+
+class Owner(NamedTuple):
+    """A user of the machine, by its numbers."""
+
+    uid: int
+    gid: int
+
+
+class Machine:
+    """Files below a root folder, and commands where that is the running system."""
+
+    def __init__(self, root: Path = Path("/"), *, is_live: bool = True) -> None:
+        """Know where, and whether services can be started there."""
+        self.root = root
+        self.is_live = is_live
+
+    def path(self, name: str) -> Path:
+        """Where a file of the machine lies for us.
+
+        Raises:
+            ConfigurationError: A link leads out of the root file system.
+        """
+        path = self.root / name.lstrip("/")
+        root = self.root.resolve()
+        if not path.parent.resolve().is_relative_to(root):
+            raise ConfigurationError(f"{path.parent} leads out of {self.root}: a link there is not relative")
+        return path
+
+    def has_systemd(self) -> bool:
+        """Whether systemd runs here (sd_booted(3))."""
+        return self.path("/run/systemd/system").is_dir()
+
+    def owner(self) -> Owner | None:
+        """The service's user, or None where there is none yet."""
+        try:
+            lines = self.path("/etc/passwd").read_text("utf-8", "surrogateescape").splitlines()
+        except FileNotFoundError:
+            return None
+        entries = (line.split(":") for line in lines)
+        found = (entry for entry in entries if entry[0] == USER and len(entry) == _PASSWD_FIELDS)
+        return next((Owner(int(entry[2]), int(entry[3])) for entry in found), None)
+
+    def write(self, name: str, text: str) -> bool:
+        """Write a file that everybody may read, whole or not at all; tell whether anything changed.
+
+        Raises:
+            NodeError: It cannot be written.
+        """
+        path = self.path(name)
+        try:
+            if _holds(path, text):
+                return False
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o755)
+            _replace(path, text)
+        except OSError as error:
+            raise NodeError(f"{path} cannot be written: {error.strerror}") from None
+        return True
+
+    def delete(self, name: str) -> bool:
+        """Delete a file or a link; tell whether it was there.
+
+        Raises:
+            NodeError: It cannot be deleted.
+        """
+        path = self.path(name)
+        try:
+            path.unlink()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise NodeError(f"{path} cannot be deleted: {error.strerror}") from None
+        return True
+
+    def succeeds(self, words: Sequence[str]) -> bool:
+        """Whether a command ends well."""
+        return _run(words).returncode == 0
+
+    def run(self, words: Sequence[str], text: str = "") -> None:
+        """Run a command, which reads `text`.
+
+        Raises:
+            NodeError: It fails; with the first error that it names, or what it said last.
+        """
+        done = _run(words, text)
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+            named = next((line for line in said if "Error: " in line), said[-1])
+            raise NodeError(f"{' '.join(words)}: {named}")
+
+
+@contextlib.contextmanager
+def acting_as(owner: Owner) -> Iterator[None]:
+    """Have the kernel take us for a user while the context lasts.
+
+    Root that writes into a folder of somebody else would follow whatever link they put there.
+    """
+    if os.geteuid() == owner.uid:
+        yield
+        return
+    gid, groups = os.getegid(), os.getgroups()
+    os.setgroups([])
+    os.setegid(owner.gid)
+    os.seteuid(owner.uid)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(gid)
+        os.setgroups(groups)
+
+
+def _run(words: Sequence[str], text: str = "") -> "subprocess.CompletedProcess[str]":
+    program = shutil.which(words[0])
+    if program is None:
+        raise NodeError(f"{words[0]} is not installed here")
+    words = [program, *words[1:]]
+    return subprocess.run(words, check=False, capture_output=True, text=True, input=text)  # noqa: S603 - ours
+
+
+def _holds(path: Path, text: str) -> bool:
+    try:
+        return not path.is_symlink() and path.read_bytes() == text.encode() and path.stat().st_mode & 0o7777 == 0o644  # noqa: PLR2004 - a mode
+    except FileNotFoundError:
+        return False
+
+
+def _replace(path: Path, text: str) -> None:
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new.unlink(missing_ok=True)
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    with os.fdopen(file, "w", encoding="utf-8") as stream:
+        os.fchmod(stream.fileno(), 0o644)  # whatever the umask is
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    new.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

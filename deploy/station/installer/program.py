@@ -1,0 +1,124 @@
+"""The program that the service runs, and whether the service's user can reach it."""
+
+import importlib.util
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.rendering import RELEASE
+from segway_ecc.deploy.station.installer.settings import is_plain_path
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.ros.runtime import require_ros
+
+_NAME: Final = "segway-ecc"
+_RELEASES: Final = Path("/opt/segway-ecc")
+_INSTALLED: Final = (RELEASE, "/usr/bin/segway-ecc", "/usr/local/bin/segway-ecc")
+_HIDDEN: Final = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - not written to
+"""What the unit's ProtectHome= and PrivateTmp= take from the service's sight."""
+_OF_ROS: Final = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
+
+
+def command_for(machine: Machine, chosen: str | None) -> str:
+    """The program's path on the machine: the one that is chosen, or that of this environment or of the release there.
+
+    Raises:
+        ConfigurationError: There is none, or its path cannot stand in a unit.
+    """
+    command = chosen or (_of_this_environment() if machine.is_live else _of_that_system(machine))
+    if not is_plain_path(command):
+        raise ConfigurationError(f"the program {command!r} needs an absolute path of letters, digits and ._+@:,/-")
+    # The link to the release in use may be absolute, and is not followed in a root file system of another machine.
+    if command != RELEASE and not os.path.lexists(machine.path(command)):
+        raise ConfigurationError(f"--command {command}: there is no such program")
+    return command
+
+
+def check_environment(command: str) -> None:
+    """Make sure that this environment can serve, and that the service's user can reach it.
+
+    Raises:
+        ConfigurationError: Something is missing or out of reach.
+        RosUnavailableError: ROS is missing.
+    """
+    if importlib.util.find_spec("aiohttp") is None:
+        raise ConfigurationError(
+            "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
+        )
+    require_ros()
+    needed = [Path(command), Path(sys.executable), *map(_folder_of, ("segway_ecc", "aiohttp", "rclpy"))]
+    obstacle = obstacle_to(needed)
+    if obstacle is not None:
+        raise ConfigurationError(
+            f"{obstacle} is out of the service's sight: make the environment elsewhere and of a Python that everybody "
+            "may use, such as: /usr/bin/python3 -m venv /opt/segway-ecc-station"
+        )
+
+
+def obstacle_to(paths: Iterable[Path]) -> Path | None:
+    """The first file or folder that a user of the system, in the unit's sandbox, does not get to or through."""
+    for path in paths:
+        for form in (path.absolute(), path.resolve()):
+            if is_hidden(form):
+                return form
+            closed = next((step for step in (*reversed(form.parents), form) if not _is_open(step)), None)
+            if closed is not None:
+                return closed
+    return None
+
+
+def is_hidden(path: Path) -> bool:
+    """Whether the unit's sandbox takes a path from the service's sight."""
+    return any(path.is_relative_to(hidden) for hidden in _HIDDEN)
+
+
+def ros_variables(variables: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Where a ROS 2 lies that was sourced here, which the service has to be told; empty where none was.
+
+    Raises:
+        ConfigurationError: A value cannot stand in a file of variables.
+    """
+    if not variables.get("AMENT_PREFIX_PATH"):
+        return {}
+    found = {name: variables[name] for name in _OF_ROS if variables.get(name)}
+    for name, value in found.items():
+        if not all(is_plain_path(part) for part in value.split(os.pathsep) if part):
+            raise ConfigurationError(
+                f"{name}={value!r} cannot be handed to a service: letters, digits and ._+@:,/- only"
+            )
+    return found
+
+
+def _of_this_environment() -> str:
+    beside = Path(sys.executable).absolute().with_name(_NAME)
+    started = Path(sys.argv[0]).absolute()
+    found = beside if beside.exists() or started.name != _NAME else started
+    # A release is left when the next one comes; the link in front of it stays.
+    return RELEASE if found.is_relative_to(_RELEASES) else str(found)
+
+
+def _of_that_system(machine: Machine) -> str:
+    if os.path.lexists(machine.path("/opt/segway-ecc/current")):
+        return RELEASE
+    found = next((name for name in _INSTALLED if os.path.lexists(machine.path(name))), None)
+    if found is None:
+        raise ConfigurationError(f"there is no {_NAME} in --root: none of {', '.join(_INSTALLED)}; see --command")
+    return found
+
+
+def _folder_of(package: str) -> Path:
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        raise ConfigurationError(f"the package {package} has no file")
+    return Path(spec.origin)
+
+
+def _is_open(path: Path) -> bool:
+    """Whether everybody may read a file or go through a folder; what is not there is told by who needs it."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return True
+    return bool(mode & (0o001 if path.is_dir() else 0o004))

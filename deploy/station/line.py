@@ -1,0 +1,59 @@
+"""What the station needs of its connection to one robot."""
+
+import logging
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple, Protocol, TypeAlias
+
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.safety.modes import Action
+
+Reply: TypeAlias = Callable[[bool, str], None]
+"""Called once, with whether a command was confirmed and the text."""
+
+
+_logger: Final = logging.getLogger(__name__)
+
+
+def once(reply: Reply) -> Reply:
+    """A reply of which only the first call counts; what it raises is the caller's own trouble, and ends nothing."""
+    waiting = [reply]
+
+    def called(accepted: bool, text: str) -> None:  # noqa: FBT001 - the contract's form
+        if waiting:
+            try:
+                waiting.pop()(accepted, text)
+            except Exception:
+                _logger.exception("a reply failed")
+
+    return called
+
+
+class Answered(NamedTuple):
+    """A robot's answer to a request."""
+
+    action: Action
+    number: int
+    accepted: bool
+    message: str
+
+
+class Line(Protocol):
+    """Sends to a robot; nothing of it waits."""
+
+    def is_ready(self, action: Action) -> bool:
+        """Whether somebody serves the request."""
+
+    def call(self, action: Action) -> int:
+        """Send a request; return its number."""
+
+    def answers(self) -> Iterable[Answered]:
+        """The answers that have come."""
+
+    def drive(self, setpoint: Setpoint) -> None:
+        """Send a set-point for now."""
+
+    def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
+        """Send a set-point for a moment of the robot's time, ns since the Unix epoch."""
+
+    def stand(self, *, up: bool) -> None:
+        """Tell it to stand up, or to sit down."""

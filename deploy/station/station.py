@@ -1,0 +1,271 @@
+"""The base station's connection to the robots: one thread speaks ROS; every other thread gives and reads here."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import Final, Self
+
+from segway_ecc.deploy.station.desk import Desk
+from segway_ecc.deploy.station.events import EventLog
+from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.line import Reply, once
+from segway_ecc.deploy.station.radio import Radio
+from segway_ecc.deploy.station.seat import Asked
+from segway_ecc.deploy.station.sequences import read_sequence
+from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
+from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre
+
+LIMITS: Final = Setpoint(3.0, 6.0)
+"""The fastest that an operator may ask for: m/s, rad/s. A robot may allow less."""
+_TICK_NS: Final = 50_000_000
+_WAITING_S: Final = 0.004
+"""How often a robot is listened to whose word is waited for."""
+_MOST_COMMANDS: Final = 256
+_MOST_SEQUENCES: Final = 4
+_ENDS_WITHIN_S: Final = 5.0
+_TOLD_AT_MOST: Final = 100
+_logger = logging.getLogger(__name__)
+
+
+class Station:
+    """The robots on the ROS network, and what is asked of them. Every method may be called from any thread.
+
+    Attributes:
+        limits: The fastest that an operator may ask for.
+    """
+
+    def __init__(  # noqa: PLR0913 - what differs between a station, a glance and a test
+        self,
+        name: str,
+        *,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        wall_ns: Callable[[], int] = time.time_ns,
+        limits: Setpoint = LIMITS,
+        ros_arguments: Sequence[str] = (),
+        is_watching: bool = False,
+    ) -> None:
+        """Prepare a station; `open` starts it.
+
+        Args:
+            name: What the robots know it by.
+            clock_ns: The monotonic clock, ns.
+            wall_ns: The wall clock, ns since the Unix epoch.
+            limits: The fastest that an operator may ask for, m/s and rad/s.
+            ros_arguments: What followed `--ros-args` on the command line, that flag included.
+            is_watching: Whether it only looks: then it sends no heartbeats, so no robot comes to rely on it.
+        """
+        self.limits = limits
+        self._clock_ns = clock_ns
+        self._wall_ns = wall_ns
+        self._ros_arguments = ros_arguments
+        self._events = EventLog(wall_ns)
+        beats = Heartbeats(name)
+        self._desk = Desk(self._events, beats, limits)
+        self._radio = Radio(self._desk, None if is_watching else beats, clock_ns, wall_ns, self._events)
+        self._told: set[str] = set()
+        self._stops: deque[Asked] = deque()
+        self._commands: deque[Asked | str] = deque()
+        self._drives: dict[tuple[str, str], tuple[Drive, int]] = {}
+        self._reading = threading.Semaphore(_MOST_SEQUENCES)
+        self._readers = ThreadPoolExecutor(1, "sequences")
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._has_begun = threading.Event()
+        self._is_ending = False
+        self._failure: RosUnavailableError | None = None
+        self._picture = FleetView(time_s=0.0, robots=())
+        self._refused: Mapping[str, int] = {}
+        self._thread = threading.Thread(target=self._run, name="station", daemon=True)
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Start the thread that speaks ROS.
+
+        Raises:
+            RosUnavailableError: ROS is not there or does not start.
+        """
+        self._thread.start()
+        self._has_begun.wait()
+        if self._failure is not None:
+            raise self._failure
+
+    def close(self) -> None:
+        """Tell what moves by us to rest, answer every command, and end the thread."""
+        with self._lock:
+            self._is_ending = True
+        self._wake.set()
+        if self._thread.ident is not None:
+            self._thread.join(_ENDS_WITHIN_S)
+        self._readers.shutdown()
+        self._answer_late()
+
+    def fleet(self) -> FleetView:
+        """The newest picture; never waits."""
+        return self._picture
+
+    def refused(self) -> Mapping[str, int]:
+        """Commands, set-points and messages that were refused or cut, by cause; never waits."""
+        return self._refused
+
+    def events(self, after: int) -> Sequence[EventView]:
+        """The events that are kept and whose number is greater than `after`."""
+        return self._events.after(after)
+
+    def submit(self, who: str, command: Command, reply: Reply) -> None:
+        """Have a command carried out.
+
+        Args:
+            who: Whose it is.
+            command: What is asked.
+            reply: Called once, from another thread, with whether it was confirmed and the text. Where the station is
+                ending or has too much to do it is called at once, from this thread.
+        """
+        asked = Asked(who, command, once(reply), self._clock_ns())
+        if command.act is Act.PLAY:
+            self._read_then_take(asked)
+        else:
+            self._take(asked)
+
+    def drive(self, who: str, drive: Drive) -> None:
+        """Have a robot driven; the newest of each operator for each robot wins."""
+        with self._lock:
+            if len(self._drives) < _MOST_COMMANDS or (who, drive.robot) in self._drives:
+                self._drives[who, drive.robot] = (drive, self._clock_ns())
+        self._wake.set()
+
+    def left(self, who: str) -> None:
+        """An operator's browser is gone: they lose control, and what they drove is told to rest."""
+        with self._lock:
+            for key in [key for key in self._drives if key[0] == who]:
+                del self._drives[key]
+            self._commands.append(who)
+        self._wake.set()
+
+    def _take(self, asked: Asked) -> None:
+        with self._lock:
+            waiting = self._stops if asked.command.act is Act.STOP else self._commands
+            if self._is_ending:
+                refusal = "the station ends"
+            elif len(waiting) >= _MOST_COMMANDS:
+                refusal = "the station has too much to do"
+            else:
+                refusal = ""
+                waiting.append(asked)
+        self._wake.set()
+        if refusal:
+            asked.reply(False, refusal)  # noqa: FBT003 - the contract's form
+
+    def _read_then_take(self, asked: Asked) -> None:
+        """Read a sequence in a thread of its own: a long one takes a second."""
+        if not self._reading.acquire(blocking=False):
+            asked.reply(False, "other sequences are still being read; try again")  # noqa: FBT003 - the contract's form
+            return
+        try:
+            self._readers.submit(self._read, asked)
+        except RuntimeError:  # it was shut down
+            self._reading.release()
+            asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form
+
+    def _read(self, asked: Asked) -> None:
+        manoeuvre: Manoeuvre | str
+        try:
+            manoeuvre = read_sequence(asked.command.text, asked.command.name[:80] or "the sequence", self.limits)
+        except ConfigurationError as error:
+            manoeuvre = str(error)
+        finally:
+            self._reading.release()
+        self._take(Asked(asked.who, asked.command, asked.reply, asked.at_ns, manoeuvre))
+
+    def _run(self) -> None:
+        try:
+            with ros_node("base_station", "", self._ros_arguments) as node:
+                self._radio.use(node)
+                self._has_begun.set()
+                self._loop()
+        except RosUnavailableError as error:
+            self._failure = error
+        finally:
+            self._answer_late()
+            self._has_begun.set()
+
+    def _loop(self) -> None:
+        next_tick_ns = self._clock_ns()
+        while not self._is_ending:
+            now_ns = self._clock_ns()
+            self._carry_out()
+            is_tick = now_ns >= next_tick_ns
+            self._guarded(self._look, is_tick)
+            if is_tick:
+                next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
+            wait_s = max(next_tick_ns - self._clock_ns(), 0) * 1e-9
+            self._wake.wait(min(wait_s, _WAITING_S) if self._radio.is_waiting else wait_s)
+            self._wake.clear()
+        self._guarded(lambda: self._desk.close(self._clock_ns()))
+        self._guarded(self._radio.flush)
+
+    def _look(self, is_tick: bool) -> None:  # noqa: FBT001 - handed on by `_guarded`
+        self._radio.listen(to_all=is_tick)
+        now_ns = self._clock_ns()
+        self._desk.step(now_ns)
+        if is_tick:
+            self._radio.beat(now_ns)
+            self._picture = self._desk.view(now_ns)
+            self._refused = dict(self._desk.refused) | dict(self._radio.refused())
+            self._radio.discover(now_ns)
+
+    def _carry_out(self) -> None:
+        """What operators asked since the last look: stops before everything else."""
+        with self._lock:
+            stops, self._stops = self._stops, deque()
+            commands, self._commands = self._commands, deque()
+            drives, self._drives = self._drives, {}
+        for asked in stops:
+            self._answered(self._desk.stop, asked)
+        for item in commands:
+            if isinstance(item, Asked):
+                self._answered(self._desk.command, item)
+            else:
+                self._guarded(self._desk.left, item, self._clock_ns())
+        for (who, _), (drive, at_ns) in drives.items():
+            self._guarded(self._desk.drive, who, drive, at_ns, self._clock_ns())
+
+    def _answered(self, carry_out: Callable[[Asked, int], None], asked: Asked) -> None:
+        if not self._guarded(carry_out, asked, self._clock_ns()):
+            asked.reply(False, "the station failed; see its messages")  # noqa: FBT003 - the contract's form
+
+    def _guarded(self, function: Callable[..., None], *arguments: object) -> bool:
+        """Whether it went well; what fails for one command or robot must not take the next stop with it."""
+        try:
+            function(*arguments)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}"
+            if text not in self._told and len(self._told) < _TOLD_AT_MOST:
+                self._told.add(text)
+                self._events.add("", f"the station failed: {text}", level="error")
+                _logger.exception("the station failed and goes on")
+            return False
+        return True
+
+    def _answer_late(self) -> None:
+        """Answer what came too late."""
+        with self._lock:
+            self._is_ending = True
+            late = [*self._stops, *(item for item in self._commands if isinstance(item, Asked))]
+            self._stops, self._commands = deque(), deque()
+        for asked in late:
+            asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form

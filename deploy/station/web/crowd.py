@@ -1,0 +1,144 @@
+"""All browsers: each picture is encoded once for all of them."""
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+from aiohttp import WSCloseCode
+
+from segway_ecc.deploy.station.views import EventView, FleetView, HelloView
+from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.limits import Limits, site_of
+from segway_ecc.deploy.station.web.refusals import Cause, Refusals
+from segway_ecc.deploy.station.web.seams import Robots
+
+DRIVE_PERIOD_S: Final = 0.1
+_LOOK_S: Final = 0.01
+"""How often it is looked whether there is a new picture, so that none waits for long; one comes every 50 ms."""
+_SWEEP_NS: Final = 1_000_000_000
+_FROZEN_NS: Final = 5_000_000_000
+_OLD_EVENTS: Final = 200
+_logger = logging.getLogger(__name__)
+
+
+class Crowd:
+    """Shows what happens to everybody who looks."""
+
+    def __init__(
+        self, robots: Robots, limits: Limits, refusals: Refusals, clock_ns: Callable[[], int], version: str
+    ) -> None:
+        """Begin with nobody."""
+        self._robots = robots
+        self._limits = limits
+        self._refusals = refusals
+        self._clock_ns = clock_ns
+        self._version = version
+        self._browsers: set[Browser] = set()
+        self._by_site: Counter[str] = Counter()
+        self._picture: FleetView | None = None
+        self._encoded = b""
+        self._changed_ns = clock_ns()
+        self._event = 0
+        self.is_empty = asyncio.Event()
+        """Set while nobody is there."""
+        self.is_empty.set()
+
+    def __len__(self) -> int:
+        return len(self._browsers)
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether the station has given no new picture for seconds."""
+        return self._clock_ns() - self._changed_ns > _FROZEN_NS
+
+    def refusal(self, address: str) -> Cause | None:
+        """Why no other browser of this address is let in, or None."""
+        is_full = len(self) >= self._limits.sockets or self._by_site[site_of(address)] >= self._limits.sockets_each
+        return Cause.TOO_MANY_SOCKETS if is_full else None
+
+    def enter(self, browser: Browser) -> None:
+        """A browser comes: it is told who it is, what happened lately and how things are."""
+        self._browsers.add(browser)
+        self.is_empty.clear()
+        self._by_site[site_of(browser.address)] += 1
+        browser.session.sockets += 1
+        limits = self._robots.limits
+        hello = HelloView(
+            who=browser.session.who,
+            role=browser.session.role,
+            version=self._version,
+            drive_period_s=DRIVE_PERIOD_S,
+            max_linear=limits.linear_velocity,
+            max_angular=limits.angular_velocity,
+        )
+        browser.tell(msgspec.json.encode(hello))
+        for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):
+            if event.number <= self._event:
+                browser.tell(msgspec.json.encode(event))
+        if self._encoded:
+            browser.show(self._encoded)
+
+    def leave(self, browser: Browser) -> None:
+        """A browser is gone; with the last of somebody's, so are they."""
+        self._browsers.discard(browser)
+        site = site_of(browser.address)
+        self._by_site[site] -= 1
+        if not self._by_site[site]:
+            del self._by_site[site]
+        browser.gone()
+        browser.session.sockets -= 1
+        if browser.session.sockets == 0:
+            self._robots.left(browser.session.who)
+        if not self._browsers:
+            self.is_empty.set()
+
+    def end(self, reason: str) -> None:
+        """Tell everybody that it is over."""
+        for browser in self._browsers:
+            browser.end(WSCloseCode.GOING_AWAY, reason)
+
+    async def run(self, sweep: Callable[[], None]) -> None:
+        """Show what is new, until cancelled; `sweep` is called about once a second."""
+        next_ns = self._clock_ns()
+        while True:
+            try:
+                self._look()
+                if self._clock_ns() >= next_ns:
+                    next_ns = self._clock_ns() + _SWEEP_NS
+                    self._sweep()
+                    sweep()
+            except Exception:
+                # One picture that fails must not freeze all that follow.
+                self._refusals.add(Cause.FAILED)
+                if self._refusals.of(Cause.FAILED) == 1:
+                    _logger.exception("the station could not show what is new, and goes on")
+            await asyncio.sleep(_LOOK_S)
+
+    def _look(self) -> None:
+        for event in self._robots.events(self._event):
+            self._event = max(self._event, event.number)
+            self._tell(event)
+        picture = self._robots.fleet()
+        if picture is self._picture:
+            return
+        self._picture = picture
+        self._changed_ns = self._clock_ns()
+        self._encoded = msgspec.json.encode(picture)
+        for browser in self._browsers:
+            browser.show(self._encoded)
+
+    def _tell(self, event: EventView) -> None:
+        encoded = msgspec.json.encode(event)
+        for browser in self._browsers:
+            browser.tell(encoded)
+
+    def _sweep(self) -> None:
+        now_ns = self._clock_ns()
+        for browser in list(self._browsers):
+            if browser.session.is_over:
+                browser.end(WSCloseCode.POLICY_VIOLATION, "the session is over; log in again")
+            if browser.is_stuck(now_ns):
+                browser.drop(Cause.TOO_SLOW)

@@ -1,0 +1,151 @@
+"""Accepts connections, or closes them at once: a flood is refused here, before anything is read or decrypted."""
+
+import asyncio
+import contextlib
+import dataclasses
+import socket
+import ssl
+import struct
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
+from segway_ecc.deploy.station.web.refusals import Cause, Refusals
+
+_AT_ONCE: Final = 64
+"""Taken from the queue before everything else has its turn."""
+_SILENT_NS: Final = 10_000_000_000
+_HANDSHAKE_S: Final = 5.0
+_RESET: Final = struct.pack("ii", 1, 0)
+"""SO_LINGER of no time: the connection is reset, and nothing of it is kept by the kernel (socket(7))."""
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class _Connection:
+    site: str
+    at_ns: int
+    transport: asyncio.BaseTransport | None = None
+    has_spoken: bool = False
+
+
+class Door:
+    """Accepts what the limits allow, and hands it to a protocol."""
+
+    def __init__(
+        self,
+        protocol: Callable[[], asyncio.BaseProtocol],
+        limits: Limits,
+        refusals: Refusals,
+        clock_ns: Callable[[], int],
+        tls: ssl.SSLContext | None,
+    ) -> None:
+        """Serve with `protocol`, inside TLS where a context is given."""
+        self._protocol = protocol
+        self._limits = limits
+        self._refusals = refusals
+        self._clock_ns = clock_ns
+        self._tls = tls
+        self._all = Bucket(limits.all_connections, clock_ns())
+        self._each = Buckets(limits.connections)
+        self._open: set[_Connection] = set()
+        self._by_site: Counter[str] = Counter()
+        self._sockets: list[socket.socket] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def open(self, listening: socket.socket) -> None:
+        """Accept from a listening socket, which is ours from now on."""
+        listening.settimeout(0.0)
+        self._sockets.append(listening)
+        asyncio.get_running_loop().add_reader(listening, self._accept, listening)
+
+    def shut(self) -> None:
+        """Accept nobody any more."""
+        for listening in self._sockets:
+            asyncio.get_running_loop().remove_reader(listening)
+            listening.close()
+        self._sockets.clear()
+
+    def heard(self, transport: asyncio.BaseTransport | None) -> None:
+        """A connection has made a whole request."""
+        connection = next((each for each in self._open if each.transport is transport), None)
+        if connection is not None:
+            connection.has_spoken = True
+
+    def sweep(self) -> None:
+        """Forget what is closed, and close what never said anything."""
+        now_ns = self._clock_ns()
+        for connection in list(self._open):
+            transport = connection.transport
+            if transport is None:
+                continue  # the handshake has a time-out of its own
+            if transport.is_closing():
+                self._forget(connection)
+            elif not connection.has_spoken and now_ns - connection.at_ns > _SILENT_NS:
+                self._refusals.add(Cause.SILENT_CONNECTION)
+                transport.close()
+
+    def _accept(self, listening: socket.socket) -> None:
+        for _ in range(_AT_ONCE):
+            try:
+                accepted, peer = listening.accept()
+            except OSError:
+                return  # there is none, or it has gone, or we have no file descriptors left: all pass
+            site = site_of(str(peer[0]))
+            cause = self._refusal(site)
+            if cause is None:
+                self._take(accepted, site)
+            else:
+                self._refusals.add(cause)
+                _reset(accepted)
+
+    def _refusal(self, site: str) -> Cause | None:
+        now_ns = self._clock_ns()
+        each = self._each.of(site, now_ns)
+        # An address that is over its own limit uses up nothing of what is everybody's.
+        if not each.holds(now_ns) or not self._all.holds(now_ns):
+            return Cause.CONNECTION_RATE
+        if self._is_full(site):
+            self.sweep()
+        if self._is_full(site):
+            return Cause.TOO_MANY_CONNECTIONS
+        each.take(now_ns)
+        self._all.take(now_ns)
+        return None
+
+    def _is_full(self, site: str) -> bool:
+        limits = self._limits
+        return len(self._open) >= limits.open_connections or self._by_site[site] >= limits.open_connections_each
+
+    def _take(self, accepted: socket.socket, site: str) -> None:
+        connection = _Connection(site, self._clock_ns())
+        self._open.add(connection)
+        self._by_site[site] += 1
+        task = asyncio.get_running_loop().create_task(self._serve(accepted, connection))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _serve(self, accepted: socket.socket, connection: _Connection) -> None:
+        accepted.settimeout(0.0)
+        timeout = None if self._tls is None else _HANDSHAKE_S
+        try:
+            connection.transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
+                self._protocol, accepted, ssl=self._tls, ssl_handshake_timeout=timeout
+            )
+        except (OSError, TimeoutError):
+            self._refusals.add(Cause.BAD_HTTP)
+            self._forget(connection)
+            accepted.close()
+
+    def _forget(self, connection: _Connection) -> None:
+        if connection in self._open:
+            self._open.remove(connection)
+            self._by_site[connection.site] -= 1
+            if not self._by_site[connection.site]:
+                del self._by_site[connection.site]
+
+
+def _reset(accepted: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+    accepted.close()

@@ -1,0 +1,183 @@
+"""What a request passes before anything is done for it, and how somebody comes to have a session."""
+
+import asyncio
+import ipaddress
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+from aiohttp import web
+
+from segway_ecc.deploy.station.web.access import Access, Role
+from segway_ecc.deploy.station.web.answers import RefusedRequestError
+from segway_ecc.deploy.station.web.audit import Audit, Entry
+from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
+from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.sessions import LONGEST_S, Session, Sessions, UsedKeys
+
+_BODY_S: Final = 5.0
+
+
+class _Login(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: str = ""
+    token: str = ""
+
+
+class Gate:
+    """Lets in who belongs here."""
+
+    def __init__(
+        self, place: Place, access: Access | None, limits: Limits, audit: Audit, clock_ns: Callable[[], int]
+    ) -> None:
+        """Guard a place; without `access` everybody who reaches it is an operator."""
+        self.sessions = Sessions(limits)
+        self._place = place
+        self._access = access
+        self._audit = audit
+        self._clock_ns = clock_ns
+        # Browsers tell cookies apart by the machine and not by the port.
+        self._cookie = f"station_{place.port}"
+        self._keys = UsedKeys()
+        self._requests = Buckets(limits.requests)
+        self._logins = Buckets(limits.logins)
+        self._all_logins = Bucket(limits.all_logins, clock_ns())
+
+    def check(self, request: web.Request) -> None:
+        """Whether the request may be looked at.
+
+        Raises:
+            RefusedRequestError: It may not.
+        """
+        now_ns = self._clock_ns()
+        if not self._requests.of(site_of(address_of(request)), now_ns).take(now_ns):
+            raise RefusedRequestError(Cause.REQUEST_RATE)
+        if len(request.headers.getall("Host", [])) != 1 or not self._place.is_ours(request.headers.get("Host")):
+            raise RefusedRequestError(Cause.FOREIGN_HOST)
+        if not self._place.may_ask(request.method, request.headers, opens_socket=_opens_socket(request)):
+            raise RefusedRequestError(Cause.FOREIGN_ORIGIN)
+
+    def session(self, request: web.Request, role: Role = Role.VIEWER) -> Session:
+        """The session of a request.
+
+        Raises:
+            RefusedRequestError: There is none, or its role does not suffice.
+        """
+        session = self.sessions.find(request.cookies.get(self._cookie, ""), self._clock_ns())
+        if session is None:
+            raise RefusedRequestError(Cause.NO_SESSION)
+        if role is Role.OPERATOR and session.role is not Role.OPERATOR:
+            raise RefusedRequestError(Cause.VIEWER)
+        return session
+
+    def session_or_new(self, request: web.Request, response: web.StreamResponse) -> Session | None:
+        """The session of a request; where no token is needed, one is begun."""
+        try:
+            return self.session(request)
+        except RefusedRequestError:
+            if self._access is not None:
+                return None
+            return self._begin(request, response, "", Role.OPERATOR)
+
+    def use_key(self, request: web.Request) -> None:
+        """Use the key of a socket, which is good for one.
+
+        Raises:
+            RefusedRequestError: It was used before.
+        """
+        if not self._keys.use(request.headers.get("Sec-WebSocket-Key", "")):
+            raise RefusedRequestError(Cause.REPLAYED_SOCKET)
+
+    async def login(self, request: web.Request) -> web.Response:
+        """Begin a session with a name and a token."""
+        asked = await self._body(request)
+        role = self._role(request, asked)
+        response = web.Response(status=204)
+        self._leave(request)
+        self._begin(request, response, asked.name, role)
+        return response
+
+    async def logout(self, request: web.Request) -> web.Response:
+        """End a session; nobody is told whether there was one."""
+        await self._read(request)
+        self._leave(request)
+        response = web.Response(status=204)
+        response.del_cookie(self._cookie, path="/", httponly=True, samesite="Strict", secure=self._is_secure)
+        return response
+
+    @property
+    def _is_secure(self) -> bool:
+        return self._place.scheme == "https"
+
+    def _role(self, request: web.Request, asked: _Login) -> Role:
+        if self._access is None:
+            return Role.OPERATOR
+        now_ns = self._clock_ns()
+        each = self._logins.of(site_of(address_of(request)), now_ns)
+        # Only what fails is counted, so that a whole workshop can log in behind one address.
+        if not each.holds(now_ns) or not self._all_logins.holds(now_ns):
+            raise RefusedRequestError(Cause.LOGIN_RATE)
+        role = self._access.role(asked.token)
+        if role is None:
+            each.take(now_ns)
+            self._all_logins.take(now_ns)
+            self._note(request, "login", outcome="refused", text="the token is not right")
+            raise RefusedRequestError(Cause.WRONG_TOKEN)
+        return role
+
+    def _begin(self, request: web.Request, response: web.StreamResponse, name: str, role: Role) -> Session:
+        secret, session = self.sessions.begin(name, role, self._clock_ns())
+        response.set_cookie(
+            self._cookie,
+            secret,
+            path="/",
+            max_age=LONGEST_S,
+            httponly=True,
+            samesite="Strict",
+            secure=self._is_secure,
+        )
+        self._note(request, "login", session)
+        return session
+
+    def _leave(self, request: web.Request) -> None:
+        try:
+            session = self.session(request)
+        except RefusedRequestError:
+            return
+        self.sessions.end(session)
+        self._note(request, "logout", session)
+
+    def _note(
+        self, request: web.Request, act: str, session: Session | None = None, outcome: str = "done", text: str = ""
+    ) -> None:
+        who, role = ("", "") if session is None else (session.who, session.role.value)
+        self._audit.add(Entry(who=who, role=role, address=address_of(request), act=act, outcome=outcome, text=text))
+
+    async def _body(self, request: web.Request) -> _Login:
+        # Another site's form cannot send this type without asking first, which nobody here answers.
+        if request.content_type != "application/json":
+            raise RefusedRequestError(Cause.BAD_REQUEST)
+        try:
+            return msgspec.json.decode(await self._read(request), type=_Login)
+        except (msgspec.DecodeError, UnicodeError, RecursionError):
+            raise RefusedRequestError(Cause.BAD_REQUEST) from None
+
+    async def _read(self, request: web.Request) -> bytes:
+        try:
+            async with asyncio.timeout(_BODY_S):
+                return await request.read()
+        except TimeoutError:
+            raise RefusedRequestError(Cause.BAD_REQUEST) from None
+
+
+def _opens_socket(request: web.Request) -> bool:
+    return request.path == "/socket" or "Upgrade" in request.headers
+
+
+def address_of(request: web.Request) -> str:
+    """Whose request it is; nobody stands between, so no header is believed about that."""
+    address = request.remote or ""
+    try:
+        return str(ipaddress.ip_address(address))
+    except ValueError:
+        return "unknown"

@@ -1,0 +1,69 @@
+"""What a browser sends, decoded: nothing of it is trusted. Pure."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from segway_ecc.deploy.station.views import Command, Drive
+from segway_ecc.deploy.station.web.refusals import Cause
+
+MOST_BYTES: Final = 160 * 1024
+"""Of a whole message: a sequence in JSON, where each line break takes two."""
+MOST_SEQUENCE_BYTES: Final = 64 * 1024
+_LONGEST_NAME: Final = 80
+_LONGEST_ROBOT: Final = 256
+_LARGEST_ID: Final = 2**53 - 1
+"""A browser's numbers are exact up to here (ECMA-262, Number.MAX_SAFE_INTEGER)."""
+
+_decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Command | Drive)
+
+
+class RefusedError(Exception):
+    """A message that is none; says the cause and why."""
+
+    def __init__(self, cause: Cause, text: str, number: int = 0) -> None:
+        """Refuse a message; `number` is its id where it has one."""
+        super().__init__(text)
+        self.cause = cause
+        self.number = number
+
+
+def decode(message: str, max_linear: float, max_angular: float) -> Command | Drive:
+    """A command or a set-point within the limits, m/s and rad/s.
+
+    Raises:
+        RefusedError: It is anything else.
+    """
+    try:
+        content = message.encode()
+        if len(content) > MOST_BYTES:
+            raise RefusedError(Cause.OVERSIZED, f"a message has at most {MOST_BYTES} bytes")
+        decoded = _decoder.decode(content)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise RefusedError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
+    _check_names(decoded)
+    if isinstance(decoded, Drive):
+        _check_speeds(decoded, max_linear, max_angular)
+    return decoded
+
+
+def _check_names(message: Command | Drive) -> None:
+    if not 0 < message.id <= _LARGEST_ID:
+        raise RefusedError(Cause.OUT_OF_RANGE, "an id counts up from 1")
+    _check_text("a robot's namespace", message.robot, _LONGEST_ROBOT, message.id)
+    if isinstance(message, Command):
+        _check_text("a name", message.name, _LONGEST_NAME, message.id)
+        if len(message.text.encode("utf-8", "surrogatepass")) > MOST_SEQUENCE_BYTES:
+            raise RefusedError(Cause.OVERSIZED, f"a sequence has at most {MOST_SEQUENCE_BYTES} bytes", message.id)
+
+
+def _check_text(what: str, text: str, longest: int, number: int) -> None:
+    if len(text) > longest or not text.isprintable():
+        raise RefusedError(Cause.OUT_OF_RANGE, f"{what} has at most {longest} letters, all of them printable", number)
+
+
+def _check_speeds(drive: Drive, max_linear: float, max_angular: float) -> None:
+    for name, value, limit in (("linear", drive.linear, max_linear), ("angular", drive.angular, max_angular)):
+        if not (math.isfinite(value) and abs(value) <= limit):
+            raise RefusedError(Cause.OUT_OF_RANGE, f"{name} is at most {limit:g} either way", drive.id)

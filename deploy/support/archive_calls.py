@@ -1,0 +1,201 @@
+"""Asking the archives of robots, from a thread and a ROS context of its own: nothing of it passes the robots' lines."""
+
+import contextlib
+import importlib
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import Final, NamedTuple
+
+from segway_ecc.deploy.support.archive_server import SERVICE
+from segway_ecc.deploy.support.pieces import NODE, Value, piece_of
+from segway_ecc.node.errors import NobodyListensError, NodeError
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.ros.untyped import RosObject
+
+_LOOK_S: Final = 0.05
+_FOUND_WITHIN_S: Final = 4.0
+"""DDS takes up to that long to find a service on a busy machine."""
+_KNOWN_WITHIN_S: Final = 1.0
+"""And that long once it has looked around for a while."""
+_ANSWER_S: Final = 5.0
+_MOST_WAITING: Final = 64
+_MOST_ROBOTS: Final = 100
+_STRING: Final = 4
+_INTEGERS: Final = 7
+_STRINGS: Final = 9
+
+
+class NoArchiveError(NobodyListensError):
+    """A robot hands out nothing; the text says what to start."""
+
+    def __init__(self, robot: str) -> None:
+        """Say what to start on the robot of a namespace."""
+        more = "" if robot == "/" else f" --namespace {robot}"
+        super().__init__(f"robot {robot} hands out nothing; on the robot, start: segway-ecc log archive ROBOT{more}")
+
+
+class _Call(NamedTuple):
+    robot: str
+    name: str
+    answer: "Future[Value]"
+    asked_s: float
+
+
+class ArchiveCalls:
+    """Asks for parameters of archives. `ask` may be called from any thread but one that must not wait."""
+
+    def __init__(self, ros_arguments: Sequence[str] = ()) -> None:
+        """Prepare; ROS is begun by the first question, and stays."""
+        self._ros_arguments = ros_arguments
+        self._calls: deque[_Call] = deque()
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._wake: RosObject = None
+        self._is_ending = False
+
+    def ask(self, robot: str, name: str) -> Value:
+        """The value of a parameter of the archive in a namespace; waits a few seconds at most.
+
+        Raises:
+            NoArchiveError: There is no archive.
+            NodeError: It gave no answer, or nobody can be asked.
+        """
+        call = _Call(robot, name, Future(), time.monotonic())
+        with self._lock:
+            if self._is_ending:
+                raise NobodyListensError("the station ends")
+            if len(self._calls) >= _MOST_WAITING:
+                raise NobodyListensError("too much is asked of the robots' archives at once; try again")
+            self._calls.append(call)
+            if self._thread is None or not self._thread.is_alive():
+                self._thread = threading.Thread(target=self._run, name="archives", daemon=True)
+                self._thread.start()
+            wake = self._wake
+        if wake is not None:
+            with contextlib.suppress(Exception):  # it is being destroyed
+                wake.trigger()
+        try:
+            return call.answer.result(_FOUND_WITHIN_S + _ANSWER_S + 1.0)
+        except TimeoutError:
+            raise NobodyListensError(f"the archive of robot {robot} gave no answer") from None
+
+    def close(self) -> None:
+        """End the thread; what is waited for fails."""
+        with self._lock:
+            self._is_ending = True
+            thread, wake = self._thread, self._wake
+        if wake is not None:
+            with contextlib.suppress(Exception):  # it is being destroyed
+                wake.trigger()
+        if thread is not None:
+            thread.join(_ANSWER_S)
+
+    def _run(self) -> None:
+        try:
+            with ros_node("station_archive", "", self._ros_arguments) as node:
+                exchange = _Exchange(node)
+                with self._lock:
+                    self._wake = exchange.wake
+                while not self._is_ending:
+                    exchange.begin(self._taken())
+                    exchange.step()
+                with self._lock:
+                    self._wake = None
+                exchange.fail("the station ends")
+        except Exception as error:  # noqa: BLE001 - whoever asks is told
+            failure = error if isinstance(error, NodeError) else NobodyListensError(f"ROS failed: {error}")
+            for call in self._taken():
+                call.answer.set_exception(failure)
+        finally:
+            with self._lock:
+                self._wake = None
+            for call in self._taken():
+                call.answer.set_exception(NobodyListensError("the station ends"))
+
+    def _taken(self) -> list[_Call]:
+        with self._lock:
+            calls = list(self._calls)
+            self._calls.clear()
+        return calls
+
+
+class _Exchange:
+    """What belongs to the thread that speaks ROS."""
+
+    def __init__(self, node: RosObject) -> None:
+        executors = importlib.import_module("rclpy.executors")
+        self._type = message_type("rcl_interfaces/srv/GetParameters")
+        self._node = node
+        self._executor = executors.SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        self._clients: dict[str, RosObject] = {}
+        self._begun_s = time.monotonic()
+        self._unsent: list[_Call] = []
+        self._sent: list[tuple[_Call, RosObject, RosObject]] = []
+        self.wake = node.create_guard_condition(lambda: None)
+
+    def begin(self, calls: Sequence[_Call]) -> None:
+        self._unsent += calls
+
+    def step(self) -> None:
+        """Send what can be sent, hear what has come, and give up what has taken too long."""
+        now_s = time.monotonic()
+        unsent, self._unsent = self._unsent, []
+        for call in unsent:
+            client = self._client(call.robot)
+            until_s = max(self._begun_s + _FOUND_WITHIN_S, call.asked_s + _KNOWN_WITHIN_S)
+            if client is not None and client.service_is_ready():
+                future = client.call_async(self._type.Request(names=[call.name]))
+                self._sent.append((call._replace(asked_s=now_s), client, future))
+            elif now_s < until_s and client is not None:
+                self._unsent.append(call)
+            else:
+                call.answer.set_exception(NoArchiveError(call.robot))
+        self._executor.spin_once(timeout_sec=_LOOK_S)
+        self._hear(time.monotonic())
+
+    def fail(self, why: str) -> None:
+        for call in (*self._unsent, *(call for call, _, _ in self._sent)):
+            call.answer.set_exception(NobodyListensError(why))
+        self._executor.shutdown()
+
+    def _hear(self, now_s: float) -> None:
+        sent, self._sent = self._sent, []
+        for call, client, future in sent:
+            if future.done():
+                _answer(call, future)
+            elif now_s < call.asked_s + _ANSWER_S:
+                self._sent.append((call, client, future))
+            else:
+                client.remove_pending_request(future)
+                call.answer.set_exception(NobodyListensError(f"the archive of robot {call.robot} gave no answer"))
+
+    def _client(self, robot: str) -> RosObject:
+        if robot not in self._clients:
+            if len(self._clients) >= _MOST_ROBOTS:
+                return None
+            name = f"{robot.rstrip('/')}/{NODE}/{SERVICE}"
+            self._clients[robot] = self._node.create_client(self._type, name)
+        return self._clients[robot]
+
+
+def _answer(call: _Call, future: RosObject) -> None:
+    try:
+        values = future.result().values
+        call.answer.set_result(_value_of(values[0]) if len(values) == 1 else None)
+    except Exception as error:  # noqa: BLE001 - whoever asked is told
+        call.answer.set_exception(NobodyListensError(f"the archive of robot {call.robot} failed: {error}"))
+
+
+def _value_of(value: RosObject) -> Value:
+    if value.type == _STRING:
+        return str(value.string_value)
+    if value.type == _STRINGS:
+        return list(value.string_array_value)
+    if value.type == _INTEGERS:
+        return piece_of(value.integer_array_value)
+    return None

@@ -1,0 +1,73 @@
+"""The ROS side of a robot's archive: hands out pieces when they are asked for, and no faster than is good for others.
+
+What is spoken is told in `segway_ecc.deploy.support.pieces`.
+"""
+
+import importlib
+import time
+from collections.abc import Callable
+from typing import Final
+
+from segway_ecc.deploy.support.pieces import Value, words_of
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.untyped import RosObject
+
+SERVICE: Final = "get_parameters"
+_MOST_NAMES: Final = 4
+_LONGEST_NAME: Final = 300
+_LOOK_S: Final = 0.1
+_STRING: Final = 4
+_INTEGERS: Final = 7
+_STRINGS: Final = 9
+"""rcl_interfaces/msg/ParameterType."""
+
+
+class ArchiveServer:
+    """Answers requests for parameters, in a loop of its own."""
+
+    def __init__(self, node: RosObject, answer: Callable[[str], Value], bytes_per_s: float) -> None:
+        """Answer through `node`, which has no parameter services of its own.
+
+        Args:
+            node: Who answers.
+            answer: What the value of a parameter is.
+            bytes_per_s: How much may leave in a second.
+        """
+        executors = importlib.import_module("rclpy.executors")
+        self._answer = answer
+        self._bytes_per_s = bytes_per_s
+        self._owed_s = 0.0
+        self._value_type = message_type("rcl_interfaces/msg/ParameterValue")
+        service_type = message_type("rcl_interfaces/srv/GetParameters")
+        node.create_service(service_type, f"~/{SERVICE}", self._serve)
+        self._executor = executors.SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Answer until `stopped` says so, which is asked often."""
+        while not stopped():
+            self._executor.spin_once(timeout_sec=_LOOK_S)
+            # Whatever was sent is waited for before the next request is even looked at, whoever's it is.
+            while self._owed_s > 0.0 and not stopped():
+                pause_s = min(self._owed_s, _LOOK_S)
+                time.sleep(pause_s)
+                self._owed_s -= pause_s
+        self._executor.shutdown()
+
+    def _serve(self, request: RosObject, response: RosObject) -> RosObject:
+        values = [self._value(name) for name in request.names[:_MOST_NAMES]]
+        response.values = values + [self._value_type() for _ in request.names[_MOST_NAMES:]]
+        return response
+
+    def _value(self, name: str) -> RosObject:
+        answer = self._answer(name) if len(name) <= _LONGEST_NAME else None
+        if answer is None:
+            return self._value_type()
+        if isinstance(answer, bytes):
+            self._owed_s += len(answer) / self._bytes_per_s
+            return self._value_type(type=_INTEGERS, integer_array_value=words_of(answer))
+        if isinstance(answer, str):
+            return self._value_type(type=_STRING, string_value=answer)
+        lines = [str(line) for line in answer]
+        self._owed_s += sum(len(line) for line in lines) / self._bytes_per_s
+        return self._value_type(type=_STRINGS, string_array_value=lines)

@@ -1,0 +1,216 @@
+"""A support bundle: a zip of parts. One that fails is named in the manifest, and never costs the others."""
+
+import contextlib
+import hashlib
+import os
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Final, NamedTuple, TypeAlias
+
+import msgspec
+
+from segway_ecc.deploy.support.secrets import hidden
+
+MANIFEST: Final = "MANIFEST.json"
+_PIECE: Final = 1024 * 1024
+_EARLIEST: Final = (1980, 1, 1, 0, 0, 0)
+"""Before which no zip can be (APPNOTE.TXT, 4.4.6)."""
+
+
+class Stored(NamedTuple):
+    """Bytes that are kept as they are, such as a log that is packed already.
+
+    Attributes:
+        open: Opens them; its descriptor is ours to close.
+        size: How many are kept; fewer are where there are no more.
+    """
+
+    open: Callable[[], int]
+    size: int
+
+
+Content: TypeAlias = str | Stored
+"""Text, out of which secrets are taken, or bytes as they are."""
+
+
+class Collected(NamedTuple):
+    """What a part found.
+
+    Attributes:
+        files: By name.
+        missing: What could not be had, and why.
+    """
+
+    files: Mapping[str, Content]
+    missing: Sequence[str] = ()
+
+
+class Part(NamedTuple):
+    """A part.
+
+    Attributes:
+        name: What it is called.
+        collect: Finds it; whatever it raises is noted.
+    """
+
+    name: str
+    collect: Callable[[], Collected]
+
+
+class FileEntry(msgspec.Struct, frozen=True):
+    """A file in a bundle.
+
+    Attributes:
+        name: Its name.
+        bytes: Its size.
+        sha256: Of its content.
+    """
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class PartEntry(msgspec.Struct, frozen=True):
+    """What became of a part.
+
+    Attributes:
+        part: Its name.
+        state: `complete`, `partly` or `missing`.
+        files: What it has.
+        missing: What could not be had, and why.
+    """
+
+    part: str
+    state: str
+    files: Sequence[FileEntry]
+    missing: Sequence[str]
+
+
+class Manifest(msgspec.Struct, frozen=True):
+    """What is in a bundle, and what is not.
+
+    Attributes:
+        about: Whose it is.
+        made: When, UTC.
+        parts: The parts.
+    """
+
+    about: Mapping[str, str]
+    made: str
+    parts: Sequence[PartEntry]
+
+
+def json_text(value: object) -> str:
+    """A value as JSON that people read."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2).decode()
+
+
+def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], made: str) -> Manifest:
+    """Write a bundle; it is there whole or not at all, and only its owner reads it.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    with contextlib.suppress(FileNotFoundError):
+        new.unlink()
+    file = os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    try:
+        with os.fdopen(file, "w+b") as stream:
+            manifest = write_parts(stream, parts, about, made)
+            stream.flush()
+            os.fsync(stream.fileno())
+        new.replace(path)
+    except BaseException:
+        new.unlink(missing_ok=True)
+        raise
+    return manifest
+
+
+def write_parts(stream: IO[bytes], parts: Sequence[Part], about: Mapping[str, str], made: str) -> Manifest:
+    """Write the parts and the manifest into an open file."""
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        manifest = Manifest(about, made, [_written(archive, part) for part in parts])
+        archive.writestr(_info(MANIFEST), json_text(manifest), zipfile.ZIP_DEFLATED)
+    return manifest
+
+
+def _written(archive: zipfile.ZipFile, part: Part) -> PartEntry:
+    try:
+        collected = part.collect()
+    except Exception as error:  # noqa: BLE001 - one part must not cost the others
+        return PartEntry(part.name, "missing", (), (hidden(_why(error)),))
+    files: list[FileEntry] = []
+    missing = [hidden(text) for text in collected.missing]
+    for name, content in collected.files.items():
+        try:
+            files.append(_write(archive, name, content))
+        except _SourceError as error:
+            missing.append(f"{name}: {_why(error.cause)}")
+    state = "missing" if not files else "partly" if missing else "complete"
+    return PartEntry(part.name, state, files, missing)
+
+
+def _write(archive: zipfile.ZipFile, name: str, content: Content) -> FileEntry:
+    is_text = isinstance(content, str)
+    pieces = _text_pieces(content) if isinstance(content, str) else _pieces(content)
+    # The first piece is read before the entry is begun: a file that is not there leaves nothing behind.
+    first = next(pieces, b"")
+    digest, size = hashlib.sha256(first), len(first)
+    info = _info(name)
+    info.compress_type = zipfile.ZIP_DEFLATED if is_text else zipfile.ZIP_STORED
+    with archive.open(info, "w", force_zip64=not is_text) as entry:
+        entry.write(first)
+        for piece in pieces:
+            entry.write(piece)
+            digest.update(piece)
+            size += len(piece)
+    return FileEntry(name, size, digest.hexdigest())
+
+
+def _text_pieces(text: str) -> Iterator[bytes]:
+    yield hidden(text).encode("utf-8", "replace")
+
+
+def _pieces(stored: Stored) -> Iterator[bytes]:
+    try:
+        file = stored.open()
+    except OSError as error:
+        raise _SourceError(error) from error
+    try:
+        left = stored.size
+        while left > 0 and (piece := _read(file, min(left, _PIECE))):
+            left -= len(piece)
+            yield piece
+    finally:
+        os.close(file)
+
+
+def _read(file: int, size: int) -> bytes:
+    try:
+        return os.read(file, size)
+    except OSError as error:
+        raise _SourceError(error) from error
+
+
+class _SourceError(Exception):
+    """What was to be put in cannot be read; that the bundle cannot be written is another matter, and ends it."""
+
+    def __init__(self, cause: OSError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+def _info(name: str) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name, _EARLIEST)
+    info.external_attr = 0o600 << 16
+    return info
+
+
+def _why(error: BaseException) -> str:
+    if isinstance(error, FileNotFoundError) and not error.filename:
+        return "it is not there any more"
+    text = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

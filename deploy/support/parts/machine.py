@@ -1,0 +1,100 @@
+"""How fit the machine is: real-time limits, disk space, load, CAN interfaces, messages."""
+
+import contextlib
+import os
+import resource
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.support.bundle import Collected, json_text
+from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
+
+_LIMITS: Final = {
+    "real-time priority": resource.RLIMIT_RTPRIO,
+    "locked memory, bytes": resource.RLIMIT_MEMLOCK,
+    "niceness": resource.RLIMIT_NICE,
+    "open files": resource.RLIMIT_NOFILE,
+    "core file, bytes": resource.RLIMIT_CORE,
+}
+_FACTS: Final = (
+    "/sys/kernel/realtime",
+    "/proc/sys/kernel/sched_rt_runtime_us",
+    "/proc/sys/kernel/sched_rt_period_us",
+    "/proc/sys/net/core/rmem_max",
+    "/proc/sys/net/core/wmem_max",
+    "/sys/devices/system/cpu/isolated",
+    "/sys/devices/system/cpu/online",
+    "/sys/devices/system/clocksource/clocksource0/current_clocksource",
+    "/proc/cmdline",
+    "/proc/loadavg",
+    "/proc/uptime",
+    "/proc/meminfo",
+    "/proc/cpuinfo",
+)
+_MANY_FACTS: Final = (
+    "devices/system/cpu/cpu*/cpufreq/scaling_governor",
+    "class/thermal/thermal_zone*/temp",
+)
+_LONGEST_FACT: Final = 64 * 1024
+_LINES: Final = 2000
+
+
+def real_time() -> Collected:
+    """What this process may ask of the kernel, and how the kernel is set."""
+    limits = {name: [_limit(value) for value in resource.getrlimit(which)] for name, which in _LIMITS.items()}
+    paths = [Path(path) for path in _FACTS]
+    paths += [path for pattern in _MANY_FACTS for path in sorted(Path("/sys").glob(pattern))]
+    facts = {str(path): text for path in paths if (text := _fact(path)) is not None}
+    found = {"limits, soft and hard": limits, "cpus we may use": sorted(os.sched_getaffinity(0)), "facts": facts}
+    return Collected({"machine.json": json_text(found)})
+
+
+def disks(folders: Sequence[Path]) -> Collected:
+    """Space where things are kept, bytes."""
+    found, missing = {}, []
+    for folder in dict.fromkeys([Path("/"), *folders]):
+        try:
+            usage = shutil.disk_usage(folder)
+            found[str(folder)] = {"total": usage.total, "used": usage.used, "free": usage.free}
+        except OSError as error:
+            missing.append(f"{folder}: {error.strerror}")
+    return Collected({"disks.json": json_text(found)}, missing)
+
+
+def can_interfaces() -> Collected:
+    """Every network interface with its state and counters, CAN's among them."""
+    return Collected({"interfaces.txt": answer_of(("ip", "-details", "-statistics", "link"))})
+
+
+def journal(lines: int = _LINES) -> Collected:
+    """The newest messages of our services and of the kernel."""
+    asked = {
+        "messages.txt": ("--unit", "segway-ecc*"),
+        "kernel.txt": ("--dmesg",),
+    }
+    files, missing = {}, []
+    for name, words in asked.items():
+        try:
+            text = answer_of(
+                ("journalctl", "--quiet", "--no-pager", f"--lines={lines}", "--output=short-iso-precise", *words)
+            )
+        except NoAnswerError as error:
+            missing.append(f"{name}: {error}")
+            continue
+        if text.strip():
+            files[name] = text
+        else:
+            missing.append(f"{name}: the journal has none, or does not show them to this user")
+    return Collected(files, list(dict.fromkeys(missing)))
+
+
+def _limit(value: int) -> int | str:
+    return "unlimited" if value == resource.RLIM_INFINITY else value
+
+
+def _fact(path: Path) -> str | None:
+    with contextlib.suppress(OSError), path.open("rb") as stream:
+        return stream.read(_LONGEST_FACT).decode("utf-8", "replace").strip()
+    return None

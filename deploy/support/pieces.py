@@ -1,0 +1,152 @@
+"""How a robot's files travel over ROS 2: as the read-only parameters of a node named `archive`.
+
+The service is the standard `rcl_interfaces/srv/GetParameters`, which every ROS 2 installation has because rclpy itself
+needs it; `ros2 service call` shows what there is without any code of ours. One request brings one piece, and the next
+one is asked for when it is here: that is the flow control.
+
+A piece is a list of 64-bit integers, the first of which counts the bytes; the others hold them, eight each, least
+significant first. A byte array would be plainer, but rclpy makes a Python object of each of its bytes: 6.3 ms for a
+piece, against 0.02 ms for integers, measured.
+
+| Parameter | Is |
+|---|---|
+| `logs` | string array, newest first: `NAME SIZE CHANGED_NS` |
+| `log/NAME/OFFSET` | a piece of a log |
+| `sha256/NAME/SIZE` | string: of the first SIZE bytes of a log; `busy` until it is known |
+| `bundle` | string: `none`, `busy`, `failed: WHY`, or `NAME SIZE SHA256` of the newest support bundle |
+| `bundle/make` | the same; one is made where none is being made |
+| `bundle/NAME/OFFSET` | a piece of it |
+
+What is not there is not set. A log that grows is fetched as long as it was when it was listed.
+"""
+
+import array
+import re
+import sys
+from collections.abc import Sequence
+from typing import Final, NamedTuple, TypeAlias
+
+from segway_ecc.deploy.support.log_folder import LONGEST_NAME, MOST_LOGS, LogFile, is_plain_name
+
+NODE: Final = "archive"
+PIECE_BYTES: Final = 60 * 1024
+"""Fits one UDP message of DDS; what else the robot has to say waits for no more than that on a slow network."""
+BUSY: Final = "busy"
+NONE: Final = "none"
+FAILED: Final = "failed: "
+LOGS: Final = "logs"
+LOG: Final = "log"
+SHA256: Final = "sha256"
+BUNDLE: Final = "bundle"
+MAKE: Final = "bundle/make"
+LARGEST: Final = 2**62
+_WORD: Final = 8
+_NUMBER: Final = re.compile(r"[0-9]{1,19}")
+_HASH: Final = re.compile(r"[0-9a-f]{64}")
+
+Value: TypeAlias = str | Sequence[str] | bytes | None
+"""Of a parameter; None where it is not set, bytes where it is a piece."""
+
+
+class Wanted(NamedTuple):
+    """What a parameter's name asks for, where it is about a file.
+
+    Attributes:
+        kind: `log`, `sha256` or `bundle`.
+        name: Of the file.
+        number: Where the piece begins, or how much is hashed, bytes.
+    """
+
+    kind: str
+    name: str
+    number: int
+
+
+class Made(NamedTuple):
+    """A support bundle that can be fetched.
+
+    Attributes:
+        name: Of the file.
+        size: Bytes.
+        sha256: Of its content, in hexadecimal digits.
+    """
+
+    name: str
+    size: int
+    sha256: str
+
+
+def name_of(wanted: Wanted) -> str:
+    """The parameter's name."""
+    return f"{wanted.kind}/{wanted.name}/{wanted.number}"
+
+
+def wanted_of(name: str) -> Wanted | None:
+    """What a parameter's name asks for, or None where it is no such name."""
+    kind, _, rest = name.partition("/")
+    file, _, number = rest.rpartition("/")
+    if kind not in {LOG, SHA256, BUNDLE} or not _is_name(file) or not _is_count(number):
+        return None
+    return Wanted(kind, file, int(number))
+
+
+def words_of(piece: bytes) -> "array.array[int]":
+    """A piece as 64-bit integers."""
+    words = array.array("q", [len(piece)])
+    tail = array.array("q")
+    tail.frombytes(piece + bytes(-len(piece) % _WORD))
+    words.extend(_little(tail))
+    return words
+
+
+def piece_of(words: Sequence[int]) -> bytes | None:
+    """The piece in 64-bit integers; None where they are none, or hold more than a piece."""
+    if len(words) == 0 or not 0 <= words[0] <= PIECE_BYTES or len(words) - 1 != -(-words[0] // _WORD):
+        return None
+    try:
+        return _little(array.array("q", words[1:])).tobytes()[: words[0]]
+    except OverflowError:
+        return None
+
+
+def listing_of(logs: Sequence[LogFile]) -> list[str]:
+    """Logs as lines."""
+    return [f"{log.name} {log.size} {log.changed_ns}" for log in logs if _is_name(log.name)]
+
+
+def logs_of(lines: Sequence[str]) -> list[LogFile]:
+    """Lines as logs; what is none is left out."""
+    found = []
+    for line in lines[:MOST_LOGS]:
+        name, size, changed = [*line.rsplit(" ", 2), "", ""][:3]
+        if _is_name(name) and _is_count(size) and _is_count(changed):
+            found.append(LogFile(name, int(size), int(changed)))
+    return found
+
+
+def made_of(text: str) -> Made | None:
+    """The bundle that a text tells of, or None."""
+    name, size, sha256 = [*text.rsplit(" ", 2), "", ""][:3]
+    if not (_is_name(name) and _is_count(size) and is_sha256(sha256)):
+        return None
+    return Made(name, int(size), sha256)
+
+
+def is_sha256(text: str) -> bool:
+    """Whether a text is a SHA-256 in hexadecimal digits."""
+    return _HASH.fullmatch(text) is not None
+
+
+def _is_name(name: str) -> bool:
+    return is_plain_name(name) and name.isprintable() and len(name) <= LONGEST_NAME
+
+
+def _is_count(text: str) -> bool:
+    return _NUMBER.fullmatch(text) is not None and int(text) <= LARGEST
+
+
+def _little(words: "array.array[int]") -> "array.array[int]":
+    """Words of this machine from little-endian ones, or the other way."""
+    if sys.byteorder == "big":
+        words.byteswap()
+    return words

@@ -1,0 +1,100 @@
+"""`segway-ecc deploy doctor [ROBOT]`: is this machine fit to run the robot, and how to mend what is not.
+
+Exit codes besides the general ones: 0 fit, warnings or not; 1 not fit.
+"""
+
+import argparse
+import dataclasses
+import sys
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.doctor.doctor import examine
+from segway_ecc.deploy.doctor.finding import Finding, Verdict, is_fit
+from segway_ecc.deploy.doctor.probes import RealProbes
+from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
+from segway_ecc.node.config import RobotFile, packaged_robots
+from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.bounds import Bounds
+
+NOT_FIT: Final = 1
+_INSTALLED_ROBOT: Final = Path("/etc/segway-ecc/robot.yaml")
+_INSTALLED_LOGS: Final = Path("/var/log/segway-ecc")
+_WIDTH: Final = 120
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `doctor`."""
+    names = ", ".join(packaged_robots())
+    parser.add_argument(
+        "robot", nargs="?", help=f"a robot file, or one of {names} (default: {_INSTALLED_ROBOT}, where it is there)"
+    )
+    parser.add_argument("--interface", help="python-can interface instead of the robot file's, or auto")
+    parser.add_argument("--channel", help="CAN channel instead of the robot file's, or auto")
+    parser.add_argument("--serial", metavar="PORT", help="serial line to fall back on, instead of the robot file's")
+    parser.add_argument("--logs", type=Path, metavar="FOLDER", help="where logs go, instead of the usual folder")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Look at the machine, and print what was found."""
+    file = _robot(options)
+    findings = examine(Machine(RealProbes(_show_progress)), _job(file, options.logs))
+    _show_progress(1.0)
+    name = None if file is None else file.name
+    if options.json:
+        print_json({"robot": name, "fit": is_fit(findings), "findings": [dataclasses.asdict(f) for f in findings]})
+    else:
+        sys.stdout.write(report(name, findings))
+    return 0 if is_fit(findings) else NOT_FIT
+
+
+def report(robot: str | None, findings: Sequence[Finding]) -> str:
+    """The findings for people, and the sum of them in the last line."""
+    width = max(len(finding.name) for finding in findings)
+    lines = [line for finding in findings for line in _lines(finding, width)]
+    counts = {verdict: sum(finding.verdict is verdict for finding in findings) for verdict in Verdict}
+    fit = "fit" if is_fit(findings) else "not fit"
+    what = "a robot" if robot is None else f"'{robot}'"
+    told = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (Verdict.BAD, Verdict.WARNING, Verdict.GOOD))
+    return "\n".join([*lines, f"{fit} to run {what}: {told}", ""])
+
+
+def _lines(finding: Finding, width: int) -> list[str]:
+    margin = " " * (len("warning") + 2 + width + 2)
+    head = f"{finding.verdict:<7}  {finding.name:<{width}}  "
+    # Commands are not broken, so that they can be copied.
+    found = textwrap.wrap(finding.found, max(_WIDTH - len(margin), 40), break_long_words=False) or [""]
+    rest = found[1:]
+    if finding.verdict is not Verdict.GOOD:
+        rest += [f"so: {finding.effect}", f"do: {finding.mend}"]
+    return [head + found[0], *(margin + line for line in rest)]
+
+
+def _robot(options: argparse.Namespace) -> RobotFile | None:
+    if options.robot is None and _INSTALLED_ROBOT.exists():
+        options.robot = str(_INSTALLED_ROBOT)
+    return None if options.robot is None else robot_file(options)
+
+
+def _job(file: RobotFile | None, logs: Path | None) -> Job:
+    """What the machine is to do; logs go where the service writes them, where that folder is there."""
+    folder = logs or (_INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent)
+    job = Job(folder.absolute(), Bounds().total_bytes, file)
+    if file is None:
+        return job
+    section = file.model
+    model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
+    return dataclasses.replace(job, period_ns=round(model.step_size * NS_PER_S))
+
+
+def _show_progress(fraction: float) -> None:
+    """On a terminal only, in one line that is wiped in the end."""
+    if sys.stderr.isatty():
+        text = f"segway-ecc: measuring wake-ups, {fraction:.0%}" if fraction < 1.0 else ""
+        sys.stderr.write(f"\r{text:<40}" + ("" if text else "\r"))
+        sys.stderr.flush()

@@ -1,0 +1,91 @@
+"""`segway-ecc deploy image FOLDER`: builds an image for the robot from Debian packages and our release."""
+
+import argparse
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.image import manifest
+from segway_ecc.deploy.image.base import base_archive
+from segway_ecc.deploy.image.build import Wishes, build
+from segway_ecc.deploy.image.commands import missing
+from segway_ecc.deploy.image.recipe import KERNELS, Recipe
+from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.errors import ConfigurationError
+
+_AS_ROOT: Final = ("--map-root-user", "--map-auto")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `image`."""
+    add_json(parser)
+    default = Recipe()
+    option = parser.add_argument
+    option("folder", type=Path, help="where the image goes: root/, root.ext4, data.ext4, manifest.json")
+    option("--config", type=Path, metavar="DIR", help="configuration to begin with: robot.yaml, hostname, ...")
+    option("--wheel", type=Path, metavar="FILE", help="our wheel (default: built from this checkout)")
+    option("--kernel", choices=sorted(KERNELS), default=default.kernel, help=f"default: {default.kernel}")
+    option("--disk", action="store_true", help="also a disk that boots, disk.img, with vmlinuz and initrd.img")
+    option("--data-size", type=int, metavar="MIB", help="data partition (default: what logs and releases need)")
+    option("--no-ros", action="store_true", help="without ROS 2")
+    option("--extra", action="append", default=[], metavar="NAME", help="another extra of ours, such as canopen")
+    option("--package", action="append", default=[], metavar="NAME", help="another Debian package")
+    option("--vcan", action="store_true", help="with a virtual CAN bus, vcan0")
+    option("--uml", action="store_true", help="with the kernel modules of user-mode Linux")
+    option("--suite", default=default.suite, help=f"Debian release (default: {default.suite})")
+    option("--mirror", default=default.mirror, metavar="URL", help=f"default: {default.mirror}")
+    again = parser.add_mutually_exclusive_group()
+    again.add_argument("--like", type=Path, metavar="MANIFEST", help="the same again: its packages, each version")
+    again.add_argument("--compare", type=Path, metavar="MANIFEST", help="list what differs from that image")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Build; 1 where the image differs from the one that it is compared with."""
+    recipe = _recipe(options)
+    if os.geteuid() != 0:
+        return _as_root(recipe)
+    if options.config is not None and not options.config.is_dir():
+        raise ConfigurationError(f"--config {options.config} is no folder")
+    wishes = Wishes(options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size)
+    image = build(recipe, options.folder, wishes, _tell)
+    made = manifest.read(image.manifest)
+    other = options.like or options.compare
+    found = manifest.differences(manifest.read(other), made) if other is not None else []
+    result = {"folder": str(options.folder), "digest": made["digest"], "packages": len(made["packages"])}
+    if options.json:
+        print_json({**result, "differences": found})
+    else:
+        print_table(
+            {name: str(value) for name, value in result.items()} | {str(n): text for n, text in enumerate(found)}
+        )
+    return 1 if found else 0
+
+
+def _recipe(options: argparse.Namespace) -> Recipe:
+    if options.like is not None:
+        return manifest.recipe_of(manifest.read(options.like))
+    plain = Recipe()
+    return Recipe(
+        suite=options.suite,
+        mirror=options.mirror,
+        packages=(*plain.packages, *sorted(options.package)),
+        extras=(*(() if options.no_ros else ("ros",)), *sorted(options.extra)),
+        kernel=options.kernel,
+        vcan=options.vcan,
+    )
+
+
+def _as_root(recipe: Recipe) -> int:
+    """The same command again in a user namespace, where this user's subordinate ids are all users of the image."""
+    if missing() is None:
+        _tell("Debian packages")
+        base_archive(recipe)  # before, since mmdebstrap makes a namespace of its own
+    unshare = shutil.which("unshare") or "unshare"
+    sys.stdout.flush()
+    os.execv(unshare, [unshare, *_AS_ROOT, "--", sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *sys.argv[1:]])  # noqa: S606 - ours
+
+
+def _tell(what: str) -> None:
+    sys.stderr.write(f"segway-ecc: {what}\n")

@@ -1,0 +1,161 @@
+"""`segway-ecc station install`: make this machine a base station, with one command.
+
+It makes the service's user, settings, tokens and service, starts it, and waits until it serves. Run again it changes
+what is different; what is not given has its default again. Tokens stay, unless new ones are asked for.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan
+from segway_ecc.deploy.station.installer.machine import USER, Machine
+from segway_ecc.deploy.station.installer.remove import remove
+from segway_ecc.deploy.station.installer.settings import DISCOVERY, Settings
+from segway_ecc.deploy.station.installer.tokens import ACCESS, has_tokens, is_the_service_s
+from segway_ecc.deploy.station.web.access import Role
+from segway_ecc.deploy.station.web.listening import url
+from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.errors import ConfigurationError
+
+_THIS: Final = Path("/")
+_DEFAULT: Final = Settings()
+_WIREGUARD: Final = "wg-robots"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `base-station`."""
+    add_json(parser)
+    _add_settings(parser)
+    option = parser.add_argument
+    option("--new-tokens", action="store_true", help="make new tokens; the old ones are good for nothing any more")
+    option("--command", metavar="PATH", help="the program that the service runs (default: that of this environment)")
+    option("--root", type=Path, metavar="DIR", help="write into a root file system, as of an image; nothing is started")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--dry-run", action="store_true", help="print what would be written and run, and do nothing")
+    what.add_argument("--remove", action="store_true", help="take it all away, but for the logs")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it."""
+    machine = _machine(options)
+    if options.remove:
+        _require_root(machine)
+        _print_changes(remove(machine), "removed", as_json=options.json)
+        return 0
+    settings = _settings(options)
+    if not options.dry_run:
+        _require_root(machine)
+    made = plan(machine, settings, options.command)
+    if options.dry_run:
+        sys.stdout.write(_described(made, new_tokens=options.new_tokens))
+        return 0
+    _install(made, options)
+    return 0
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
+    option = parser.add_argument
+    option("--domain", type=int, default=_DEFAULT.domain, metavar="N", help="ROS domain (default: %(default)s)")
+    option("--peer", action="append", default=[], metavar="NAME", help="a machine that ROS asks, by name or address")
+    option("--discovery", choices=DISCOVERY, default="", help="whom ROS finds besides (default: subnet without peers)")
+    option("--address", default=_DEFAULT.address, help="where the page is served (default: %(default)s)")
+    option("--port", type=int, default=_DEFAULT.port, help="the same (default: %(default)s)")
+    option("--host", action="append", default=[], metavar="NAME", help="another name by which browsers find us")
+    option("--certificate", type=Path, metavar="FILE", help="certificate chain for TLS, PEM")
+    option("--key", type=Path, metavar="FILE", help="its private key, where it is not in the same file")
+    option(
+        "--firewall",
+        nargs="?",
+        const=_WIREGUARD,
+        metavar="INTERFACE",
+        help=f"let ROS and the page be reached through this interface only (default: {_WIREGUARD})",
+    )
+
+
+def _settings(options: argparse.Namespace) -> Settings:
+    return Settings(
+        options.domain,
+        options.discovery,
+        tuple(dict.fromkeys(options.peer)),
+        options.address,
+        options.port,
+        tuple(dict.fromkeys(options.host)),
+        _absolute(options.certificate),
+        _absolute(options.key),
+        options.firewall,
+    )
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.absolute()
+
+
+def _machine(options: argparse.Namespace) -> Machine:
+    if options.root is None:
+        return Machine(_THIS)
+    if not options.root.is_dir():
+        raise ConfigurationError(f"--root {options.root} is no folder")
+    return Machine(options.root.resolve(), is_live=False)
+
+
+def _require_root(machine: Machine) -> None:
+    if machine.is_live and not _is_root():
+        raise ConfigurationError(f"only root may do this: sudo {Path(sys.argv[0]).absolute()} base-station ...")
+
+
+def _is_root() -> bool:
+    return os.geteuid() == 0
+
+
+def _install(made: Plan, options: argparse.Namespace) -> None:
+    kept: dict[Role, str] = {}
+
+    def show(tokens: Mapping[Role, str]) -> None:
+        kept.update(tokens)
+        _show(tokens)
+
+    changed = install(made, new_tokens=options.new_tokens, show=show)
+    place = Place(made.settings.scheme, made.settings.port)
+    page = url(made.settings.address, place)
+    if not made.settings.is_loopback and made.settings.certificate is None:
+        sys.stderr.write(
+            "segway-ecc: plain HTTP: whoever is on this network can read the token and use it; "
+            "give --certificate and --key\n"
+        )
+    if not is_the_service_s(made.machine):
+        sys.stderr.write(
+            f"segway-ecc: {ACCESS} has to belong to {USER} there before the station starts: do this as root, with "
+            "systemd-sysusers installed here, or chown it\n"
+        )
+    if options.json:
+        print_json({"open": page, "tokens": {role.value: token for role, token in kept.items()}, "changed": changed})
+        return
+    print_table({"open": page, "tokens": "new, shown above" if kept else "as before (see --new-tokens)"})
+
+
+def _show(tokens: Mapping[Role, str]) -> None:
+    """At once: if what comes next fails, they are good all the same."""
+    rows = "".join(f"  {role.value:<8}  {token}\n" for role, token in tokens.items())
+    sys.stderr.write(f"segway-ecc: new tokens, shown this once; keep them:\n{rows}")
+    sys.stderr.flush()
+
+
+def _described(made: Plan, *, new_tokens: bool) -> str:
+    """The plan for people: each file with its content, then the commands."""
+    parts = [f"# {name} (0644, root)\n{text}" for name, text in made.files.items()]
+    if new_tokens or not has_tokens(made.machine):
+        parts.append(f"# {ACCESS} (0600, {USER})\n# hashes of two new tokens\n")
+    parts.append("".join(f"$ {' '.join(words)}\n" for words in commands(made)))
+    return "\n".join(part for part in parts if part)
+
+
+def _print_changes(names: list[str], title: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({title: names})
+    else:
+        sys.stdout.write("".join(f"{title} {name}\n" for name in names) or "there was nothing\n")

@@ -1,0 +1,122 @@
+"""`segway-ecc station status`: how the robots on the ROS network are, on one screen.
+
+Exit codes besides the general ones: 0 a robot was found and none is in FAULT; 6 none was found; 7 one fell silent while
+it was looked at; 10 one is in FAULT.
+"""
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import msgspec
+
+from segway_ecc.deploy.station.station import Station
+from segway_ecc.deploy.station.views import FleetView, RobotView
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import add_json, print_json, stopped_by_signals
+from segway_ecc.node.errors import AbandonedError, ConfigurationError, NobodyListensError, RobotLostError
+from segway_ecc.node.ros.runtime import discovery_text
+from segway_ecc.node.safety.modes import Mode
+
+FAULT: Final = 10
+_LOOK_EVERY_S: Final = 0.05
+_SETTLED_S: Final = 4.0
+"""Without a new robot for this long all are taken to be found: what Fast DDS lost it says again after 3 s."""
+_LONGEST_S: Final = 3600.0
+_NONE: Final = "-"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `status`."""
+    add_json(parser)
+    parser.add_argument(
+        "--wait", type=float, default=10.0, metavar="S", help="look for at most this long (default: 10)"
+    )
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Look at the robots and show them."""
+    if not 0.0 < options.wait <= _LONGEST_S:
+        raise ConfigurationError(f"--wait must be more than 0 s and at most {_LONGEST_S:g} s")
+    stop: list[str] = []
+    with (
+        stopped_by_signals(stop.append),
+        Station("status", ros_arguments=options.ros_arguments, is_watching=True) as station,
+    ):
+        fleet = _look(station.fleet, options.wait, stop)
+    if not fleet.robots:
+        raise NobodyListensError(
+            f"no robot was heard within {options.wait:g} s ({discovery_text()}); start one with: segway-ecc run ROBOT"
+        )
+    if options.json:
+        print_json(msgspec.to_builtins(fleet))
+    else:
+        sys.stdout.write("\n".join(screen(robot) for robot in fleet.robots))
+    return exit_code(fleet)
+
+
+def exit_code(fleet: FleetView) -> int:
+    """What the robots amount to; a fault before a silence."""
+    if any(robot.mode == Mode.FAULT for robot in fleet.robots):
+        return FAULT
+    return 0 if all(robot.is_alive for robot in fleet.robots) else RobotLostError.exit_code
+
+
+def is_settled(fleet: FleetView) -> bool:
+    """Whether every robot that can still be heard has told all it tells once a second."""
+    return bool(fleet.robots) and all(robot.timing or not robot.is_alive for robot in fleet.robots)
+
+
+def screen(robot: RobotView) -> str:
+    """One robot as lines of text."""
+    rows = {
+        "mode": f"{robot.mode}: {robot.reason}",
+        "heard": f"{robot.age_s:.2f} s ago" + ("" if robot.is_alive else ", LOST: what it last was is shown"),
+        "tilt": _number(robot.pitch, "deg", math.degrees),
+        "velocity": _pair(robot.linear_velocity, robot.angular_velocity),
+        "set-point": _pair(robot.linear_setpoint, robot.angular_setpoint),
+        "drives": (robot.drives or _NONE) + {True: ", commands zero", False: ", commanded", None: ""}[robot.is_zero],
+        "battery": _number(robot.supply_v, "V"),
+        **{f"link {name}": _values(values) for name, values in robot.links.items()},
+        **{f"timing {name}": text for name, text in robot.timing.items()},
+        **{f"check {name}": text for name, text in robot.checklist.items()},
+    }
+    width = max(map(len, rows))
+    lines = [f"  {_shown(name):<{width}}  {_shown(text)}\n" for name, text in rows.items()]
+    return f"{_shown(robot.robot)}  {_shown(robot.name)}\n{''.join(lines)}"
+
+
+def _look(fleet: Callable[[], FleetView], wait_s: float, stop: list[str]) -> FleetView:
+    """The picture once nothing new is to be expected, or when the time is over."""
+    deadline_s, count, since_s = time.monotonic() + wait_s, 0, time.monotonic()
+    while time.monotonic() < deadline_s:
+        picture = fleet()
+        if len(picture.robots) != count:
+            count, since_s = len(picture.robots), time.monotonic()
+        if is_settled(picture) and time.monotonic() - since_s > _SETTLED_S:
+            return picture
+        if stop:
+            raise AbandonedError(f"abandoned by {stop[0]} while looking for robots")
+        time.sleep(_LOOK_EVERY_S)
+    return fleet()
+
+
+def _values(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {text}" for name, text in values.items())
+
+
+def _pair(linear: float | None, angular: float | None) -> str:
+    return _NONE if linear is None or angular is None else f"{linear:+.3f} m/s  {angular:+.3f} rad/s"
+
+
+def _number(value: float | None, unit: str, into: Callable[[float], float] = float) -> str:
+    return _NONE if value is None else f"{into(value):.2f} {unit}"
+
+
+def _shown(text: str) -> str:
+    """A text of the network without what would command a terminal."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)

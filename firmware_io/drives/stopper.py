@@ -1,0 +1,48 @@
+"""What the guard must know of a drive family: what its frames mean to it, and which frames stop the drives."""
+
+import enum
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from segway_ecc.firmware_io.links.link import Frame
+
+
+@enum.unique
+class Meaning(enum.StrEnum):
+    """What a frame means to the guard; the first three come from the node, the others from a drive."""
+
+    MOVE = enum.auto()
+    """A command that enables, or that carries a torque."""
+    ZERO = enum.auto()
+    """A command that carries no torque, and leaves the drive as it is."""
+    DISABLE = enum.auto()
+    """A command that switches the motor off; a zero too, for drives that know no more."""
+    ON = enum.auto()
+    """The drive reports that its motor follows commands."""
+    OFF = enum.auto()
+    """The drive reports that it does not."""
+
+
+class Heard(NamedTuple):
+    """What a frame says of a drive."""
+
+    drive: str
+    meaning: Meaning
+
+
+class Stopper(Protocol):
+    """A drive family as the guard knows it.
+
+    Attributes:
+        drives: What can be commanded by itself: `board`, or `left` and `right`.
+        reports: Whether the drives tell if they are on.
+    """
+
+    drives: Sequence[str]
+    reports: bool
+
+    def read(self, frame: Frame) -> Heard | None:
+        """What a frame means; None for one that is not intact or means nothing to the guard. Never raises."""
+
+    def stop(self) -> Sequence[Frame]:
+        """The frames that take the torque from every drive and disable it, of which the first that arrives acts."""

@@ -1,0 +1,37 @@
+"""What a robot file defines of its lines."""
+
+from typing import Annotated
+
+import msgspec
+
+from segway_ecc.firmware_io.section import Section
+
+
+class CanSettings(Section, frozen=True, kw_only=True):
+    """A CAN bus.
+
+    Attributes:
+        interface: A python-can interface, or `auto`: SocketCAN where the channel exists, else a virtual bus.
+        channel: The channel, or `auto`: the first SocketCAN interface.
+        bitrate: bit/s, for interfaces that set it themselves, for the bus load and for the simulated bus.
+    """
+
+    interface: str = "auto"
+    channel: str = "auto"
+    bitrate: Annotated[int, msgspec.Meta(ge=10_000, le=1_000_000)] = 500_000
+
+
+class SerialSettings(Section, frozen=True, kw_only=True):
+    """A serial line.
+
+    Attributes:
+        port: A device, or any other URL that pyserial takes.
+        baudrate: bit/s on the line, of which one in ten carries a byte.
+        lost_after_s: A drive unheard on the bus for longer than this, s, is a reason to pass to this line.
+        dwell_s: Shortest time between two changes of lines, s.
+    """
+
+    port: str
+    baudrate: Annotated[int, msgspec.Meta(ge=9_600, le=12_000_000)] = 921_600
+    lost_after_s: Annotated[float, msgspec.Meta(ge=0.005, le=0.05)] = 0.02
+    dwell_s: Annotated[float, msgspec.Meta(ge=0.1, le=60.0)] = 1.0

@@ -1,0 +1,116 @@
+"""Our loop beside the one a user would write and the least that does the work, in turns, in one run."""
+
+import contextlib
+import statistics
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from segway_ecc.hil.bench.conditions import Conditions
+from segway_ecc.hil.bench.contestants import NAMESPACE, Contestant, Place, Ran, plant, run_contestant
+from segway_ecc.hil.bench.listener import listening
+from segway_ecc.hil.bench.process_cost import Memory
+from segway_ecc.hil.bench.rig import Bus, make_rig
+from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
+
+NS_PER_S: Final = 1_000_000_000
+_WARM_UP_S: Final = 0.5
+_OUR_PHASES: Final = {"bus": "exchange", "model": "equations", "ros": "ros", "cycle": "cycle"}
+"""What we call the parts that the others have too; ours has more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a program cost over all its runs.
+
+    Attributes:
+        cycles: How its cycles went.
+        share: CPU time of the process and its children for each second; 1 is a whole core. The median of the runs.
+        memory: What they held, the most of the runs.
+        start_s: From its start to its first command; the median, None where it sends none.
+        fault: Why it gave up in one of its runs, so that its cost tells nothing; None where it did not.
+    """
+
+    cycles: Cycles
+    share: float
+    memory: Memory
+    start_s: float | None
+    fault: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What every comparison of one run of the bench shares.
+
+    Attributes:
+        bus: Where the programs meet the plant.
+        conditions: What they all have.
+        tell: Called with what is about to run.
+    """
+
+    bus: Bus
+    conditions: Conditions
+    tell: Callable[[str], None]
+
+
+def compare(
+    setup: Setup,
+    rate_hz: float,
+    duration_s: float,
+    repeats: int,
+    who: Sequence[Contestant] = tuple(Contestant),
+) -> dict[Contestant, Result]:
+    """Run the programs in turns at one rate.
+
+    Args:
+        setup: Where, and under which conditions.
+        rate_hz: Cycles per second.
+        duration_s: Of one run.
+        repeats: Runs of each; every other time in the opposite order, so that what drifts falls on all.
+        who: Which programs.
+
+    Raises:
+        ConfigurationError: One of them does not run here.
+    """
+    period_ns = round(NS_PER_S / rate_hz)
+    runs: dict[Contestant, list[Ran]] = {one: [] for one in who}
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
+        place = Place(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
+        heard = listening(NAMESPACE) if setup.conditions.is_heard else contextlib.nullcontext()
+        with plant(place) as seen, heard:
+            for repeat in range(repeats):
+                for one in reversed(who) if repeat % 2 else who:
+                    setup.tell(f"{one} at {rate_hz:g} Hz, {duration_s:g} s ({repeat + 1} of {repeats})")
+                    ran = run_contestant(one, place, duration_s)
+                    kept = ran.samples.rename(ran.samples.with_suffix(f".{repeat}"))
+                    runs[one].append(replace(ran, samples=kept))
+        setup.tell(f"the plant: {seen}")
+        return {one: _result(ran, period_ns) for one, ran in runs.items()}
+
+
+def _result(runs: Sequence[Ran], period_ns: int) -> Result:
+    warm_up = round(_WARM_UP_S * NS_PER_S / period_ns)
+    cycles = cycles_of([read_samples(run.samples) for run in runs], period_ns, warm_up)
+    told = [run.told for run in runs if run.told is not None]
+    if told:
+        cycles = replace(cycles, phases=_our_phases(told[-1]))
+    starts = [run.start_s for run in runs if run.start_s is not None]
+    return Result(
+        cycles,
+        statistics.median(run.share for run in runs),
+        max((run.memory for run in runs), key=lambda held: held.pss),
+        statistics.median(starts) if starts else None,
+        next((run.fault for run in runs if run.fault is not None), None),
+    )
+
+
+def _our_phases(told: dict[str, Any]) -> dict[str, Spread]:
+    """The phases as our loop counts them itself, of the last run; what only ours has under its own name."""
+    names = {ours: common for common, ours in _OUR_PHASES.items()}
+    return {
+        names.get(phase, phase): Spread(**{part: summary[part] for part in Spread.__dataclass_fields__})
+        for phase, summary in told["timing"].items()
+        if phase != "lateness"
+    }

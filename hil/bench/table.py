@@ -1,0 +1,131 @@
+"""What was measured, as text."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from segway_ecc.hil.bench.campaign_speed import CAMPAIGN_WANTED, CampaignSpeed
+from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.contestants import Contestant
+from segway_ecc.hil.bench.held import Held
+from segway_ecc.hil.bench.lock_step import SEGWAY_WANTED, LockStep
+from segway_ecc.hil.bench.samples import Spread
+
+TITLES: Final = {
+    Contestant.OURS: "ours",
+    Contestant.USER: "user's loop",
+    Contestant.C: "loop in C",
+    Contestant.BARE: "bare loop in C",
+}
+_MB: Final = 1e6
+_PHASES: Final = ("bus", "ros", "decide", "model", "limit", "record", "cycle")
+
+
+def comparison_text(results: Mapping[Contestant, Result]) -> str:
+    """Cost and lateness, what the processes take, and the wall time of the parts of a cycle."""
+    head = ["", "cost: mean", "p50", "p99", "p99.9", "max", "late by: p50", "p99", "p99.9", "max", "late", "lost", "of"]
+    timing = [
+        [
+            TITLES[who],
+            f"{result.cycles.cost.mean_s * 1e6:.1f}",
+            *_us(result.cycles.cost),
+            *_us(result.cycles.lateness),
+            str(result.cycles.late),
+            str(result.cycles.lost),
+            str(result.cycles.count),
+        ]
+        for who, result in results.items()
+    ]
+    takes = [[TITLES[who], *_takes(result)] for who, result in results.items()]
+    parts = [[TITLES[who], *_parts(result)] for who, result in results.items() if result.cycles.phases]
+    return "\n".join(
+        (
+            "CPU time of the loop's thread between wake-ups, and wake-up lateness, in microseconds; cycles:",
+            _aligned([head, *timing]),
+            "of the process with its children:",
+            _aligned([["", "share of a core", "PSS", "RSS", "first command after"], *takes]),
+            "wall time of the parts of a cycle, p50/p99 in microseconds:",
+            _aligned([["", *_PHASES], *parts]),
+        )
+    )
+
+
+def held_text(held: Mapping[Contestant, Held], hold_s: float) -> str:
+    """The highest rates, and how many cycles were late or lost at each."""
+    rates = sorted({rate for one in held.values() for rate in one.tried})
+    head = ["", *(f"{rate:g} Hz" for rate in rates), "none late up to", "none lost up to"]
+    rows = [
+        [
+            TITLES[who],
+            *(_late_and_lost(one, rate) for rate in rates),
+            f"{one.in_time_hz:g} Hz",
+            f"{one.complete_hz:g} Hz",
+        ]
+        for who, one in held.items()
+    ]
+    return f"late/lost cycles at each rate, held for {hold_s:g} s:\n{_aligned([head, *rows])}"
+
+
+def lock_step_text(measured: Sequence[LockStep]) -> str:
+    """One line for each robot."""
+    lines = []
+    for one in measured:
+        wanted = f", at least {SEGWAY_WANTED:g} wanted: {_met(one.times_real_time >= SEGWAY_WANTED)}"
+        lines.append(
+            f"lock step of {one.robot} at {one.rate_hz:g} Hz: {one.simulated_s:g} s in {one.median_s:.3f} s, "
+            f"{one.times_real_time:.0f} times real time{wanted if one.robot == 'segway' else ''}"
+        )
+    return "\n".join(lines)
+
+
+def campaign_text(speed: CampaignSpeed) -> str:
+    """One line."""
+    return (
+        f"campaign: {speed.runs_per_s:.1f} runs a second, {speed.jobs} at a time ({speed.runs} runs of {speed.of}), "
+        f"at least {CAMPAIGN_WANTED:g} wanted on two cores: {_met(speed.runs_per_s >= CAMPAIGN_WANTED)}"
+    )
+
+
+def model_text(cost: Mapping[str, float]) -> str:
+    """One line."""
+    return (
+        f"native model: a step costs {cost['through_our_interface_s'] * 1e6:.2f} us through our interface and "
+        f"{cost['native_s'] * 1e6:.2f} us from C (medians); loaded in {cost['load_first_s']:.2f} s the first time and "
+        f"{cost['load_from_cache_s'] * 1e3:.0f} ms from the cache"
+    )
+
+
+def _met(met: bool) -> str:  # noqa: FBT001 - a private word for a verdict
+    return "met" if met else "NOT met"
+
+
+def _us(spread: Spread) -> list[str]:
+    return [f"{value * 1e6:.1f}" for value in (spread.p50_s, spread.p99_s, spread.p999_s, spread.max_s)]
+
+
+def _takes(result: Result) -> list[str]:
+    start = "-" if result.start_s is None else f"{result.start_s:.2f} s"
+    held = result.memory
+    return [f"{result.share * 100.0:.1f} %", f"{held.pss / _MB:.0f} MB", f"{held.rss / _MB:.0f} MB", start]
+
+
+def _parts(result: Result) -> list[str]:
+    phases = result.cycles.phases
+    return [
+        f"{phases[name].p50_s * 1e6:.1f}/{phases[name].p99_s * 1e6:.1f}" if name in phases else "-" for name in _PHASES
+    ]
+
+
+def _late_and_lost(held: Held, rate_hz: float) -> str:
+    cycles = held.tried.get(rate_hz)
+    gave_up = " gave up" if rate_hz in held.faults else ""
+    return "-" if cycles is None else f"{cycles.late}/{cycles.lost}{gave_up}"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Columns, the first to the left and the others to the right."""
+    widths = [max(len(row[place]) for row in rows) for place in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        lines.append("  " + "  ".join(cells).rstrip())
+    return "\n".join(lines)

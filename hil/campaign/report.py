@@ -1,0 +1,53 @@
+"""A campaign as a web page of its own, which loads nothing from elsewhere."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Final
+
+from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.table import HEAD, cells, verdict
+from segway_ecc.hil.page import page, pairs, section, wide
+
+_TITLE: Final = "Campaign: declared faults, in lock step"
+_INTRODUCTION: Final = (
+    "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
+    "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
+    "robot without the fault is at the same time. The command in a row runs it again, to the same bits."
+)
+
+
+def render(results: Sequence[Result], facts: Mapping[str, str]) -> str:
+    """Render the results of a campaign, those that are not as declared first.
+
+    Args:
+        results: What came of each run.
+        facts: What else is known of the campaign, by name.
+
+    Returns:
+        A complete HTML page.
+    """
+    bad = [result for result in results if not result.is_as_declared]
+    good = [result for result in results if result.is_as_declared]
+    sections = (
+        section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
+        section("Not as declared", _table(bad)) if bad else "",
+        section("As declared", _table(good)) if good else "",
+        section("Facts of this campaign", pairs(facts)),
+    )
+    return page(_TITLE, _INTRODUCTION, sections)
+
+
+def _table(results: Sequence[Result]) -> str:
+    names = "".join(f'<th scope="col">{escape(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
+    rows = "".join(_row(result) for result in results)
+    return wide("Runs", f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
+
+
+def _row(result: Result) -> str:
+    name, *others = cells(result)
+    data = "".join(f"<td>{escape(text)}</td>" for text in others)
+    parts = (*result.why_not, result.reason)
+    said = "".join(f"<span>{escape(part)}</span><br>" for part in parts if part)
+    last = f"<td>{said}<code>{escape(result.command)}</code></td>"
+    kind = "" if result.is_as_declared else ' class="bad"'
+    return f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'

@@ -1,0 +1,82 @@
+"""What came of one run, and whether it is what was declared."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+
+import msgspec
+
+from segway_ecc.hil.campaign.scenario import Expectation
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one run.
+
+    Attributes:
+        source: The file, or the name, of the scenario.
+        scenario: Its name.
+        robot: The robot.
+        seed: The seed.
+        parameters: The parameters other than their own.
+        outcome: drives_on, holds, faults; or never armed, unsafe (the motors are on though the node has given up or is
+            dead), stopped (an error ended the loop).
+        reason: The reasons that the robot gave after the fault.
+        detection_s: From the fault to the change of mode or line; None where there was none.
+        safe_s: From the fault to the last torque or voltage at a drive; None where it went on.
+        max_tilt_rad: Largest tilt either way; None where the plant has none.
+        max_distance_m: Largest distance from the robot without the fault.
+        switches: The reasons for passing to another line.
+        simulated_s: Length of the run in simulated time.
+        digest: Of everything that the drives gave, and all truth.
+        why_not: How it differs from what was declared; empty where it does not.
+    """
+
+    source: str
+    scenario: str
+    robot: str
+    seed: int
+    parameters: Mapping[str, float]
+    outcome: str
+    reason: str
+    detection_s: float | None
+    safe_s: float | None
+    max_tilt_rad: float | None
+    max_distance_m: float
+    switches: tuple[str, ...]
+    simulated_s: float
+    digest: str
+    why_not: tuple[str, ...] = ()
+
+    @property
+    def is_as_declared(self) -> bool:
+        """Whether it came as declared."""
+        return not self.why_not
+
+    @property
+    def command(self) -> str:
+        """The command that runs it again."""
+        sets = [word for name, value in self.parameters.items() for word in ("--set", f"{name}={value!r}")]
+        words = ["segway-ecc", "prove", "fault", self.source, "--robot", self.robot, "--seed", str(self.seed)]
+        return shlex.join([*words, *sets])
+
+
+def judged(result: Result, expect: Expectation) -> Result:
+    """A result with what differs from what was declared."""
+    return msgspec.structs.replace(result, why_not=tuple(_differences(result, expect)))
+
+
+def _differences(result: Result, expect: Expectation) -> Iterator[str]:
+    if result.outcome != expect.outcome:
+        yield f"outcome {result.outcome}, not {expect.outcome}"
+    if expect.reason is not None and expect.reason not in result.reason:
+        yield f"reason '{result.reason}' has no '{expect.reason}'"
+    limits = {
+        "detected": (result.detection_s, expect.within_s, "s"),
+        "safe": (result.safe_s, expect.safe_within_s, "s"),
+        "tilt": (result.max_tilt_rad, expect.max_tilt_rad, "rad"),
+        "distance": (result.max_distance_m, expect.max_distance_m, "m"),
+    }
+    for name, (value, limit, unit) in limits.items():
+        if limit is not None and value is None:
+            yield f"never {name}" if unit == "s" else f"the plant has no {name}"
+        elif limit is not None and value is not None and not value <= limit:
+            yield f"{name} {value:.4g} {unit}, more than {limit:g} {unit}"

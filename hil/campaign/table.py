@@ -1,0 +1,73 @@
+"""Results as text."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from segway_ecc.hil.campaign.result import Result
+
+HEAD: Final = (
+    "scenario",
+    "robot",
+    "seed",
+    "outcome",
+    "detected, ms",
+    "safe, ms",
+    "tilt, rad",
+    "distance, m",
+    "verdict",
+)
+
+
+def cells(result: Result) -> tuple[str, ...]:
+    """One row, in the order of `HEAD`."""
+    tilt = "" if result.max_tilt_rad is None else f"{result.max_tilt_rad:.3f}"
+    return (
+        result.scenario,
+        result.robot,
+        str(result.seed),
+        result.outcome,
+        _ms(result.detection_s),
+        _ms(result.safe_s),
+        tilt,
+        f"{result.max_distance_m:.3f}",
+        "as declared" if result.is_as_declared else "NOT AS DECLARED",
+    )
+
+
+def table(results: Sequence[Result]) -> str:
+    """All results, and under each that is not as declared why, and how to see it again."""
+    widths = [max(map(len, column)) for column in zip(HEAD, *map(cells, results), strict=True)]
+    lines = [_line(HEAD, widths)]
+    for result in results:
+        lines.append(_line(cells(result), widths))
+        if not result.is_as_declared:
+            lines += [f"    {text}" for text in (*result.why_not, result.command)]
+    return "".join(f"{line}\n" for line in (*lines, verdict(results)))
+
+
+def verdict(results: Sequence[Result]) -> str:
+    """How many are as declared, in one line."""
+    good = sum(result.is_as_declared for result in results)
+    return f"{good} of {len(results)} runs as declared"
+
+
+def details(result: Result) -> Mapping[str, str]:
+    """One result, name by name."""
+    named = dict(zip(HEAD, cells(result), strict=True))
+    extra = {
+        "parameters": ", ".join(f"{name}={value:g}" for name, value in result.parameters.items()) or "its own",
+        "reason": result.reason or "none",
+        "lines": "; ".join(result.switches) or "not changed",
+        "simulated": f"{result.simulated_s:.2f} s",
+        "digest": result.digest,
+    }
+    why = {"why not": "; ".join(result.why_not)} if result.why_not else {}
+    return {name: text for name, text in {**named, **extra, **why, "again": result.command}.items() if text}
+
+
+def _line(row: Sequence[str], widths: Sequence[int]) -> str:
+    return "  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _ms(duration_s: float | None) -> str:
+    return "never" if duration_s is None else f"{duration_s * 1e3:.1f}"

@@ -1,0 +1,145 @@
+"""What is seen of one run: the node's modes and lines, what the drives give, and where the robot really is."""
+
+import hashlib
+import math
+from array import array
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.hardware import Hardware
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.node.cycle.expendable import ExpendableRecorder
+from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder, Recorder
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.safety.modes import Mode
+
+Place = tuple[float, float]
+_NOTHING = 1e-3
+"""What is less, V or N m, is nothing: the current loop of a drive that is off only comes near zero."""
+_SEVERITY = (Mode.ARMED, Mode.HOLD, Mode.DISARMED, Mode.FAULT)
+
+
+class Change(NamedTuple):
+    """Something that the robot noticed.
+
+    Attributes:
+        at_ns: When, ns after it was armed.
+        mode: The mode that was entered; None where the lines changed.
+        reason: Why.
+    """
+
+    at_ns: int
+    mode: Mode | None
+    reason: str
+
+
+class DriveWatch:
+    """Watches the simulated robot, tick by tick, from when it is armed on.
+
+    Attributes:
+        way: Where it was.
+        last_push_ns: When a drive gave anything last, ns after it was armed.
+        is_pushing: Whether a drive gives anything.
+        max_tilt: Largest tilt either way, rad; None where the plant has none.
+    """
+
+    def __init__(self, robot: SimulatedRobot, injections: Injections) -> None:
+        """Watch `robot`."""
+        self.way: list[Place] = []
+        self.last_push_ns = -1
+        self.is_pushing = False
+        names = robot.output_names
+        self._truth = [place for place, name in enumerate(names) if name.startswith("truth.")]
+        self._place = (names.index("truth.x"), names.index("truth.y"))
+        self._pitch = names.index("truth.pitch") if "truth.pitch" in names else None
+        self.max_tilt = None if self._pitch is None else 0.0
+        self._robot = robot
+        self._timeline = injections.timeline
+        self._values = array("d")
+
+    def look(self, outputs: Sequence[float]) -> None:
+        """Take one tick, with the plant's outputs after it."""
+        given = self._robot.inputs
+        self._values.extend(given)
+        self._values.extend(outputs[place] for place in self._truth)
+        elapsed_ns = self._timeline.elapsed_ns
+        if elapsed_ns < 0:
+            return
+        self.way.append((outputs[self._place[0]], outputs[self._place[1]]))
+        self.is_pushing = any(abs(value) > _NOTHING for value in given)
+        if self.is_pushing:
+            self.last_push_ns = elapsed_ns
+        if self._pitch is not None:
+            self.max_tilt = max(self.max_tilt or 0.0, abs(outputs[self._pitch]))
+
+    @property
+    def digest(self) -> str:
+        """A digest over everything that the drives gave, and all truth, of every tick since power-on."""
+        return hashlib.blake2b(self._values.tobytes(), digest_size=16).hexdigest()
+
+
+class NodeWatch:
+    """Watches the node, cycle by cycle; see `Recorder`. What it is given it hands on to a recorder.
+
+    A recorder that fails is done without, as the loop does: the watch goes on seeing the run.
+
+    Attributes:
+        events: What happened to the recorder.
+        changes: Changes of mode and of lines, oldest first.
+        mode: The present mode.
+    """
+
+    def __init__(self, injections: Injections, hardware: Hardware, recorder: Recorder | None = None) -> None:
+        """Watch a node with this hardware."""
+        self.changes: list[Change] = []
+        self.mode = Mode.DISARMED
+        self._timeline = injections.timeline
+        self.events: deque[str] = deque(maxlen=1)
+        self._recorder = ExpendableRecorder(recorder or NoRecorder(), self.events)
+        self._switching = hardware.switching if isinstance(hardware, Assembly) else None
+        self._switches = 0
+        self._loop: Loop | None = None
+
+    def watch(self, loop: Loop) -> None:
+        """Tell whose modes are watched."""
+        self._loop = loop
+
+    def write(self, record: CycleRecord) -> None:
+        """Look at one cycle, and hand it on."""
+        if record.mode is Mode.ARMED:
+            self._timeline.start()
+        if self._timeline.started_ns is not None:
+            self._note(record.mode)
+        self._recorder.write(record)
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Hand on."""
+        self._recorder.write_diagnostics(stamp_ns, statuses)
+
+    def close(self) -> None:
+        """Hand on."""
+        self._recorder.close()
+
+    def worst_since(self, since_ns: int) -> Mode:
+        """The most severe mode there has been, in ns after it was armed, since then."""
+        modes = [change.mode for change in self.changes if change.at_ns >= since_ns and change.mode is not None]
+        return max([*modes, self.mode], key=_SEVERITY.index)
+
+    def _note(self, mode: Mode) -> None:
+        elapsed_ns = self._timeline.elapsed_ns
+        if mode is not self.mode:
+            reason = "" if self._loop is None else self._loop.modes.reason
+            self.changes.append(Change(elapsed_ns, mode, reason))
+            self.mode = mode
+        if self._switching is not None and self._switching.count > self._switches:
+            self._switches = self._switching.count
+            self.changes.append(Change(elapsed_ns, None, self._switching.switches[-1].reason))
+
+
+def apart(a: Sequence[Place], b: Sequence[Place]) -> float:
+    """The largest distance between places at the same times, as long as both last; m."""
+    return max((math.dist(p, q) for p, q in zip(a, b, strict=False)), default=0.0)

@@ -1,0 +1,152 @@
+"""The CAN seat: the controller at one end of a bus, the plant at the other, whose truth is where the cart went."""
+
+import contextlib
+import csv
+from bisect import bisect_left
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from segway_ecc.firmware_io.links.can_link import socketcan_interfaces
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.hil.case_study.seats import Run, trajectory
+from segway_ecc.hil.case_study.study import Seat
+from segway_ecc.hil.processes import command
+from segway_ecc.hil.rig.kernel_bus import kernel_ends
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import NoRecorder
+from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre
+from segway_ecc.node.sequence.player import Odometry, Player
+from segway_ecc.node.sequence.stage import ManoeuvreStage
+
+ROBOT: Final = "cart-can"
+_MARGIN_S: Final = 60.0
+_TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity", "truth.angular_velocity")
+_POINT_NS: Final = 10_000_000
+
+
+class RealTimeCanSeat:
+    """Two processes in real time. On a virtual bus each run has its own; on a real interface they take turns."""
+
+    seat = Seat.CAN
+
+    def __init__(
+        self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
+    ) -> None:
+        """Run a robot; keep messages in `folder` and logs in `logs`.
+
+        Args:
+            folder: Where messages go.
+            logs: Where the robot's logs go.
+            robot: The robot file, or the name of one that ships with the package.
+            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+                first interface of this machine, and for the robot's own.
+        """
+        self._folder = folder
+        self._logs = logs
+        self._robot = robot
+        present = socketcan_interfaces()
+        first = channels[0] or (present[0] if present else None)
+        self._channels = (first, channels[1] or first)
+        self.jobs = 4 if first is None else 1
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+        """Play a manoeuvre over the bus; see `SeatRunner.run`."""
+        file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
+        file.write_bytes(msgspec.yaml.encode(manoeuvre))
+        robot_channel, plant_channel = (channel or f"case_study_{name}" for channel in self._channels)
+        plant = ["plant", self._robot, "--channel", plant_channel, "--truth", str(truth)]
+        node = ["run", self._robot, "--channel", robot_channel, "--no-ros", "--sequence", str(file), "--json"]
+        node += ["--log", str(self._logs / f"can_{name}.mcap")]
+        with (
+            command(plant, self._folder / f"can_{name}.plant.txt"),
+            command(node, self._folder / f"can_{name}.node.txt") as controller,
+        ):
+            played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
+        # The plant has ended too by now, so its file is whole.
+        points = resample(read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
+        return Run(trajectory(Seat.CAN, points))
+
+
+class LockstepCanSeat:
+    """Controller, bus and plant in this process, on a simulated clock: the same bits every time.
+
+    The bus is a simulated one; or it is the kernel's own, and time stands still while a frame is on its way through it.
+    """
+
+    seat = Seat.CAN
+    jobs = 1
+
+    def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
+        """Run a robot.
+
+        Args:
+            logs: Where the logs of its runs go; None for none.
+            robot: The robot file, or the name of one that ships with the package.
+            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+                simulated bus.
+        """
+        self._logs = logs
+        self._robot = robot
+        self._channels = channels
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+        """Play a manoeuvre in lock step; see `SeatRunner.run`."""
+        file = load_robot(self._robot)
+        rig = LockstepRig(simulated_bus(file).bitrate)
+        robot_link, plant_link = self._links(rig, simulated_bus(file).bitrate)
+        plant = simulated_robot(file, plant_link)
+        truth = _TruthReader(plant.output_names)
+        points: list[Odometry] = []
+        rig.attach(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
+        robot = build_robot(file, rig, robot_link)
+        player = Player(manoeuvre)
+        stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
+        recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
+        with contextlib.closing(plant_link):
+            plant_link.open()
+            robot.loop(stage, recorder).run()
+        return Run(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
+
+    def _links(self, rig: LockstepRig, bitrate: int) -> tuple[Link, Link]:
+        """The ends of the bus for robot and plant."""
+        if self._channels is None:
+            return rig.bus.attach("node"), rig.bus.attach("plant")
+        return kernel_ends(rig, self._channels, bitrate)
+
+
+class _TruthReader:
+    """Finds where the cart really is among the plant's outputs."""
+
+    def __init__(self, output_names: Sequence[str]) -> None:
+        self._indices = [output_names.index(name) for name in _TRUTH]
+
+    def read(self, wall_ns: int, outputs: Sequence[float]) -> Odometry:
+        return Odometry(wall_ns, *(outputs[index] for index in self._indices))
+
+
+def read_truth(path: Path) -> list[Odometry]:
+    """Where the cart really was at each tick, from the file that `segway-ecc plant --truth` writes."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        truth = _TruthReader(next(rows)[1:])
+        return [truth.read(int(wall_ns), [float(value) for value in values]) for wall_ns, *values in rows]
+
+
+def resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
+    """The truth at regular times from the start on, on the wall clock, each between the two ticks around it."""
+    stamps = [point.stamp_ns for point in points]
+    return [_between(points, stamps, start_ns + offset_ns) for offset_ns in range(0, duration_ns + 1, _POINT_NS)]
+
+
+def _between(points: Sequence[Odometry], stamps: Sequence[int], stamp_ns: int) -> Odometry:
+    after = min(max(bisect_left(stamps, stamp_ns), 1), len(points) - 1)
+    a, b = points[after - 1], points[after]
+    share = (stamp_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns)
+    return Odometry(stamp_ns, *(p + share * (q - p) for p, q in zip(a[1:], b[1:], strict=True)))

@@ -1,0 +1,88 @@
+"""Conducting the study: every cell and figure through every seat, side by side where a seat allows it."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from typing import Final
+
+from segway_ecc.hil.case_study.seats import Run, SeatRunner
+from segway_ecc.hil.case_study.study import Cell, Seat, Study, Trajectory, thesis_cells
+from segway_ecc.hil.errors import RigError
+from segway_ecc.node.errors import NodeError
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+
+DURATION_S: Final = 10.0
+TURN: Final = "turn"
+_TURN_MANOEUVRE: Final = Manoeuvre(
+    segments=(
+        Segment(linear=1.0, angular=0.5, duration=DURATION_S),
+        Segment(linear=1.0, angular=-0.5, duration=DURATION_S),
+    )
+)
+
+OnProgress = Callable[[Seat, int, int], None]
+"""Called with the seat, how many of its runs are done, and how many there are."""
+
+
+def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress: OnProgress) -> Study:
+    """Run the twelve cells and the turn in each seat.
+
+    Raises:
+        NodeError, RigError: A run failed; the first failure ends the study.
+    """
+    cells = thesis_cells()
+    runs = {runner.seat: _run_seat(runner, cells, on_progress) for runner in runners}
+    turns = [of_seat[TURN].trajectory for of_seat in runs.values()]
+    graphs = [of_seat[TURN].graph for of_seat in runs.values()]
+    return Study(
+        cells=[_with_positions(cell, runs) for cell in cells],
+        seats=list(runs),
+        velocities=[_first(turn, DURATION_S) for turn in turns],
+        turn=turns,
+        graph=next((graph for graph in graphs if graph), ()),
+        facts=facts,
+    )
+
+
+def cell_name(cell: Cell) -> str:
+    """A name for the cell's run."""
+    return f"linear_{cell.linear:g}_angular_{cell.angular:g}"
+
+
+def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, Run]:
+    # The longest first, so that it does not run alone at the end.
+    manoeuvres = {TURN: _TURN_MANOEUVRE} | {cell_name(cell): _manoeuvre(cell) for cell in cells}
+    on_progress(runner.seat, 0, len(manoeuvres))
+    with ThreadPoolExecutor(runner.jobs) as pool:
+        futures = {pool.submit(runner.run, name, manoeuvre): name for name, manoeuvre in manoeuvres.items()}
+        return _gather(runner.seat, futures, on_progress)
+
+
+def _gather(seat: Seat, futures: Mapping[Future[Run], str], on_progress: OnProgress) -> dict[str, Run]:
+    runs: dict[str, Run] = {}
+    try:
+        for future in as_completed(futures):
+            runs[futures[future]] = future.result()
+            on_progress(seat, len(runs), len(futures))
+    except (NodeError, RigError):
+        for future in futures:
+            future.cancel()
+        raise
+    return runs
+
+
+def _manoeuvre(cell: Cell) -> Manoeuvre:
+    return Manoeuvre(segments=(Segment(linear=cell.linear, angular=cell.angular, duration=DURATION_S),))
+
+
+def _with_positions(cell: Cell, runs: Mapping[Seat, Mapping[str, Run]]) -> Cell:
+    return dataclasses.replace(cell, positions={seat: of[cell_name(cell)].position for seat, of in runs.items()})
+
+
+def _first(whole: Trajectory, duration_s: float) -> Trajectory:
+    """The beginning of a trajectory."""
+    count = sum(time <= duration_s for time in whole.time)
+    cut = {
+        field.name: getattr(whole, field.name)[:count] for field in dataclasses.fields(whole) if field.name != "seat"
+    }
+    return dataclasses.replace(whole, **cut)

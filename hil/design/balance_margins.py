@@ -1,0 +1,280 @@
+"""How much a balancing robot bears: the largest of each disturbance that it recovers from, found by bisection."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from segway_ecc.hil.design.balance import Balance, Truth
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.models.segway_parameters import PUBLISHED, SegwayParameters
+from segway_ecc.node.models.segway_phases import Phase
+
+PUSH_S: Final = 0.1
+"""How long a shove lasts."""
+LONG_PUSH_S: Final = 1.0
+"""How long a push lasts by which balancers of Upkie, the published robot, are compared: its largest sagittal force."""
+LONG_PUSH_N: Final = 10.0
+"""What a published test of an Upkie pushes its torso with for a second (rgambard/Upkie-Robotics-RL, test.py)."""
+PAYLOAD_SHARE: Final = 0.3
+SLOPE_RAD: Final = math.radians(5.0)
+DELAY_S: Final = 0.020
+GYRO_BIAS: Final = 0.02
+"""Four times the standard deviation that the plant's gyro has."""
+TRACKING_ERROR: Final = 0.05
+TRACKED_WITHIN: Final = 0.1
+"""Of a step by 1 m/s or 1 rad/s."""
+
+LIES_AT: Final = PUBLISHED.stop_angle
+"""Pitch at the start, rad."""
+
+_DISTURBED_AT_S: Final = 4.0
+_DURATION_S: Final = 12.0
+_NUDGE_N: Final = 10.0
+_DELAYED_AT_S: Final = 2.0
+_STEPS: Final = 90
+_STEP_S: Final = 0.02
+_STEPPED_AT_S: Final = 3.0
+_TRACKED_S: Final = 12.0
+_STEADY_S: Final = 3.0
+_RECOVERED_PITCH: Final = 0.15
+_RECOVERED_SPEED: Final = 0.3
+_RECOVERED_RATE: Final = 0.5
+"""Far more than at rest; a robot that shakes has not recovered."""
+_STAYED_S: Final = 1.0
+
+Script = dict[float, Callable[[Balance], None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """A kind of disturbance.
+
+    Attributes:
+        name: What it is.
+        unit: Of its size.
+        most: The largest size tried; may be negative, which searches below zero.
+        resolution: How closely the limit is found.
+        required: What must be borne; None where nothing is.
+        plant: Parameters and states of the plant for a size.
+        script: What happens for a size.
+    """
+
+    name: str
+    unit: str
+    most: float
+    resolution: float
+    required: float | None
+    plant: Callable[[float], Mapping[str, float]]
+    script: Callable[[float], Script]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What was found.
+
+    Attributes:
+        name: The disturbance.
+        unit: Of the sizes.
+        borne: The largest size borne with every seed.
+        required: What must be borne; None where nothing is.
+        is_beyond: Whether even the largest size tried was borne.
+    """
+
+    name: str
+    unit: str
+    borne: float
+    required: float | None
+    is_beyond: bool
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether what must be borne is."""
+        return self.required is None or abs(self.borne) >= abs(self.required) - 1e-9
+
+
+def disturbances(body: SegwayParameters) -> Sequence[Disturbance]:
+    """All kinds, for a robot with this body."""
+    payload, centre = PAYLOAD_SHARE * body.body_mass, body.body_height_of_centre
+    lightest = 0.9 * body.body_mass
+
+    def plain(_: float) -> Mapping[str, float]:
+        return {}
+
+    def carried(size: float) -> Mapping[str, float]:
+        return {"Payload": size, "PayloadHeight": centre}
+
+    return (
+        Disturbance("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
+        Disturbance("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
+        Disturbance("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, _long_push),
+        Disturbance("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, _long_push),
+        Disturbance("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
+        Disturbance("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
+        Disturbance("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
+        Disturbance("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
+        Disturbance("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
+        Disturbance("gyro bias, sudden", "rad/s", 0.5, 0.005, GYRO_BIAS, plain, _bias("GyroY")),
+        Disturbance("accelerometer bias, sudden", "m/s2", 5.0, 0.05, None, plain, _bias("AccelerationX")),
+    )
+
+
+def find_limit(file: RobotFile, kind: Disturbance, seeds: Sequence[int]) -> Limit:
+    """The largest size borne with every seed; it is taken that less than what is borne is borne too."""
+
+    def is_borne(size: float) -> bool:
+        return all(recovers(file, kind, size, seed) for seed in seeds)
+
+    if is_borne(kind.most):
+        return Limit(kind.name, kind.unit, kind.most, kind.required, is_beyond=True)
+    borne, too_much = 0.0, kind.most
+    while abs(too_much - borne) > kind.resolution:
+        middle = 0.5 * (borne + too_much)
+        if is_borne(middle):
+            borne = middle
+        else:
+            too_much = middle
+    return Limit(kind.name, kind.unit, borne, kind.required, is_beyond=False)
+
+
+def recovers(file: RobotFile, kind: Disturbance, size: float, seed: int) -> bool:
+    """Whether the robot stands up, is disturbed, and balances at the end, still and without having given up."""
+    balance = Balance(file, pitch=LIES_AT, seed=seed, plant=kind.plant(size))
+    truth = balance.run(_DURATION_S, kind.script(size), until_given_up=True)
+    last = [at for at in truth if at.time > _DURATION_S - _STAYED_S]
+    return (
+        Phase.GIVEN_UP not in balance.phases
+        and balance.phases[-1] == Phase.BALANCING
+        and all(_is_calm(at) for at in last)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A set-point that steps from rest to 1.
+
+    Attributes:
+        name: Which.
+        unit: Of the set-point.
+        setpoint: m/s and rad/s.
+        field: What of the truth follows it.
+    """
+
+    name: str
+    unit: str
+    setpoint: tuple[float, float]
+    field: str
+
+
+STEPS: Final = (
+    Step("tracks 1 m/s", "m/s", (1.0, 0.0), "linear_velocity"),
+    Step("tracks 1 rad/s", "rad/s", (0.0, 1.0), "angular_velocity"),
+    Step("tracks 1 m/s, turning at 1 rad/s", "m/s", (1.0, 1.0), "linear_velocity"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """How a step was followed, by the plant's truth; of some seeds the worst.
+
+    Attributes:
+        name: Which step.
+        unit: Of the errors.
+        steady_error: Of the mean over the last three seconds.
+        largest_error: In these three seconds.
+        settled_s: After the step, from when on it stays within a tenth of it, s; infinite where it does not.
+        required: Largest steady error.
+    """
+
+    name: str
+    unit: str
+    steady_error: float
+    largest_error: float
+    settled_s: float
+    required: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it settles, and where it should."""
+        return self.steady_error <= self.required and math.isfinite(self.settled_s)
+
+
+def track(file: RobotFile, step: Step, seeds: Sequence[int]) -> Tracking:
+    """Let it follow a step from rest, with each seed."""
+    runs = [_track_once(file, step, seed) for seed in seeds]
+    steady, largest, settled_s = (max(values) for values in zip(*runs, strict=True))
+    return Tracking(step.name, step.unit, steady, largest, settled_s, TRACKING_ERROR)
+
+
+def _track_once(file: RobotFile, step: Step, seed: int) -> tuple[float, float, float]:
+    """Steady error, largest error, and when it has settled."""
+    balance = Balance(file, pitch=LIES_AT, seed=seed)
+    truth = balance.run(_TRACKED_S, {_STEPPED_AT_S: lambda run: run.drive(*step.setpoint)}, until_given_up=True)
+    return tracked([(at.time - _STEPPED_AT_S, getattr(at, step.field) - 1.0) for at in truth])
+
+
+def tracked(errors: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
+    """Steady error, largest error at the end, and when it settled, from errors at times, s, since a step by 1."""
+    end_s = errors[-1][0]
+    if end_s < _TRACKED_S - _STEPPED_AT_S - _STEADY_S:
+        return math.inf, math.inf, math.inf  # it gave up
+    last = [error for time, error in errors if time > end_s - _STEADY_S]
+    off = [time for time, error in errors if abs(error) > TRACKED_WITHIN]
+    settled_s = max(off, default=0.0)
+    is_settled = settled_s < end_s - _STEADY_S
+    return abs(sum(last) / len(last)), max(map(abs, last)), settled_s if is_settled else math.inf
+
+
+def _is_calm(at: Truth) -> bool:
+    return (
+        abs(at.pitch) < _RECOVERED_PITCH
+        and abs(at.pitch_rate) < _RECOVERED_RATE
+        and abs(at.linear_velocity) < _RECOVERED_SPEED
+    )
+
+
+def _push(force: float, duration: float = PUSH_S) -> Script:
+    return {
+        _DISTURBED_AT_S: lambda balance: balance.plant.write("PushForce", force),
+        _DISTURBED_AT_S + duration: lambda balance: balance.plant.write("PushForce", 0.0),
+    }
+
+
+def _long_push(force: float) -> Script:
+    return _push(force, LONG_PUSH_S)
+
+
+def _nudge(_size: float = 0.0) -> Script:
+    return _push(_NUDGE_N)
+
+
+def _slope(slope: float) -> Script:
+    """The ground tilts over two seconds under the robot, as where it rolls onto a ramp."""
+
+    def tilt(share: float) -> Callable[[Balance], None]:
+        return lambda balance: balance.plant.write("Slope", slope * share)
+
+    return {_DISTURBED_AT_S + i * _STEP_S: tilt((i + 1) / _STEPS) for i in range(_STEPS)}
+
+
+def _delay(delay: float) -> Script:
+    """Frames come later and later, so that no gap between them looks like a lost bus; then a nudge."""
+
+    def late(share: float) -> Callable[[Balance], None]:
+        def set_delay(balance: Balance) -> None:
+            balance.link.delay_ns = round(delay * share * 1e9)
+
+        return set_delay
+
+    growing = {_DELAYED_AT_S + i * _STEP_S: late((i + 1) / _STEPS) for i in range(_STEPS)}
+    return {**growing, **_nudge()}
+
+
+def _bias(name: str) -> Callable[[float], Script]:
+    def script(size: float) -> Script:
+        def off(balance: Balance) -> None:
+            balance.model.biases[name] = size
+
+        return {_DISTURBED_AT_S: off}
+
+    return script

@@ -1,0 +1,181 @@
+"""What can be done to a robot that drives, and what is to come of it."""
+
+import enum
+import errno
+import os
+import resource
+import signal
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.hil.drill import interface
+from segway_ecc.hil.drill.parts import Parts, stopped
+from segway_ecc.hil.drill.stepped_clock import AHEAD, BACK
+from segway_ecc.hil.processes import ProcessFailedError
+
+_ANSWERS_WITHIN_S: Final = 5.0
+_RECORDER_NOTICES_WITHIN_S: Final = 30.0
+_RECORDER_SAYS: Final = "recorder: Writing the log "
+LIMIT_S: Final = 0.05
+"""Torque must end within this time of a part that died or was cut off."""
+_FROZEN_LIMIT_S: Final = 0.5
+"""A sensor that stays as it is looks like one at rest for a while; the same as `hil/scenarios/encoder-stuck.yaml`."""
+_ROOM_BYTES: Final = 1 << 16
+_FILLING: Final = bytes(1 << 16)
+
+
+@enum.unique
+class Outcome(enum.StrEnum):
+    """What is to come of a fault."""
+
+    ENDS = "torque ends"
+    DRIVES_ON = "drives on"
+
+
+Harm = Callable[[Parts, ExitStack], int]
+"""Does the harm; returns when, monotonic, ns. What must be undone goes onto the stack."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One way to harm a robot.
+
+    Attributes:
+        name: What is done.
+        expected: What is to come of it.
+        harm: Does it.
+        within_s: Longest time from it to the last torque, where torque is to end, s.
+        guard: Whether it needs a guard.
+        serial: Whether it needs a serial line to fall back on.
+        stepped: Whether it needs wall clocks that can be stepped.
+        disk: Whether the log is to be on a disk of its own.
+        interface: Whether it needs a network interface, which is set down.
+    """
+
+    name: str
+    expected: Outcome
+    harm: Harm
+    within_s: float = LIMIT_S
+    guard: bool = False
+    serial: bool = False
+    stepped: bool = False
+    disk: bool = False
+    interface: bool = False
+
+
+def _node(parts: Parts) -> int:
+    return parts.node.process.pid
+
+
+def _guard(parts: Parts) -> int:
+    if parts.guard is None:
+        raise ProcessFailedError("there is no guard")
+    return parts.guard.process.pid
+
+
+def _recorder(parts: Parts) -> int:
+    return parts.recorder
+
+
+def _kill(find: Callable[[Parts], int]) -> Harm:
+    def harm(parts: Parts, _undo: ExitStack) -> int:
+        pid = find(parts)
+        now_ns = time.monotonic_ns()
+        os.kill(pid, signal.SIGKILL)
+        return now_ns
+
+    return harm
+
+
+def _stop(find: Callable[[Parts], int]) -> Harm:
+    def harm(parts: Parts, undo: ExitStack) -> int:
+        pid = find(parts)
+        now_ns = time.monotonic_ns()
+        undo.enter_context(stopped(pid))
+        return now_ns
+
+    return harm
+
+
+def _tell(line: str) -> Harm:
+    def harm(parts: Parts, _undo: ExitStack) -> int:
+        answer = parts.plant.ask(line, _ANSWERS_WITHIN_S)
+        stamp, _, told = answer.partition(" ")
+        if told != line:
+            raise ProcessFailedError(f"the plant answered '{line}' with '{told}'")
+        return int(stamp)
+
+    return harm
+
+
+def _set_down(parts: Parts, undo: ExitStack) -> int:
+    now_ns = time.monotonic_ns()
+    try:
+        undo.enter_context(interface.down(parts.setup.channel))
+    except OSError as error:
+        raise ProcessFailedError(f"cannot set {parts.setup.channel} down: {error.strerror}") from error
+    return now_ns
+
+
+def _step_clock(number: signal.Signals) -> Harm:
+    def harm(parts: Parts, _undo: ExitStack) -> int:
+        now_ns = time.monotonic_ns()
+        for part in (parts.plant, parts.node, parts.guard):
+            if part is not None:
+                part.process.send_signal(number)
+        return now_ns
+
+    return harm
+
+
+def _fill_disk(parts: Parts, _undo: ExitStack) -> int:
+    """Leave no room on the log's disk; where it has none of its own, let the recorder's file grow no more."""
+    recorder, folder = parts.recorder, parts.setup.log_folder
+    now_ns = time.monotonic_ns()
+    if folder.is_mount():
+        _fill(folder / "filling")
+    else:
+        # What it says goes to a file as well, which must find room.
+        size = max(_ROOM_BYTES, *(path.stat().st_size for path in folder.iterdir()))
+        resource.prlimit(recorder, resource.RLIMIT_FSIZE, (size, size))
+    deadline = time.monotonic() + _RECORDER_NOTICES_WITHIN_S
+    while not any(line.startswith(_RECORDER_SAYS) for line in parts.said()):
+        if time.monotonic() > deadline:
+            raise ProcessFailedError("the recorder did not notice that the disk is full")
+        time.sleep(0.02)
+    return now_ns
+
+
+def _fill(path: Path) -> None:
+    with path.open("wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(_FILLING)
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+
+
+FAULTS: Final = {
+    fault.name: fault
+    for fault in (
+        Fault("node killed", Outcome.ENDS, _kill(_node)),
+        Fault("node stopped", Outcome.ENDS, _stop(_node)),
+        Fault("guard killed", Outcome.DRIVES_ON, _kill(_guard), guard=True),
+        Fault("guard stopped", Outcome.DRIVES_ON, _stop(_guard), guard=True),
+        Fault("recorder killed", Outcome.DRIVES_ON, _kill(_recorder)),
+        Fault("recorder stopped", Outcome.DRIVES_ON, _stop(_recorder)),
+        Fault("drives mute", Outcome.ENDS, _tell("mute")),
+        Fault("bus down", Outcome.ENDS, _set_down, interface=True),
+        Fault("cable cut", Outcome.ENDS, _tell("cut")),
+        Fault("cable cut with serial line", Outcome.DRIVES_ON, _tell("cut"), serial=True),
+        Fault("left sensor frozen", Outcome.ENDS, _tell("freeze left"), within_s=_FROZEN_LIMIT_S),
+        Fault("clock an hour ahead", Outcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
+        Fault("clock an hour back", Outcome.DRIVES_ON, _step_clock(BACK), stepped=True),
+        Fault("disk full", Outcome.DRIVES_ON, _fill_disk, disk=True),
+    )
+}

@@ -1,0 +1,182 @@
+"""The processes of a robot that drives: plant, guard, node and the node's recorder."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from segway_ecc.hil.drill import trace
+from segway_ecc.hil.processes import Command, ProcessFailedError, command
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+
+STEPPED: Final = "segway_ecc.hil.drill.stepped_clock"
+_COMMAND: Final = "segway_ecc.node.cli.main"
+_SEGMENTS: Final = (
+    Segment(linear=0.6, angular=0.3, duration=1.0),
+    Segment(linear=0.3, angular=-0.3, duration=1.0),
+)
+"""Never at rest and never steady: what is measured keeps changing."""
+_TIMES: Final = 100
+_STARTS_WITHIN_S: Final = 30.0
+_POLL_S: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What is started.
+
+    Attributes:
+        robot: A robot file, or the name of one that ships with the package.
+        bus: The options that name the bus, which all processes share; the last word is its name.
+        serial: Whether a serial line is made for the drives.
+        guard: Whether the guard runs.
+        stepped: Whether the wall clocks that the processes read can be stepped.
+        folder: Where messages, traces and the serial line go.
+    """
+
+    robot: str
+    bus: Sequence[str]
+    serial: bool
+    guard: bool
+    stepped: bool
+    folder: Path
+
+    @property
+    def channel(self) -> str:
+        """The name of the bus."""
+        return self.bus[-1]
+
+    @property
+    def trace(self) -> Path:
+        """What the motors gave."""
+        return self.folder / "trace.csv"
+
+    @property
+    def log_folder(self) -> Path:
+        """A folder for the node's log alone."""
+        return self.folder / "log"
+
+    def messages(self, part: str) -> Path:
+        """What a process said."""
+        return self.folder / f"{part}.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What runs."""
+
+    setup: Setup
+    plant: Command
+    guard: Command | None
+    node: Command
+
+    @property
+    def recorder(self) -> int:
+        """The process that writes the node's log.
+
+        Raises:
+            ProcessFailedError: There is none.
+        """
+        for task in Path(f"/proc/{self.node.process.pid}/task").iterdir():
+            for pid in (task / "children").read_text().split():
+                if "segway_ecc.node.recording.writer" in Path(f"/proc/{pid}/cmdline").read_text():
+                    return int(pid)
+        raise ProcessFailedError("the node has no recorder")
+
+    def said(self) -> list[str]:
+        """What node and guard have said so far, in the order of the processes."""
+        parts = ("node",) if self.guard is None else ("node", "guard")
+        return [
+            (line if part == "node" else f"{part}: {line}").replace("segway-ecc: ", "", 1)
+            for part in parts
+            for line in self.setup.messages(part).read_text(errors="replace").splitlines()
+        ]
+
+
+@contextlib.contextmanager
+def running(setup: Setup) -> Iterator[Parts]:
+    """Start everything; leave it when the context ends, stopped processes included."""
+    setup.log_folder.mkdir(exist_ok=True)
+    module = STEPPED if setup.stepped else _COMMAND
+    with contextlib.ExitStack() as stack:
+        plant = stack.enter_context(
+            command(_plant(setup), setup.messages("plant"), module=module, listens=True),
+        )
+        plant.ask("heal", _STARTS_WITHIN_S)  # it answers once it runs
+        guard = None
+        if setup.guard:
+            guard = stack.enter_context(command(_guard(setup), setup.messages("guard"), module=module))
+        node = stack.enter_context(command(_node(setup), setup.messages("node"), module=module))
+        yield Parts(setup, plant, guard, node)
+
+
+def wait_until_driven(parts: Parts, driven_s: float) -> None:
+    """Wait until the motors have been driven for a while.
+
+    Raises:
+        ProcessFailedError: They were not, in time.
+    """
+    deadline = time.monotonic() + _STARTS_WITHIN_S
+    while (since_ns := trace.driven_since_ns(trace.read(parts.setup.trace))) is None:
+        if time.monotonic() > deadline or parts.node.process.poll() is not None:
+            raise ProcessFailedError(f"the robot does not drive: {' | '.join(parts.said()) or 'it said nothing'}")
+        time.sleep(_POLL_S)
+    time.sleep(max(since_ns * 1e-9 + driven_s - time.monotonic(), 0.0))
+    if parts.guard is not None and parts.guard.process.poll() is not None:
+        raise ProcessFailedError(f"the guard has ended: {' | '.join(parts.said())}")
+
+
+@contextlib.contextmanager
+def stopped(pid: int) -> Iterator[None]:
+    """Have a process stopped, and go on when the context is left."""
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+
+
+@contextlib.contextmanager
+def small_disk(folder: Path, size_bytes: int) -> Iterator[bool]:
+    """A small file system at `folder`, where we may mount one; else False, and nothing has changed."""
+    words = ["mount", "-t", "tmpfs", "-o", f"size={size_bytes}", "tmpfs", str(folder)]
+    mounted = os.geteuid() == 0 and _succeeds(words)
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            _succeeds(["umount", "-l", str(folder)])
+
+
+def _succeeds(words: Sequence[str]) -> bool:
+    try:
+        return subprocess.run(words, check=False, capture_output=True).returncode == 0  # noqa: S603 - no shell reads it
+    except OSError:
+        return False
+
+
+def _lines(setup: Setup) -> list[str]:
+    return [setup.robot, *setup.bus, *(["--serial", str(setup.folder / "serial")] if setup.serial else [])]
+
+
+def _plant(setup: Setup) -> list[str]:
+    return ["plant", *_lines(setup), "--control", "--trace", str(setup.trace)]
+
+
+def _guard(setup: Setup) -> list[str]:
+    return ["guard", *_lines(setup)]
+
+
+def _node(setup: Setup) -> list[str]:
+    sequence = setup.folder / "sequence.yaml"
+    sequence.write_bytes(msgspec.yaml.encode(Manoeuvre(segments=_SEGMENTS * _TIMES)))
+    log = setup.log_folder / "run.mcap"
+    return ["run", *_lines(setup), "--no-ros", "--sequence", str(sequence), "--log", str(log)]

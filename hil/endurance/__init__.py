@@ -1,0 +1,1 @@
+"""Hours of normal driving in lock step, with lost frames."""

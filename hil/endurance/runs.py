@@ -1,0 +1,121 @@
+"""Many hours of driving, divided over seeds and cores; a robot that has tripped is started anew."""
+
+import contextlib
+import logging
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.sharedctypes import SynchronizedArray
+from typing import Final, NamedTuple
+
+from segway_ecc.hil.endurance.endurance import Stretch, drive
+from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.node.config import RobotFile
+
+OnProgress = Callable[[float], None]
+"""Called with the seconds simulated so far, of all seeds together."""
+
+_TOLD_EVERY_S: Final = 0.5
+_MOST_TRIPS: Final = 20
+"""Trips of one seed, after which it drives no more: what fails so often needs no more proof."""
+
+
+class Plan(NamedTuple):
+    """What is to be driven.
+
+    Attributes:
+        file: The robot file.
+        duration_s: How long, of all seeds together, s.
+        frame_loss: Share of the frames that is lost either way.
+        seeds: Seeds 1 to this, each of which has its share of the time.
+        faults: What else fails.
+        channel: The CAN interface of robot and plant; None for a simulated bus. On one the seeds take turns.
+    """
+
+    file: RobotFile
+    duration_s: float
+    frame_loss: float
+    seeds: int
+    faults: Sequence[Fault] = ()
+    channel: str | None = None
+
+
+def endure(plan: Plan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
+    """Drive what is planned; the stretches are in the order of the seeds, and the same whatever `jobs` is.
+
+    Raises:
+        ConfigurationError: The robot cannot be simulated.
+    """
+    seeds = range(1, plan.seeds + 1)
+    if jobs == 1 or plan.channel is not None:
+        return _one_by_one(plan, seeds, on_progress)
+    # Processes of their own from the beginning: what this one has open or locked is not theirs.
+    context = multiprocessing.get_context("spawn")
+    told = context.Array("d", plan.seeds)
+    with context.Pool(jobs, _start, (told,)) as pool:
+        ends = [pool.apply_async(_drive_in_pool, (plan, seed)) for seed in seeds]
+        for end in ends:
+            while not end.ready():
+                end.wait(_TOLD_EVERY_S)
+                on_progress(sum(told[:]))
+        return [stretch for end in ends for stretch in end.get()]
+
+
+def drive_seed(plan: Plan, seed: int, on_progress: OnProgress) -> list[Stretch]:
+    """Drive the share of one seed; after each trip a new robot, of another seed, drives on."""
+    left_s, stretches = plan.duration_s / plan.seeds, list[Stretch]()
+    while left_s > 0.0 and sum(stretch.trip is not None for stretch in stretches) < _MOST_TRIPS:
+        before_s = plan.duration_s / plan.seeds - left_s
+        with _quiet():
+            stretch = drive(
+                plan.file,
+                seed + plan.seeds * len(stretches),
+                left_s,
+                plan.frame_loss,
+                faults=plan.faults,
+                channel=plan.channel,
+                on_progress=lambda time_s, before_s=before_s: on_progress(before_s + time_s),  # type: ignore[misc]
+            )
+        stretches.append(stretch)
+        left_s = left_s - stretch.simulated_s if stretch.trip else 0.0
+    on_progress(sum(stretch.simulated_s for stretch in stretches))
+    return stretches
+
+
+def _one_by_one(plan: Plan, seeds: Sequence[int], on_progress: OnProgress) -> list[Stretch]:
+    stretches: list[Stretch] = []
+    for seed in seeds:
+        before_s = sum(stretch.simulated_s for stretch in stretches)
+        stretches += drive_seed(plan, seed, lambda time_s, before_s=before_s: on_progress(before_s + time_s))  # type: ignore[misc]
+    return stretches
+
+
+_told: "SynchronizedArray[float] | None" = None
+"""In a process of the pool: how far each seed has come, s."""
+
+
+def _start(told: "SynchronizedArray[float]") -> None:
+    """Begin a process of the pool, which leaves Ctrl-C to its parent."""
+    global _told  # noqa: PLW0603 - the one way in which a pool hands shared memory to its processes
+    _told = told
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _drive_in_pool(plan: Plan, seed: int) -> list[Stretch]:
+    def tell(time_s: float) -> None:
+        if _told is not None:
+            _told[seed - 1] = time_s
+
+    return drive_seed(plan, seed, tell)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What the node would tell people meanwhile is not told."""
+    logger = logging.getLogger("segway_ecc.node")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,129 @@
+"""The loop with many drives on one bus, in lock step: each drive an ODrive axis with its own simulated firmware."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
+from segway_ecc.firmware_io.links.settings import CanSettings
+from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
+from segway_ecc.hil.growth.cost import Axis, Point, cost_of
+from segway_ecc.hil.growth.meter import MeteredClock
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.node.config import ModelSection, RobotFile
+from segway_ecc.node.cycle.seams import NoRecorder, NoStage
+from segway_ecc.node.cycle.wiring import wire
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.robot import Robot
+
+BITRATE: Final = 1_000_000
+"""The most that classic CAN allows, bit/s."""
+CYCLES: Final = 500
+_WARM_UP: Final = 200
+"""Cycles in which the drives prove their watchdogs, and are armed."""
+_PERIOD_S: Final = 0.01
+_PLANT: Final = "segway_ecc.hil.plants.cart:CartTorquePlant"
+
+
+class ManyOdrives(OdriveSettings, frozen=True, kw_only=True, tag="many_odrives"):
+    """More ODrive axes than a robot with two wheels has.
+
+    Attributes:
+        wheels: All of them, by name.
+    """
+
+    wheels: dict[str, OdriveWheelSettings]
+
+    def wheel(self, name: str) -> OdriveWheelSettings:
+        """The wheel of a name."""
+        return self.wheels[name]
+
+
+class _Rest(SectionedModel):
+    """Commands no torque to any drive, and is wired to the velocity of each."""
+
+    name = "rest"
+    step_size = _PERIOD_S
+    method = Method.DISCRETE
+
+    def output(self) -> Sequence[float]:
+        """Zeros."""
+        return [0.0] * len(self.outputs)
+
+
+class _Pairs:
+    """The simulated drives, two and two with a plant of their own; ticked as one robot."""
+
+    def __init__(self, robots: Sequence[SimulatedRobot]) -> None:
+        self.tick_ns = TICK_NS
+        self.outputs: Sequence[float] = ()
+        self._robots = robots
+
+    def tick(self, now_ns: int) -> None:
+        """One pass of every drive."""
+        for robot in self._robots:
+            robot.tick(now_ns)
+
+
+class _Rig(LockstepRig):
+    """A rig whose bus hands out frames while the node waits: what the wire costs is no cost of the cycle."""
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Let the devices run up to the deadline, and the wire too."""
+        super().sleep_until_ns(deadline_ns)
+        self.bus.deliver()
+
+
+def measure(drives: int) -> Point:
+    """The cost with so many drives, an even number."""
+    rig = _Rig(BITRATE)
+    clock = MeteredClock(rig)
+    settings = _settings(drives)
+    rig.attach(_Pairs([_pair(rig, settings, first) for first in range(0, drives, 2)]))  # type: ignore[arg-type]  # as one
+    link = rig.bus.attach("node")
+    names = list(settings.wheels)
+    hardware = Assembly(link, [Odrive(link, n, settings, _PERIOD_S, rig.now_ns) for n in names], (), rig.now_ns)
+    model = _model(names)()
+    wiring = {v.name: v.name.replace("_", ".") for v in (*model.inputs, *model.outputs)}
+    file = RobotFile(name="drives", model=ModelSection(source="rest"), wiring=wiring, arming="at_start")
+    robot = Robot(file, model, hardware, wire(model, hardware, wiring), clock)
+    loop = robot.loop(NoStage(), NoRecorder())
+    loop.run(_WARM_UP + CYCLES)
+    sent, received = link.counters.sent, link.counters.received
+    cycles = _WARM_UP + CYCLES
+    notes = {"mode": str(loop.modes.mode), "frames out, in per cycle": f"{sent / cycles:.1f}, {received / cycles:.1f}"}
+    return Point(axis=Axis.DRIVES, size=drives, cost=cost_of(clock.taken_ns[_WARM_UP:], notes))
+
+
+def _settings(drives: int) -> ManyOdrives:
+    can = CanSettings(interface="local", channel="growth", bitrate=BITRATE)
+    wheels = {
+        f"drive{i}": OdriveWheelSettings(node_id=i, axis=0 if i % 2 == 0 else 1, torque_constant=0.1, max_torque=3.0)
+        for i in range(drives)
+    }
+    left, right = wheels["drive0"], wheels["drive1"]
+    return ManyOdrives(can=can, firmware="0.5", watchdog_s=0.04, left=left, right=right, wheels=wheels)
+
+
+def _pair(rig: LockstepRig, settings: ManyOdrives, first: int) -> SimulatedRobot:
+    link = rig.bus.attach(f"drives {first} and {first + 1}")
+    left, right = settings.wheels[f"drive{first}"], settings.wheels[f"drive{first + 1}"]
+    pair = OdriveSettings(can=settings.can, firmware="0.5", watchdog_s=0.04, left=left, right=right)
+    link.open()
+    return SimulatedRobot(link, [SimulatedOdrive(link, pair)], load_model(_PLANT), TICK_NS)
+
+
+def _model(names: Sequence[str]) -> type[_Rest]:
+    return type(
+        f"Rest{len(names)}",
+        (_Rest,),
+        {
+            "inputs": tuple(Variable(f"{name}_velocity", "rad/s") for name in names),
+            "outputs": tuple(Variable(f"{name}_torque", "N m") for name in names),
+        },
+    )

@@ -1,0 +1,50 @@
+"""What the growth study found, as text."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from segway_ecc.hil.growth.linear import Line
+from segway_ecc.hil.growth.study import Grown
+
+HEAD: Final = ("p50, us", "p99, us", "spread, us", "line, us")
+
+
+def text(found: Sequence[Grown]) -> str:
+    """All tables, for a terminal."""
+    return "\n".join(_one(grown) for grown in found)
+
+
+def verdict(grown: Grown) -> str:
+    """Where it is linear, and where it stops being so."""
+    line, refused = grown.line, grown.refused
+    told = f"{grown.axis}: " + ("too few sizes for a line" if line is None else _line_text(line))
+    return told if refused is None else f"{told}; {refused.size} do not run: {refused.refused}"
+
+
+def rows(grown: Grown) -> list[list[str]]:
+    """The head and a row for each size."""
+    notes = list(dict.fromkeys(name for p in grown.points if p.cost is not None for name in p.cost.notes))
+    made = [[str(grown.axis), *HEAD, *notes]]
+    for point in grown.points:
+        cost = point.cost
+        if cost is None:
+            made.append([str(point.size), *["-"] * (len(HEAD) + len(notes))])
+            continue
+        at = "-" if grown.line is None else f"{grown.line(point.size):.1f}"
+        figures = [f"{cost.p50_us:.1f}", f"{cost.p99_us:.1f}", f"{cost.spread_us:.1f}", at]
+        made.append([str(point.size), *figures, *(cost.notes.get(name, "-") for name in notes)])
+    return made
+
+
+def _line_text(line: Line) -> str:
+    told = f"{line.at_zero:.1f} us and {line.per_one:.3g} us for each, linear up to {line.up_to:g}"
+    if line.left_at is None:
+        return f"{told}, the most that was tried"
+    return f"{told}; at {line.left_at:g} it is {line.off:+.1f} us off (spread {line.spread:.1f} us)"
+
+
+def _one(grown: Grown) -> str:
+    made = rows(grown)
+    widths = [max(map(len, column)) for column in zip(*made, strict=True)]
+    lines = ["  ".join(f"{word:>{width}}" for word, width in zip(row, widths, strict=True)) for row in made]
+    return f"{verdict(grown)}\n" + "".join(f"  {line}\n" for line in lines)

@@ -1,0 +1,186 @@
+"""One run in lock step: plant, drives, guard and gateway on the robot's bus, and the three parts where they belong."""
+
+import logging
+from collections.abc import Sequence
+from typing import Any, Final
+
+import msgspec
+
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
+from segway_ecc.hil.design.balance import Truth
+from segway_ecc.hil.design.balance_margins import LIES_AT
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.placement.guard import GuardOnTheRobot
+from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network
+from segway_ecc.hil.placement.placement import Placement
+from segway_ecc.hil.placement.programs import Program, StampedSequence, Supervisor, UnstampedSequence
+from segway_ecc.hil.placement.remote_link import RemoteLink
+from segway_ecc.hil.placement.rig import EventRig
+from segway_ecc.hil.placement.seen import FALLEN_RAD, PhaseKeeper, Seen
+from segway_ecc.hil.placement.world import Way, World
+from segway_ecc.hil.rig.lockstep import WALL_START_NS
+from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre
+
+START_S: Final = 3.0
+"""When the manoeuvre begins, s of simulated time: by then it has stood up, if it ever does."""
+_NS_PER_S: Final = 1_000_000_000
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True):
+    """One run.
+
+    Attributes:
+        robot: The robot file, or the name of one that ships with the package.
+        placement: Where the parts run.
+        network: What is between robot and station.
+        manoeuvre: What sequence control plays from `START_S` on.
+        until_s: How long the run lasts, s of simulated time.
+        stamped: Whether set-points are said ahead, with their time.
+        stop_at_s: When stop is pressed, s of simulated time; None for never.
+        pushed_n: What pushes the body for a tenth of a second at `START_S` + 1 s, N.
+        delivery: What becomes of the balance's messages that are lost or overtaken.
+        seed: Of all chance.
+        until_fallen: Whether the run ends as soon as the robot lies.
+    """
+
+    robot: str
+    placement: Placement
+    manoeuvre: Manoeuvre
+    until_s: float
+    network: Network = PERFECT
+    stamped: bool = True
+    stop_at_s: float | None = None
+    pushed_n: float = 0.0
+    delivery: Delivery = Delivery.NEWEST
+    seed: int = 1
+    until_fallen: bool = False
+
+
+def run(job: Job) -> Seen:
+    """Run a job; what the node would tell people meanwhile is not told.
+
+    Raises:
+        ConfigurationError: The robot has no hardware, or its model no phases.
+    """
+    logger, guard_logger = logging.getLogger("segway_ecc.node"), logging.getLogger("segway_ecc.firmware_io")
+    levels = logger.level, guard_logger.level
+    logger.setLevel(logging.CRITICAL)
+    guard_logger.setLevel(logging.CRITICAL)
+    try:
+        return _Bench(job).run()
+    finally:
+        logger.setLevel(levels[0])
+        guard_logger.setLevel(levels[1])
+
+
+class _Bench:
+    """Everything of one run, joined."""
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        file = load_robot(job.robot)
+        self._rig = rig = EventRig(simulated_bus(file).bitrate)
+        self._injections = Injections((), 0, rig.now_ns)
+        self._end = rig.bus.attach("plant")
+        self._simulated = simulated_robot(file, self._end)
+        self._prepare_plant()
+        self._drive = DriveWatch(self._simulated, self._injections)
+        self._truth: list[Truth] = []
+        names = self._simulated.output_names
+        self._places = [names.index(f"truth.{name}") for name in Truth._fields[1:]]
+        self._guard = _guard(file, rig)
+        rig.add(self._guard)
+        self._robot = build_robot(file, rig, self._link())
+        self._world = self._make_world()
+        rig.attach(self._simulated, self._observe)
+
+    def run(self) -> Seen:
+        """Run it."""
+        robot = self._robot
+        outputs = [variable.name for variable in robot.model.outputs]
+        if "Phase" not in outputs:
+            raise ConfigurationError(f"robot '{self._job.robot}' does not tell its phase: it is no segway")
+        phases = PhaseKeeper(outputs.index("Phase"), robot.period_ns)
+        watch = NodeWatch(self._injections, robot.hardware, phases)
+        loop = robot.loop(self._world, watch)
+        watch.watch(loop)
+        self._end.open()
+        loop.run(round(self._job.until_s * _NS_PER_S / robot.period_ns))
+        self._end.close()
+        armed_ns = self._injections.timeline.started_ns or 0
+        drive, guard = self._drive, self._guard.watch.interventions
+        tick_ns = self._simulated.tick_ns  # a drive gives what it gave at its last tick until the next one
+        return Seen(
+            truth=self._truth,
+            changes=[change._replace(at_ns=change.at_ns + armed_ns) for change in watch.changes],
+            phases=phases.phases,
+            zero_s=None if drive.is_pushing else (armed_ns + drive.last_push_ns + tick_ns) / _NS_PER_S,
+            guard_s=guard[0].first_ns / _NS_PER_S if guard else None,
+            digest=drive.digest,
+        )
+
+    def _prepare_plant(self) -> None:
+        plant = self._simulated.plant
+        plant.write("InitialPitch", LIES_AT)
+        plant.write("Seed", float(self._job.seed))
+        self._simulated.outputs = plant.initialize(self._simulated.inputs)
+
+    def _link(self) -> Link:
+        job, rig = self._job, self._rig
+        if not job.placement.balance_crosses:
+            return rig.bus.attach("node")
+        up = self._channel("up", job.delivery, crosses=True)
+        down = self._channel("down", job.delivery, crosses=True)
+        link = RemoteLink(rig.bus.attach("node"), up, down, rig.now_ns)
+        rig.add(link)
+        return link
+
+    def _make_world(self) -> World:
+        job, start_ns = self._job, round(START_S * _NS_PER_S)
+        sequence: Program = (
+            StampedSequence(job.manoeuvre, WALL_START_NS + start_ns)
+            if job.stamped
+            else UnstampedSequence(job.manoeuvre, start_ns)
+        )
+        supervisor = Supervisor(None if job.stop_at_s is None else round(job.stop_at_s * _NS_PER_S))
+        ways = [
+            (sequence, self._way("sequence", crosses=job.placement.sequence_crosses)),
+            (supervisor, self._way("supervision", crosses=job.placement.supervision_crosses)),
+        ]
+        return World(ways, self._rig.now_ns)
+
+    def _way(self, name: str, *, crosses: bool) -> Way:
+        """The qualities of service are those of the model node's topics and services."""
+        return Way(
+            self._channel(f"{name}, to", Delivery.IN_ORDER, crosses=crosses),
+            self._channel(f"{name}, beats", Delivery.NEWEST, crosses=crosses),
+            self._channel(f"{name}, back", Delivery.IN_ORDER, crosses=crosses),
+        )
+
+    def _channel(self, name: str, delivery: Delivery, *, crosses: bool) -> Channel[Any]:
+        network = self._job.network if crosses else PERFECT
+        return Channel(network, delivery, f"{self._job.seed}/{name}", self._rig.now_ns)
+
+    def _observe(self, _wall_ns: int, outputs: Sequence[float]) -> None:
+        now_s = self._rig.now_ns() / _NS_PER_S
+        self._drive.look(outputs)
+        self._truth.append(Truth(now_s, *(outputs[place] for place in self._places)))
+        self._push(now_s)
+        if self._job.until_fallen and now_s > START_S and abs(self._truth[-1].pitch) > FALLEN_RAD:
+            self._world.over = "the robot lies"
+
+    def _push(self, now_s: float) -> None:
+        if self._job.pushed_n:
+            is_pushed = START_S + 1.0 <= now_s < START_S + 1.1
+            self._simulated.plant.write("PushForce", self._job.pushed_n if is_pushed else 0.0)
+
+
+def _guard(file: RobotFile, rig: EventRig) -> GuardOnTheRobot:
+    if isinstance(file.hardware, NoHardwareSection):
+        raise ConfigurationError(f"robot '{file.name}' has no hardware that could be away from its control")
+    return GuardOnTheRobot(file.hardware, rig)

@@ -1,0 +1,131 @@
+"""How much of a bad network balance control on the station bears, by bisection."""
+
+import enum
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+
+from segway_ecc.hil.placement.bench import START_S, Job, run
+from segway_ecc.hil.placement.judging import reason_of
+from segway_ecc.hil.placement.network import Delivery, Network, Partition
+from segway_ecc.hil.placement.placement import Place, Placement
+from segway_ecc.hil.placement.results import Bound
+from segway_ecc.hil.placement.seen import Seen
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+
+AWAY: Final = Placement(sequence=Place.ROBOT, balance=Place.STATION, supervision=Place.ROBOT)
+NUDGE_N: Final = 10.0
+"""For 0.1 s: as `segway-ecc design margins` nudges."""
+_REST: Final = Manoeuvre(segments=(Segment(duration=1.0),))
+_BEGINS_S: Final = START_S - 1.0
+_GROWS_S: Final = 1.8
+"""It grows to its size before the nudge, so that no gap between messages looks like a lost bus."""
+_CUT_AT_S: Final = START_S + 3.0
+_UNTIL_S: Final = START_S + 7.0
+
+
+@enum.unique
+class Size(enum.Enum):
+    """What is made larger; each with its unit, the largest tried and how closely the limit is found."""
+
+    DELAY = ("delay there and back, together", "s", 0.128, 0.001)
+    STANDING = ("delay there and back, together, from before it stands up", "s", 0.128, 0.001)
+    JITTER = ("jitter", "s", 0.032, 0.00025)
+    LOSS = ("loss, each way", "1", 0.64, 0.005)
+    PARTITION = ("partition", "s", 0.256, 0.001)
+
+
+_ORDERED: Final = (Size.JITTER, Size.LOSS)
+"""Where it matters what becomes of messages that are lost or overtaken."""
+
+
+class Kind(msgspec.Struct, frozen=True, kw_only=True):
+    """A search.
+
+    Attributes:
+        robot: The robot.
+        size: What is made larger.
+        delivery: What becomes of messages that are lost or overtaken.
+        latency_s: One way, s; a jitter is had around as much latency as itself.
+        theory: What theory says of the limit; None where it says nothing.
+    """
+
+    robot: str
+    size: Size
+    delivery: Delivery = Delivery.NEWEST
+    latency_s: float = 0.0
+    theory: float | None = None
+
+
+def find(kind: Kind, seeds: Sequence[int], resolution: float | None = None) -> Bound:
+    """The most that is borne; it is taken that less than what is borne is borne too."""
+    what, unit, most, finest = kind.size.value
+
+    def seen_with(size: float) -> list[Seen]:
+        return [run(_job(kind, size, seed)) for seed in seeds]
+
+    borne, lost, lost_by = _bisect(seen_with, most, resolution or finest)
+    return Bound(
+        robot=kind.robot,
+        what=f"{what}, {kind.delivery}" if kind.size in _ORDERED else what,
+        unit=unit,
+        borne=borne,
+        lost=lost,
+        lost_by=lost_by,
+        theory=kind.theory,
+    )
+
+
+def _bisect(
+    seen_with: Callable[[float], list[Seen]], most: float, resolution: float
+) -> tuple[float, float | None, str]:
+    """The largest borne, the smallest lost, and by what."""
+    borne, lost, lost_by = 0.0, most, _lost_by(seen_with(most))
+    if lost_by is None:
+        return most, None, ""
+    while lost - borne > resolution:
+        middle = 0.5 * (borne + lost)
+        by = _lost_by(seen_with(middle))
+        if by is None:
+            borne = middle
+        else:
+            lost, lost_by = middle, by
+    return borne, lost, lost_by
+
+
+def _lost_by(runs: Sequence[Seen]) -> str | None:
+    """Why balance was lost in the first run in which it was; None where in none."""
+    for seen in runs:
+        if seen.fell_s(START_S) is not None or not seen.is_calm_at_the_end:
+            return reason_of(seen) or ("it shakes" if seen.changes else "it never arms")
+    return None
+
+
+def _job(kind: Kind, size: float, seed: int) -> Job:
+    return Job(
+        robot=kind.robot,
+        placement=AWAY,
+        manoeuvre=_REST,
+        until_s=_UNTIL_S,
+        network=_network(kind, size),
+        pushed_n=NUDGE_N,
+        delivery=kind.delivery,
+        seed=seed,
+        until_fallen=True,
+    )
+
+
+def _network(kind: Kind, size: float) -> Network:
+    growing = Network(latency_s=kind.latency_s, begins_s=_BEGINS_S, grows_s=_GROWS_S)
+    match kind.size:
+        case Size.DELAY:
+            return msgspec.structs.replace(growing, latency_s=0.5 * size)
+        case Size.STANDING:
+            return Network(latency_s=0.5 * size)
+        case Size.JITTER:
+            return msgspec.structs.replace(growing, latency_s=size, jitter_s=size)
+        case Size.LOSS:
+            return msgspec.structs.replace(growing, loss=size)
+        case Size.PARTITION:
+            return msgspec.structs.replace(growing, partitions=(Partition(_CUT_AT_S, size),))

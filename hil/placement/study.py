@@ -1,0 +1,47 @@
+"""The placement study: everything of a plan, side by side on the cores."""
+
+import multiprocessing
+import signal
+from collections.abc import Iterable
+
+from segway_ecc.hil.placement.grid import Plan, Task, tasks
+from segway_ecc.hil.placement.results import Bound, Cut, Drive, Found, Stop
+from segway_ecc.hil.progress import OnProgress
+
+
+def conduct(plan: Plan, jobs: int, on_progress: OnProgress) -> Found:
+    """Run a plan; what is found is the same bits whatever `jobs` is.
+
+    Args:
+        plan: What to run.
+        jobs: How many processes run at a time; 1 for this one alone.
+        on_progress: Called after each task.
+    """
+    todo = tasks(plan)
+    if jobs == 1:
+        return _gathered(map(_call, todo), len(todo), on_progress)
+    # Processes of their own from the beginning: what this one has open or locked is not theirs.
+    with multiprocessing.get_context("spawn").Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
+        return _gathered(pool.imap(_call, todo), len(todo), on_progress)
+
+
+def _call(task: Task) -> Drive | Stop | Cut | Bound:
+    return task()
+
+
+def _leave_ctrl_c_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> Found:
+    """The results by kind, in the order of the tasks."""
+    everything = []
+    for result in results:
+        everything.append(result)
+        on_progress(len(everything), total)
+    return Found(
+        drives=tuple(r for r in everything if isinstance(r, Drive)),
+        stops=tuple(r for r in everything if isinstance(r, Stop)),
+        cuts=tuple(r for r in everything if isinstance(r, Cut)),
+        bounds=tuple(r for r in everything if isinstance(r, Bound)),
+    )

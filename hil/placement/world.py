@@ -1,0 +1,63 @@
+"""The world of the model node: programs that speak to it, each over a way of its own."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from segway_ecc.hil.placement.network import Channel, NowNs
+from segway_ecc.hil.placement.programs import Heard, Message, Program
+from segway_ecc.node.cycle.seams import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
+from segway_ecc.node.safety.modes import Answer
+
+
+class Way(NamedTuple):
+    """The way between a program and the model node.
+
+    Attributes:
+        to: What the program says. What only the newest of matters has its own channel.
+        beats: Its heartbeats.
+        back: What the node tells.
+    """
+
+    to: Channel[Message]
+    beats: Channel[Message]
+    back: Channel[Heard]
+
+
+class World(NoStage):
+    """Hands on what the programs say; see `Stage`."""
+
+    def __init__(self, programs: Sequence[tuple[Program, Way]], now_ns: NowNs) -> None:
+        """Have these programs in the world."""
+        self.over: str | None = None
+        self._programs = programs
+        self._now_ns = now_ns
+
+    def take(self) -> Inbox:
+        """Let every program speak; take what has arrived."""
+        inbox, now_ns = Inbox(), self._now_ns()
+        for program, way in self._programs:
+            heard = [message.item for message in way.back.receive()]
+            for message in program.step(now_ns, heard):
+                (way.beats if isinstance(message, Heartbeat) else way.to).send(message)
+            for arrived in (*way.to.receive(), *way.beats.receive()):
+                _put(inbox, arrived.item)
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Tell every program."""
+        for _, way in self._programs:
+            way.back.send(Heard(report.stamp_ns, report.mode))
+
+
+def _put(inbox: Inbox, message: Message) -> None:
+    match message:
+        case StampedSetpoint():
+            inbox.setpoints.append(message)
+        case Heartbeat():
+            inbox.stations.append(message)
+        case _:
+            inbox.requests.append(Request(message, _nobody_waits))
+
+
+def _nobody_waits(_answer: Answer) -> None:
+    """The answer to a stop says nothing that the mode does not."""

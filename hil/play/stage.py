@@ -1,0 +1,212 @@
+"""The keyboard as a stage of the loop, in front of ROS or of nobody."""
+
+import logging
+import math
+import re
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from segway_ecc.hil.play.channel import LoopEnd
+from segway_ecc.hil.play.keys import Key
+from segway_ecc.hil.play.posture import Posture
+from segway_ecc.hil.play.rig import Rig
+from segway_ecc.hil.play.snapshot import Snapshot
+from segway_ecc.node.cycle.seams import Inbox, Report, Request, Stage, StampedSetpoint
+from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.robot import Robot
+from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+
+LINEAR_STEP: Final = 0.1
+ANGULAR_STEP: Final = 0.2
+MAX_LINEAR: Final = 1.0
+MAX_ANGULAR: Final = 2.0
+PITCH: Final = "Pitch"
+"""The model's output that tells the tilt, where it has one."""
+_SHOW_EVERY_S: Final = 0.05
+_MESSAGES: Final = 6
+_LINK_STATE: Final = re.compile(r"link\.(?:(\w+)\.)?state")
+_TIMING: Final = frozenset({"rate_hz", "late", "skipped"})
+_STEPS: Final = {
+    Key.UP: (LINEAR_STEP, 0.0),
+    Key.DOWN: (-LINEAR_STEP, 0.0),
+    Key.LEFT: (0.0, ANGULAR_STEP),
+    Key.RIGHT: (0.0, -ANGULAR_STEP),
+}
+_ACTIONS: Final = {
+    Key.ARM: Action.ARM,
+    Key.DISARM: Action.DISARM,
+    Key.STOP: Action.STOP,
+    Key.CLEAR_FAULT: Action.CLEAR_FAULT,
+}
+
+_logger = logging.getLogger(__name__)
+
+
+class PlayStage:
+    """See `Stage`. Set-points come from the keyboard or from the stage behind: whoever spoke last drives.
+
+    The keyboard's set-point is renewed while the terminal says that it is alive: where it hangs, set-points fall silent
+    and the robot holds, as for any other driver.
+
+    Attributes:
+        messages: What is told below the view; the oldest is forgotten.
+    """
+
+    is_heard = True
+
+    def __init__(self, behind: Stage, terminal: LoopEnd, rig: Rig, robot: Robot, modes: Modes | None = None) -> None:
+        """Drive `robot`, whose plant is reached over `rig`, from `terminal`."""
+        self.messages: deque[str] = deque(maxlen=_MESSAGES)
+        self._behind = behind
+        self._terminal = terminal
+        self._rig = rig
+        self._robot = robot
+        self._modes = modes
+        self._signals = list(robot.wiring.published)
+        self._posture = Posture(robot)
+        self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
+        self._show_every = max(round(_SHOW_EVERY_S * 1e9 / robot.period_ns), 1)
+        self._cycles = 0
+        self._is_driving = False
+        self._wanted = REST
+        self._in_force = REST
+        self._over: str | None = None
+        self._hardware: Mapping[str, str] = {}
+        self._timing: Mapping[str, str] = {}
+
+    def watch(self, modes: Modes) -> None:
+        """Show why the robot is in its mode."""
+        self._modes = modes
+
+    @property
+    def over(self) -> str | None:
+        """Why the loop is to end."""
+        return self._over or self._behind.over
+
+    def take(self) -> Inbox:
+        """What came from behind, and what the keys ask for."""
+        inbox = self._behind.take()
+        if inbox.setpoints:
+            self._is_driving = False
+        for key in self._terminal.pressed():
+            self._press(key, inbox)
+        if self._terminal.is_gone:
+            self._over = self._over or "the terminal is gone"
+        inbox.values.extend(self._posture.told())
+        self._rig.work()
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Hand on, and show now and then."""
+        if self._behind.is_heard:
+            self._behind.publish(report)
+        if report.mode not in ACTIVE:
+            self._wanted = self._in_force = REST  # arming again never jumps
+        elif report.applied is not None:
+            self._in_force = report.applied.setpoint
+        if self._cycles % self._show_every == 0:
+            self._terminal.show(self._snapshot(report))
+        self._cycles += 1
+
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Hand on, and keep what is shown."""
+        self._behind.publish_diagnostics(stamp_ns, statuses)
+        for status in statuses:
+            if status.name.endswith(": hardware"):
+                self._hardware = status.values
+            elif status.name.endswith(": timing"):
+                self._timing = status.values
+
+    def look_around(self) -> None:
+        """Hand on."""
+        self._behind.look_around()
+
+    def close(self) -> None:
+        """Hand on."""
+        self._behind.close()
+
+    def _press(self, key: Key, inbox: Inbox) -> None:
+        if key in _STEPS:
+            self._steer(*_STEPS[key])
+            inbox.setpoints.append(StampedSetpoint(self._wanted, None))
+        elif key in _ACTIONS:
+            inbox.requests.append(Request(_ACTIONS[key], self._hear))
+        else:
+            self._press_other(key, inbox)
+
+    def _press_other(self, key: Key, inbox: Inbox) -> None:
+        match key:
+            case Key.REST:
+                self._is_driving, self._wanted = True, REST
+                inbox.setpoints.append(StampedSetpoint(REST, None))
+            case Key.ALIVE if self._is_driving and self._wanted != REST:
+                inbox.setpoints.append(StampedSetpoint(self._wanted, None))
+            case Key.STAND:
+                self._change_posture()
+            case Key.PUSH:
+                self._rig.push()
+            case Key.BREAK_BUS:
+                self._rig.break_or_mend_bus()
+            case Key.QUIT:
+                self._over = "q was pressed"
+
+    def _steer(self, linear: float, angular: float) -> None:
+        start = self._wanted if self._is_driving else REST
+        self._is_driving = True
+        self._wanted = Setpoint(
+            _within(start.linear_velocity + linear, MAX_LINEAR), _within(start.angular_velocity + angular, MAX_ANGULAR)
+        )
+
+    def _change_posture(self) -> None:
+        if self._modes is None or self._modes.mode not in ACTIVE:
+            _logger.info("refused: arm the robot first")
+        elif self._posture.can_change:
+            self._posture.change()
+
+    def _hear(self, answer: Answer) -> None:
+        """Tell an answer; a change of mode is told by the loop already."""
+        if not answer.accepted:
+            _logger.info("refused: %s", answer.message)
+        elif self._modes is None or answer.message != f"{self._modes.mode}: {self._modes.reason}":
+            _logger.info("%s", answer.message)
+
+    def _snapshot(self, report: Report) -> Snapshot:
+        is_armed = report.mode is Mode.ARMED
+        return Snapshot(
+            robot=self._robot.file.name,
+            mode=str(report.mode),
+            reason="" if self._modes is None else self._modes.reason,
+            linear=self._measured(report, "odometry.linear_velocity"),
+            angular=self._measured(report, "odometry.angular_velocity"),
+            wanted_linear=self._in_force.linear_velocity if is_armed else 0.0,
+            wanted_angular=self._in_force.angular_velocity if is_armed else 0.0,
+            pitch=self._robot.model.read(PITCH) if self._has_pitch else None,
+            posture=self._posture.doing,
+            battery={k: v for k, v in self._hardware.items() if k.endswith("bus_voltage_v")},
+            links=_links(self._hardware),
+            line=self._hardware.get("link.owner"),
+            timing={k: v for k, v in self._timing.items() if k in _TIMING},
+            messages=list(self.messages),
+            has_ros=self._rig.has_ros,
+            guard_runs=self._rig.guard_runs(),
+            can_be_pushed=self._rig.can_be_pushed,
+            is_bus_broken=self._rig.is_bus_broken,
+        )
+
+    def _measured(self, report: Report, signal: str) -> float | None:
+        if signal not in self._signals:
+            return None
+        value = report.values[self._signals.index(signal)]
+        return value if math.isfinite(value) else None
+
+
+def _links(hardware: Mapping[str, str]) -> dict[str, str]:
+    found = {_LINK_STATE.fullmatch(key): state for key, state in hardware.items()}
+    return {match[1] or "can": state for match, state in found.items() if match is not None}
+
+
+def _within(value: float, limit: float) -> float:
+    """Within a limit, and without what is left of sums of steps."""
+    return round(min(max(value, -limit), limit), 6)

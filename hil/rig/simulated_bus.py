@@ -1,0 +1,135 @@
+"""A CAN bus in simulated time: frames take their time on the wire, and the lowest identifier wins it."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, worst_case_bits
+
+NowNs = Callable[[], int]
+
+_NS_PER_S: Final = 1_000_000_000
+_LENGTHS: Final = 9
+_TRAILING_BITS: Final = 18
+"""Of an extended identifier, after those that it has in common with a standard one."""
+
+
+_Waiting = tuple[int, int, int, Frame, "SimulatedLink"]
+"""A frame that is to go over the wire: since when (ns), its priority in arbitration, of which the lowest wins, how long
+it takes (ns), and whose it is."""
+
+
+class SimulatedBus:
+    """The wire: every frame reaches every other participant when its last bit has passed."""
+
+    def __init__(self, bitrate: int, now_ns: NowNs) -> None:
+        """Make a bus at `bitrate` bit/s on a simulated clock."""
+        self._durations_ns = [
+            [round(worst_case_bits(n, is_extended=extended) * _NS_PER_S / bitrate) for n in range(_LENGTHS)]
+            for extended in (False, True)
+        ]
+        self._now_ns = now_ns
+        self._links: list[SimulatedLink] = []
+        self._waiting: list[_Waiting] = []  # as they were submitted, so the time never falls
+        self._busy_until_ns = 0
+
+    def attach(self, name: str) -> "SimulatedLink":
+        """A new participant."""
+        link = SimulatedLink(self, name)
+        self._links.append(link)
+        return link
+
+    def submit(self, frame: Frame, sender: "SimulatedLink") -> None:
+        """Queue a frame for the wire."""
+        identifier, is_extended = frame.arbitration_id, frame.is_extended
+        duration_ns = self._durations_ns[is_extended][len(frame.data)]
+        priority = _extended_priority(identifier) if is_extended else identifier << _TRAILING_BITS + 1
+        self._waiting.append((self._now_ns(), priority, duration_ns, frame, sender))
+
+    def deliver(self) -> None:
+        """Put on the wire, and hand out, everything that has passed by now."""
+        waiting = self._waiting
+        if not waiting:
+            return
+        now_ns = self._now_ns()
+        while waiting:
+            start_ns = max(self._busy_until_ns, waiting[0][0])
+            winner = waiting[0] if len(waiting) == 1 else self._winner(start_ns)
+            _, _, duration_ns, sent, sender = winner
+            end_ns = start_ns + duration_ns
+            if end_ns > now_ns:
+                # Nothing that is submitted later can be on the wire before this one has won it, except what beats it
+                # in arbitration at the same instant; so it stays queued until its end is certain.
+                return
+            waiting.remove(winner)
+            self._busy_until_ns = end_ns
+            received = Frame(sent.arbitration_id, sent.data, end_ns, sent.is_extended, sent.is_remote)
+            for link in self._links:
+                if link is not sender:
+                    link.hand(received)
+
+    def _winner(self, start_ns: int) -> _Waiting:
+        """Which of those that wait at `start_ns` wins the wire; of equal ones the first."""
+        waiting = self._waiting
+        best = waiting[0]
+        for entry in waiting:
+            if entry[0] > start_ns:
+                break
+            if entry[1] < best[1]:
+                best = entry
+        return best
+
+
+def _extended_priority(identifier: int) -> int:
+    """In arbitration the lower leading bits win; of equal ones the standard frame (ISO 11898-1)."""
+    return (identifier >> _TRAILING_BITS) << _TRAILING_BITS + 1 | 1 + (identifier & (1 << _TRAILING_BITS) - 1)
+
+
+class SimulatedLink:
+    """One participant's connection to a simulated bus; see `Link`."""
+
+    def __init__(self, bus: SimulatedBus, name: str) -> None:
+        """Attach to a bus; use `SimulatedBus.attach`."""
+        self.counters = LinkCounters()
+        self._bus = bus
+        self._name = name
+        self._received: list[Frame] = []
+
+    @property
+    def description(self) -> str:
+        """Which bus this is."""
+        return f"simulated bus, {self._name}"
+
+    @property
+    def state(self) -> LinkState:
+        """The simulated bus is always well."""
+        return LinkState.ACTIVE
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The counts so far."""
+        return self.counters.as_text()
+
+    def open(self) -> None:
+        """Forget what passed before."""
+        self._received.clear()
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame for the wire."""
+        self._bus.submit(frame, self)
+        self.counters.sent += 1
+        return True
+
+    def receive(self) -> list[Frame]:
+        """Everything that has passed by now."""
+        self._bus.deliver()
+        frames, self._received = self._received, []
+        return frames
+
+    def hand(self, frame: Frame) -> None:
+        """Called by the bus with each frame of another participant."""
+        self.counters.received += 1
+        self._received.append(frame)
+
+    def close(self) -> None:
+        """Forget what was not taken."""
+        self._received.clear()

@@ -1,0 +1,164 @@
+"""A serial line in simulated time: each byte arrives when its ten bits have passed."""
+
+import errno
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from segway_ecc.firmware_io.links.settings import SerialSettings
+
+NowNs = Callable[[], int]
+
+_NS_PER_S: Final = 1_000_000_000
+_BITS_PER_BYTE: Final = 10
+_MOST_QUEUED: Final = 4096
+"""Bytes that a port takes ahead of the line, as the driver of a real one does."""
+_MOST_KEPT: Final = 65_536
+"""Bytes that wait to be read; a real port loses what comes after as well."""
+
+
+class SimulatedSerial:
+    """Two ports joined by two wires, one each way.
+
+    Attributes:
+        host: The robot's port.
+        device: The port of what it talks to.
+    """
+
+    def __init__(self, baudrate: int, now_ns: NowNs) -> None:
+        """Join two ports at `baudrate` bit/s on a simulated clock."""
+        self._cut = False
+        forth, back = (_Wire(baudrate, now_ns) for _ in range(2))
+        self.host = SimulatedPort(back, forth)
+        self.device = SimulatedPort(forth, back)
+        self._wires = (forth, back)
+
+    @property
+    def cut(self) -> bool:
+        """Whether the wires are cut; what is on them then, and what is sent meanwhile, vanishes."""
+        return self._cut
+
+    @cut.setter
+    def cut(self, is_cut: bool) -> None:
+        """Cut the wires, or join them again."""
+        for wire in self._wires:
+            wire.pass_on()
+            wire.is_cut = is_cut
+        self._cut = is_cut
+
+    def garbage(self, data: bytes, port: "SimulatedPort | None" = None) -> None:
+        """Noise: bytes that arrive now at `port`, or at the robot's, in the middle of whatever is on its way."""
+        (self.host if port is None else port).hear(data)
+
+
+class _Wire:
+    """One way of a line."""
+
+    def __init__(self, baudrate: int, now_ns: NowNs) -> None:
+        self.is_cut = False
+        self.arrived = bytearray()
+        self._ns_per_byte = _NS_PER_S * _BITS_PER_BYTE / baudrate
+        self._now_ns = now_ns
+        self._begun_ns = 0
+        self._sent = 0
+        self._under_way: deque[tuple[int, int]] = deque()
+
+    @property
+    def queued(self) -> int:
+        """Bytes that have not passed yet."""
+        self.pass_on()
+        return len(self._under_way)
+
+    def put(self, data: bytes) -> int:
+        """Queue bytes; how many there was room for."""
+        room = _MOST_QUEUED - self.queued
+        if not self._under_way:
+            self._begun_ns, self._sent = self._now_ns(), 0
+        for byte in data[:room]:
+            self._sent += 1
+            # From the beginning of the run, so that what is rounded off does not add up.
+            self._under_way.append((self._begun_ns + round(self._sent * self._ns_per_byte), byte))
+        return min(len(data), room)
+
+    def pass_on(self) -> None:
+        """Hand over, or lose where the wire is cut, everything that has passed by now."""
+        now_ns = self._now_ns()
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            _, byte = self._under_way.popleft()
+            if not self.is_cut:
+                self.keep(bytes((byte,)))
+
+    def keep(self, data: bytes) -> None:
+        """Let bytes wait to be read."""
+        self.arrived += data[: _MOST_KEPT - len(self.arrived)]
+
+    def forget(self) -> None:
+        """Drop what has arrived."""
+        self.pass_on()
+        self.arrived.clear()
+
+
+class SimulatedPort:
+    """One end of a simulated line; see `Port`."""
+
+    def __init__(self, incoming: _Wire, outgoing: _Wire) -> None:
+        """Join two wires; use `SimulatedSerial`."""
+        self._incoming = incoming
+        self._outgoing = outgoing
+        self._is_there = True
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have arrived."""
+        self._check()
+        self._incoming.pass_on()
+        return len(self._incoming.arrived)
+
+    @property
+    def out_waiting(self) -> int:
+        """Bytes that have not passed yet."""
+        self._check()
+        return self._outgoing.queued
+
+    def read(self, size: int, /) -> bytes:
+        """Take up to `size` of the bytes that have arrived."""
+        count = min(size, self.in_waiting)
+        data = bytes(self._incoming.arrived[:count])
+        del self._incoming.arrived[:count]
+        return data
+
+    def write(self, data: bytes, /) -> int:
+        """Queue bytes; how many there was room for."""
+        self._check()
+        return self._outgoing.put(data)
+
+    def open(self, _settings: SerialSettings) -> "SimulatedPort":
+        """This port with nothing in it, for `SerialLink` to open as often as it has to.
+
+        Raises:
+            OSError: It is unplugged.
+        """
+        if not self._is_there:
+            raise FileNotFoundError(errno.ENOENT, "the simulated port is unplugged")
+        self._incoming.forget()
+        return self
+
+    def close(self) -> None:
+        """Stop using the port; it stays where it is."""
+
+    def unplug(self) -> None:
+        """From now on reading and writing raise OSError, as with an adapter that is pulled out."""
+        self._is_there = False
+
+    def plug(self) -> None:
+        """Put the port back."""
+        self._is_there = True
+
+    def hear(self, data: bytes) -> None:
+        """Let bytes arrive that nobody sent."""
+        self._incoming.pass_on()
+        self._incoming.keep(data)
+
+    def _check(self) -> None:
+        if not self._is_there:
+            raise OSError(errno.EIO, "the simulated port is unplugged")

@@ -1,0 +1,116 @@
+"""What a robot file says of its simulation."""
+
+from collections.abc import Callable, Sequence
+
+from segway_ecc.firmware_io.build import HardwareSettings, serial_of
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink
+from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.serial_link import Port
+from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
+from segway_ecc.hil.devices import cia402, odrive, vesc, wheel_board
+from segway_ecc.hil.devices.cia402 import SimulatedCia402
+from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.odrive import SimulatedOdrive
+from segway_ecc.hil.devices.vesc import SimulatedVesc
+from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
+from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
+from segway_ecc.hil.errors import NoSimulationError
+from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.node.config import NoHardwareSection, RobotFile
+from segway_ecc.node.model.model import Model
+from segway_ecc.node.models.load import load_model
+
+Observer = Callable[[int, Sequence[float]], None]
+"""Called after each tick of the devices with the wall-clock time, ns, and the plant's outputs."""
+
+
+def simulated_bus(file: RobotFile) -> CanSettings:
+    """The bus that the simulated devices share with the robot.
+
+    Raises:
+        NoSimulationError: The robot is on none.
+    """
+    return _hardware(file).can
+
+
+def simulated_serial(file: RobotFile) -> SerialSettings | None:
+    """The serial line to the simulated drives, if the robot has one.
+
+    Raises:
+        NoSimulationError: The robot has no hardware.
+    """
+    return serial_of(_hardware(file))
+
+
+def simulated_plant(file: RobotFile) -> Model:
+    """The plant that the robot file names.
+
+    Raises:
+        NoSimulationError: It names none.
+        ModelError: The plant cannot be loaded.
+    """
+    if file.simulation is None:
+        raise NoSimulationError(f"robot '{file.name}' has no plant: add simulation.plant to its file")
+    return load_model(file.simulation.plant)
+
+
+def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> SimulatedRobot:
+    """The devices that the robot file describes, with the plant that it names, at the other end of `link`.
+
+    Args:
+        file: The robot file.
+        link: The devices' end of the bus.
+        port: The drives' end of the serial line, where there is one.
+
+    Raises:
+        NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
+        PlantMismatchError: The plant does not fit the drives.
+    """
+    _hear_remote_frames(link)
+    devices, tick_ns = _devices(_hardware(file), link, port)
+    devices = [*devices, *_external_imu(_hardware(file), link, tick_ns)]
+    return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
+
+
+def _hear_remote_frames(link: Link) -> None:
+    """Let devices on a real bus be asked by remote frame, as real ones can."""
+    while isinstance(link, LinkFront):
+        link = link.behind
+    if isinstance(link, BaseCanLink):
+        link.hears_remote = True
+
+
+def _external_imu(settings: HardwareSettings, link: Link, tick_ns: int) -> Sequence[Device]:
+    imu = settings.external_imu
+    if imu is None:
+        return []
+    if round(imu.period_s * 1e9) % tick_ns != 0:
+        raise NoSimulationError(
+            f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
+            "a multiple of that"
+        )
+    return [SimulatedXsensMti(link, imu)]
+
+
+def _hardware(file: RobotFile) -> HardwareSettings:
+    if isinstance(file.hardware, NoHardwareSection):
+        raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
+    return file.hardware
+
+
+def _devices(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Sequence[Device], int]:
+    """The devices, and the period of their firmware's loops, ns."""
+    match settings:
+        case WheelBoardSettings():
+            return [SimulatedWheelBoard(link, settings, port)], wheel_board.TICK_NS
+        case VescSettings():
+            return [SimulatedVesc(link, settings, port)], vesc.TICK_NS
+        case OdriveSettings():
+            return [SimulatedOdrive(link, settings, port)], odrive.TICK_NS
+        case Cia402Settings():
+            return [SimulatedCia402(link, settings, port)], cia402.TICK_NS

@@ -1,0 +1,45 @@
+"""The figure of a soak: how each quantity went over time, from its value at the end of the warm-up."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from segway_ecc.hil.figure import svg
+from segway_ecc.hil.soak.judging import WARM_UP, Series, judge
+
+_BAD: Final = "#b3261e"
+_GOOD: Final = "#2e6f9e"
+_GREY: Final = "#6b6b6b"
+_HEIGHT: Final = 1.5
+_COLUMNS: Final = 3
+
+
+def figure(series: Sequence[Series]) -> bytes:
+    """Draw every series in a panel of its own, as SVG; what grew is red."""
+    rows = -(-len(series) // _COLUMNS)
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(rows, _COLUMNS, squeeze=False)
+        for place, panel in enumerate(panels.flat):
+            if place < len(series):
+                _panel(panel, series[place])
+            else:
+                panel.set_visible(False)
+        figure.supxlabel("time, min; grey: the warm-up, which is not judged")
+
+    return svg("soak", (12.0, 0.6 + _HEIGHT * rows), draw)
+
+
+def _panel(panel: Axes, series: Series) -> None:
+    verdict = judge(series)
+    minutes = [time_s / 60.0 for time_s in series.times_s]
+    panel.plot(minutes, series.values, color=_BAD if verdict.is_growing else _GOOD, linewidth=1)
+    panel.axvspan(minutes[0], minutes[0] + WARM_UP * (minutes[-1] - minutes[0]), color="#eeeeee", linewidth=0)
+    if series.most is not None:
+        panel.axhline(series.most, color=_GREY, linestyle="--", linewidth=1)
+    panel.set_title(f"{series.process}: {series.quantity}{f', {series.unit}' if series.unit else ''}", fontsize=9)
+    panel.tick_params(labelsize=8)
+    panel.margins(y=0.2)
+    panel.ticklabel_format(axis="y", useOffset=False)

@@ -1,0 +1,175 @@
+"""Hours of driving in lock step with the recorder on, in a process of its own, which is watched from outside.
+
+It receives what to drive in one line of JSON on its standard input, writes one line of JSON
+every ten seconds of simulated time, and waits for a line before it drives on: so it stands still while it is looked at,
+and every look is at the same place of the program.
+"""
+
+import contextlib
+import gc
+import logging
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from segway_ecc.hil.endurance.endurance import drive
+from segway_ecc.hil.processes import Command, command
+from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.errors import NodeError
+from segway_ecc.node.recording.layout import layout_of
+from segway_ecc.node.recording.recorder import ProcessRecorder
+from segway_ecc.node.recording.robot_provenance import provenance_of
+from segway_ecc.node.robot import Robot
+
+OnProgress = Callable[[float], None]
+"""Called with the seconds simulated so far."""
+
+_ANSWER_S: Final = 1200.0
+"""Ten simulated seconds take less than one on an idle machine, and minutes where its disk or processors are busy."""
+_PATIENCE_S: Final = 0.1
+_STARTS_WITHIN_S: Final = 60.0
+_BLOCKS: Final = Counted("blocks of memory", 300)
+"""Blocks that Python holds (`sys.getallocatedblocks`): every object is one at least."""
+_OBJECTS: Final = Counted("objects", 100)
+"""Objects that the garbage collector knows, those aside that were there before the loop began."""
+_DROPPED: Final = Counted("records dropped", None)
+"""Told, and not judged: that a writer is kept waiting by other programs is no growth; what the log lacks is told."""
+
+
+class Job(msgspec.Struct, frozen=True):
+    """What is driven.
+
+    Attributes:
+        robot: The robot file.
+        duration_s: How long, s.
+        frame_loss: Share of the frames lost either way.
+        log: Where the log goes.
+    """
+
+    robot: str
+    duration_s: float
+    frame_loss: float
+    log: str
+
+
+class Said(msgspec.Struct):
+    """What the process says of itself.
+
+    Attributes:
+        time_s: Simulated time, s.
+        blocks: Blocks of memory that Python holds.
+        objects: Objects that the garbage collector knows.
+        trip: Why the robot ended early; empty where it did not.
+        cycles: Cycles driven; 0 until the end.
+        dropped: Records that were not kept.
+    """
+
+    time_s: float
+    blocks: int = 0
+    objects: int = 0
+    trip: str = ""
+    cycles: int = 0
+    dropped: int = 0
+    is_over: bool = False
+
+
+def soak(job: Job, watching: Watching, folder: Path, on_progress: OnProgress) -> Said:
+    """Drive a robot in lock step, and look at its processes every ten simulated seconds; returns how it ended.
+
+    Raises:
+        ProcessFailedError: The process ended with an error.
+    """
+    with command([], folder / "simulated.txt", module="segway_ecc.hil.soak.simulated", listens=True) as driving:
+        said = _ask(driving, msgspec.json.encode(job).decode())
+        while not said.is_over:
+            process = driving.process.pid
+            watching.look(said.time_s, {"simulated": process, **helpers_of(process)})
+            watching.count(said.time_s, "simulated", _BLOCKS, said.blocks)
+            watching.count(said.time_s, "simulated", _OBJECTS, said.objects)
+            watching.count(said.time_s, "simulated", _DROPPED, said.dropped)
+            on_progress(said.time_s)
+            said = _ask(driving, "on")
+        return said
+
+
+def _ask(driving: Command, line: str) -> Said:
+    return msgspec.json.decode(driving.ask(line, _ANSWER_S), type=Said)
+
+
+class PatientRecorder(NoRecorder):
+    """Waits where the writer does not keep up: in lock step the loop runs many times as fast as on a robot.
+
+    Attributes:
+        dropped: Records that were dropped all the same.
+    """
+
+    def __init__(self, recorder: ProcessRecorder) -> None:
+        """Stand in front of `recorder`."""
+        self._recorder = recorder
+        self._seen = 0
+
+    @property
+    def dropped(self) -> int:
+        """Records that were not kept."""
+        return self._recorder.dropped
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep one cycle, and give the writer time where there was no room for it."""
+        self._recorder.write(record)
+        if self.dropped > self._seen:
+            self._seen = self.dropped
+            time.sleep(_PATIENCE_S)
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+        """Keep a set of diagnostics."""
+        self._recorder.write_diagnostics(stamp_ns, statuses)
+
+    def close(self) -> None:
+        """Finish the log."""
+        self._recorder.close()
+
+
+def main() -> int:
+    """Drive what the first line of the standard input says."""
+    job = msgspec.json.decode(sys.stdin.readline(), type=Job)
+    logging.getLogger("segway_ecc.node").setLevel(logging.CRITICAL)
+    recorders: list[PatientRecorder] = []
+
+    def keep(robot: Robot) -> PatientRecorder:
+        log = Path(job.log)
+        recorders.append(PatientRecorder(ProcessRecorder(log, layout_of(robot), provenance_of(robot.file), LOG)))
+        give_up_s = time.monotonic() + _STARTS_WITHIN_S
+        while log.stat().st_size == 0 and time.monotonic() < give_up_s:
+            time.sleep(_PATIENCE_S)  # until the writer has begun its log: in lock step a start is thousands of cycles
+        return recorders[0]
+
+    def look(time_s: float) -> None:
+        gc.collect(1)  # as the loop does about once a second
+        _say(Said(time_s, sys.getallocatedblocks(), len(gc.get_objects()), dropped=recorders[0].dropped))
+        sys.stdin.readline()
+
+    try:
+        stretch = drive(load_robot(job.robot), 1, job.duration_s, job.frame_loss, keep=keep, on_progress=look)
+    except NodeError as error:
+        sys.stderr.write(f"segway-ecc: {error}\n")
+        return error.exit_code
+    trip = "" if stretch.trip is None else f"{stretch.trip.mode} at {stretch.trip.at_s:.3f} s: {stretch.trip.reason}"
+    _say(Said(stretch.simulated_s, 0, 0, trip, stretch.cycles, recorders[0].dropped, is_over=True))
+    return 0
+
+
+def _say(said: Said) -> None:
+    sys.stdout.write(msgspec.json.encode(said).decode() + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(BrokenPipeError):
+        sys.exit(main())

@@ -1,0 +1,254 @@
+"""`segway-ecc bench`: how fast this machine runs the loop, beside what else could be run in its place."""
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from segway_ecc.hil.bench.bus_choice import choose_bus
+from segway_ecc.hil.bench.cache import own_cache
+from segway_ecc.hil.bench.campaign_speed import campaign_speed
+from segway_ecc.hil.bench.claims import Claim, claims
+from segway_ecc.hil.bench.comparison import Setup, compare
+from segway_ecc.hil.bench.conditions import held_conditions
+from segway_ecc.hil.bench.contestants import Contestant
+from segway_ecc.hil.bench.held import SEARCHED, search
+from segway_ecc.hil.bench.lock_step import lock_step
+from segway_ecc.hil.bench.model_step import model_step
+from segway_ecc.hil.bench.rig import missing
+from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text
+from segway_ecc.hil.kernels import uml
+from segway_ecc.hil.latency import other_host
+from segway_ecc.hil.latency.measure import measure
+from segway_ecc.hil.latency.result import Latency, Where
+from segway_ecc.hil.verbs.bench_links import links_cost, links_text
+from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.ros.runtime import missing_packages
+
+_FULL_HOLD_S: Final = 30.0
+_FULL_DURATION_S: Final = 10.0
+_LEAST_S: Final = 1.0
+_TRIALS: Final = 100
+_FULL_TRIALS: Final = 1000
+_AT_ONCE: Final = "immediately"
+_ACTUATE: Final = (_AT_ONCE, "next_cycle")
+_NOT_MET: Final = 1
+
+
+class _Part(NamedTuple):
+    """What a part of the bench found.
+
+    Attributes:
+        document: As JSON.
+        text: For people.
+        claims: What was to be judged by it.
+    """
+
+    document: object
+    text: str
+    claims: Sequence[Claim] = ()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `bench`."""
+    add_json(parser)
+    parser.add_argument("--only", nargs="+", choices=list(_PARTS), metavar="PART", help=f"of {', '.join(_PARTS)}")
+    everyone = [str(who) for who in Contestant]
+    parser.add_argument(
+        "--programs", nargs="+", choices=everyone, default=everyone, metavar="WHO", help=f"of {', '.join(everyone)}"
+    )
+    parser.add_argument(
+        "--rate", type=float, nargs="+", default=[100.0, 1000.0], metavar="HZ", help="of the loops (default: 100 1000)"
+    )
+    parser.add_argument("--duration", type=float, default=2.0, metavar="S", help="of each of their runs (default: 2)")
+    parser.add_argument("--repeats", type=int, default=4, metavar="N", help="runs of each program (default: 4)")
+    parser.add_argument(
+        "--hold", type=float, default=1.5, metavar="S", help="how long each rate is held (default: 1.5)"
+    )
+    parser.add_argument("--full", action="store_true", help="rates held for 30 s, runs of 10 s: half an hour in all")
+    parser.add_argument("--channel", help="CAN interface of the programs (default: a virtual one, else a local bus)")
+    parser.add_argument("--plant-channel", metavar="CHANNEL", help="of the plant, where that is another controller")
+    parser.add_argument("--subscribed", action="store_true", help="with a subscriber to odom and joint_states")
+    parser.add_argument("--check", action="store_true", help="end with 1 where a ratio is not what it is to be")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, and print what was measured."""
+    _check(options)
+    wanted = options.only or list(_PARTS)
+    found: dict[str, _Part] = {}
+    for name in wanted:
+        _tell(name)
+        found[name] = _PARTS[name](options)
+        if not options.json:
+            sys.stdout.write(found[name].text + "\n")
+            sys.stdout.flush()
+    if options.json:
+        print_json({name: part.document for name, part in found.items()})
+    judged = [claim for part in found.values() for claim in part.claims]
+    return _NOT_MET if options.check and not all(claim.is_met for claim in judged) else 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    for name in ("duration", "hold"):
+        if not getattr(options, name) >= _LEAST_S:
+            raise ConfigurationError(f"--{name} must be at least {_LEAST_S:g} s, not {getattr(options, name)}")
+    for rate_hz in options.rate:
+        if not 1.0 <= rate_hz <= 1e5:  # noqa: PLR2004 - Hz, told in the message
+            raise ConfigurationError(f"--rate must be 1 to 100000 Hz, not {rate_hz:g}")
+    if options.repeats < 1:
+        raise ConfigurationError(f"--repeats must be at least 1, not {options.repeats}")
+    if options.subscribed and missing_packages():
+        raise ConfigurationError(f"--subscribed needs ROS 2: {', '.join(missing_packages())} is not there")
+
+
+def _tell(what: str) -> None:
+    sys.stderr.write(f"segway-ecc: {what}\n")
+
+
+def _contestants(options: argparse.Namespace, of: Sequence[Contestant] = tuple(Contestant)) -> list[Contestant]:
+    """Those of some programs that are wanted and run here; the user's loop is one for ROS."""
+    wanted = [who for who in of if who in options.programs]
+    lacking = missing_packages() if {Contestant.OURS, Contestant.USER} & set(wanted) else []
+    if lacking:
+        _tell(f"no ROS 2 here ({', '.join(lacking)}): ours runs without it, and the user's loop not at all")
+    return [who for who in wanted if not (lacking and who is Contestant.USER)]
+
+
+def _on_the_rig(options: argparse.Namespace, measure: Callable[[Setup], _Part]) -> _Part:
+    lack = missing()
+    if lack is not None:
+        return _Part(None, f"comparison: {lack}")
+    bus = choose_bus(options.channel, options.plant_channel)
+    with own_cache(), held_conditions(is_heard=options.subscribed) as conditions:
+        part = measure(Setup(bus, conditions, _tell))
+    where = f"{bus.interface} {bus.channel}"
+    document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}
+    return _Part(document, f"on {where}: {conditions.as_text()}\n{part.text}", part.claims)
+
+
+def _loops(options: argparse.Namespace) -> _Part:
+    duration_s = _FULL_DURATION_S if options.full else options.duration
+
+    def measure(setup: Setup) -> _Part:
+        parts = [_loops_at(rate_hz, duration_s, options, setup) for rate_hz in options.rate]
+        judged = [claim for part in parts for claim in part.claims]
+        return _Part({"rates": [part.document for part in parts]}, "\n".join(part.text for part in parts), judged)
+
+    return _on_the_rig(options, measure)
+
+
+def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, setup: Setup) -> _Part:
+    results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
+    judged = claims(results)
+    text = "\n".join([f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in judged)])
+    said = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in judged]
+    programs = {who: dataclasses.asdict(result) for who, result in results.items()}
+    return _Part({"rate_hz": rate_hz, "programs": programs, "claims": said}, text, judged)
+
+
+def _held(options: argparse.Namespace) -> _Part:
+    hold_s = _FULL_HOLD_S if options.full else options.hold
+
+    def measure(setup: Setup) -> _Part:
+        held = search(setup, hold_s, _contestants(options, SEARCHED))
+        document = {
+            who: {
+                "none_late_hz": one.in_time_hz,
+                "none_lost_hz": one.complete_hz,
+                "tried": _tried(one.tried),
+                "faults": {f"{rate_hz:g}": why for rate_hz, why in one.faults.items()},
+            }
+            for who, one in held.items()
+        }
+        return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
+
+    return _on_the_rig(options, measure)
+
+
+def _tried(tried: dict[float, Any]) -> dict[str, Any]:
+    return {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in tried.items()}
+
+
+def _lock_step(_options: argparse.Namespace) -> _Part:
+    measured = lock_step()
+    document = [{**dataclasses.asdict(one), "times_real_time": one.times_real_time} for one in measured]
+    return _Part(document, lock_step_text(measured))
+
+
+def _campaign(_options: argparse.Namespace) -> _Part:
+    speed = campaign_speed()
+    return _Part({**dataclasses.asdict(speed), "runs_per_s": speed.runs_per_s}, campaign_text(speed))
+
+
+def _latency(options: argparse.Namespace) -> _Part:
+    """From a set-point that is published to the motor frame, as robot files are where they say nothing, and at once."""
+    trials = _FULL_TRIALS if options.full else _TRIALS
+    with held_conditions():
+        wheres = _wheres()
+        measured = [_latency_from(where, trials, how) for how in _ACTUATE for where in wheres]
+    lines = [f"{one.text()}{_verdict(one)}" for one in measured]
+    return _Part(msgspec.to_builtins(measured), "\n".join(["set-point to motor frame:", *lines]))
+
+
+def _wheres() -> Sequence[Where]:
+    """From where set-points can be said here."""
+    if missing_packages():
+        return [Where.SAME_PROCESS]
+    lack = other_host.missing()
+    if lack is not None:
+        _tell(f"no set-points from another host: {lack}")
+    return [Where.SAME_PROCESS, Where.OTHER_PROCESS, *([] if lack else [Where.OTHER_HOST])]
+
+
+def _latency_from(where: Where, trials: int, actuate: str) -> Latency:
+    if where is not Where.OTHER_HOST:
+        return measure(where, trials=trials, actuate=actuate)
+    with other_host.other_host() as host:
+        return measure(where, trials=trials, actuate=actuate, publisher=host.prefix, environment=host.environment)
+
+
+def _verdict(latency: Latency) -> str:
+    """Whether it is within one period and 1 ms, for a robot whose commands leave in the cycle that made them.
+
+    Of another host nothing is wanted: the network is part of that.
+    """
+    if latency.actuate != _AT_ONCE or latency.where == Where.OTHER_HOST:
+        return ""
+    return f"; at most {latency.limit_s * 1e3:g} ms wanted: {'met' if latency.is_within else 'NOT met'}"
+
+
+def _model(_options: argparse.Namespace) -> _Part:
+    if missing() is not None:
+        return _Part(None, f"native model: {missing()}")
+    cost = model_step()
+    return _Part(cost, model_text(cost))
+
+
+def _links(_options: argparse.Namespace) -> _Part:
+    """A cycle over the kernel's CAN: here where it has a virtual interface, else in a kernel that has one."""
+    cost = links_cost()
+    if cost is None and uml.available() is None:
+        measure = [sys.executable, "-P", "-m", "segway_ecc.hil.verbs.bench_links", "--json"]
+        said = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
+        cost = msgspec.json.decode(said, type=dict[str, float])
+    if cost is None:
+        cure = "sudo apt-get install user-mode-linux"
+        return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({cure})")
+    return _Part(cost, links_text(cost))
+
+
+_PARTS: Final[dict[str, Callable[[argparse.Namespace], _Part]]] = {
+    "loops": _loops,
+    "held": _held,
+    "lock-step": _lock_step,
+    "campaign": _campaign,
+    "latency": _latency,
+    "model": _model,
+    "links": _links,
+}

@@ -1,0 +1,110 @@
+"""What the two ways to the kernel's CAN cost in a cycle: `python -m segway_ecc.hil.verbs.bench_links`."""
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from segway_ecc.firmware_io.links.can_link import CanLink, socketcan_interfaces
+from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.node.cli.options import add_json, print_json
+
+_CYCLES: Final = 500
+_WARM_UP: Final = 20
+_IN: Final = [Frame(0x120 + number, bytes(range(8))) for number in range(4)]
+_OUT: Final = [Frame(0x110 + number, bytes(range(8))) for number in range(2)]
+_BITRATE: Final = 500_000
+_EXIT_MISSING: Final = 4
+
+
+def links_cost() -> dict[str, float] | None:
+    """Time a cycle of four frames in and two out through python-can and through a raw socket, in turns.
+
+    Only on a virtual interface: what is sent here would reach the motors of a real one.
+
+    Returns:
+        The median of each, us, and how many times the raw socket is faster; None where there is no virtual interface
+        that is up.
+    """
+    channel = _virtual_interface()
+    if channel is None:
+        return None
+    with (
+        _opened(SocketCanLink(channel, _BITRATE)) as feeder,
+        _opened(CanLink("socketcan", channel, _BITRATE)) as python_can,
+        _opened(SocketCanLink(channel, _BITRATE)) as raw,
+    ):
+        links = {"python_can_us": python_can, "raw_us": raw}
+        costs: dict[str, list[float]] = {name: [] for name in links}
+        for cycle in range(_WARM_UP + _CYCLES):
+            for name, link in links.items():
+                cost_us = _cycle_us(link, feeder, [other for other in links.values() if other is not link])
+                if cycle >= _WARM_UP:
+                    costs[name].append(cost_us)
+    medians = {name: statistics.median(values) for name, values in costs.items()}
+    return {**medians, "ratio": medians["python_can_us"] / medians["raw_us"]}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and print one line."""
+    parser = argparse.ArgumentParser(prog="python -m segway_ecc.hil.verbs.bench_links", description=__doc__)
+    add_json(parser)
+    options = parser.parse_args(arguments)
+    cost = links_cost()
+    if options.json:
+        print_json(cost)
+    elif cost is None:
+        sys.stderr.write("no virtual CAN interface is up: sudo ip link add dev vcan0 type vcan; ip link set vcan0 up\n")
+    else:
+        sys.stdout.write(links_text(cost) + "\n")
+    return _EXIT_MISSING if cost is None else 0
+
+
+def links_text(cost: dict[str, float]) -> str:
+    """What `links_cost` found, in one line."""
+    return (
+        f"CAN links: 4 frames in and 2 out in a cycle cost {cost['python_can_us']:.0f} us through python-can, "
+        f"{cost['raw_us']:.0f} us through a raw socket, {cost['ratio']:.1f} times faster (medians, on vcan)"
+    )
+
+
+def _virtual_interface() -> str | None:
+    for name in socketcan_interfaces():
+        state = read_interface_state(name)
+        if state.kind == "vcan" and state.is_up:
+            return name
+    return None
+
+
+@contextmanager
+def _opened(link: Link) -> Iterator[Link]:
+    link.open()
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def _cycle_us(link: Link, feeder: Link, others: list[Link]) -> float:
+    """One cycle of `link`; the other participants take no time from it."""
+    for frame in _IN:
+        feeder.send(frame)
+    start_ns = time.perf_counter_ns()
+    received = link.receive()
+    for frame in _OUT:
+        link.send(frame)
+    end_ns = time.perf_counter_ns()
+    if len(received) < len(_IN):
+        raise RuntimeError(f"{len(received)} of {len(_IN)} frames arrived on {link.description}")
+    for other in (feeder, *others):
+        other.receive()
+    return (end_ns - start_ns) / 1e3
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""`segway-ecc case-study`: the thesis' tables and figures through each seat."""
+
+import argparse
+import importlib.metadata
+import importlib.util
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+from segway_ecc.firmware_io.build import can_link
+from segway_ecc.hil.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSeat
+from segway_ecc.hil.case_study.conduct import conduct
+from segway_ecc.hil.case_study.offline import SUBMODEL_CART, OfflineSeat, has_compiler
+from segway_ecc.hil.case_study.progress import show_progress
+from segway_ecc.hil.case_study.ros import RosSeat
+from segway_ecc.hil.case_study.seats import SeatRunner
+from segway_ecc.hil.case_study.study import Cell, Seat, Study
+from segway_ecc.hil.case_study.table import table
+from segway_ecc.hil.rig.simulation import simulated_bus
+from segway_ecc.hil.verbs.report_folder import has_figures
+from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.robot import clocks_of
+from segway_ecc.node.ros.runtime import missing_packages
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `case-study`."""
+    parser.add_argument(
+        "--seat", choices=[*map(str, Seat), "all"], default="all", help="where the model runs (default: all)"
+    )
+    add_json(parser)
+    parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
+    parser.add_argument("--robot", default=ROBOT, help="the robot of the can seat (default: %(default)s)")
+    parser.add_argument(
+        "--channel",
+        help="CAN interface of the can seat (default: the first there is, or a simulated bus)",
+    )
+    parser.add_argument("--plant-channel", metavar="CHANNEL", help="CAN interface of its plant (default: the same)")
+    parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
+    parser.add_argument("--out", type=Path, default=Path("out/case-study"), help="folder for the report and the logs")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Conduct the study, print its table and write its report."""
+    if options.repeat < 1:
+        raise ConfigurationError(f"--repeat must be at least 1, not {options.repeat}")
+    seats = _seats(options.seat)
+    studies = []
+    for number in range(options.repeat):
+        folder = options.out if options.repeat == 1 else options.out / f"run_{number + 1}"
+        with show_progress() as on_progress:
+            study = conduct(_runners(seats, folder, options), _facts(folder, options.robot), on_progress)
+        _write_report(study, folder)
+        studies.append(study)
+    if options.json:
+        print_json({"cells": [_cell_json(cell) for cell in studies[-1].cells]})
+    else:
+        sys.stdout.write(table(studies[-1].cells, list(Seat)) + "\n")
+    _compare(studies)
+    return 0
+
+
+def _seats(asked: str) -> list[Seat]:
+    """The seats to run; all of them means those that can."""
+    if asked != "all":
+        return [Seat(asked)]
+    left_out = {}
+    if missing_packages():
+        left_out[Seat.ROS] = f"no ROS 2 here (no {', '.join(missing_packages())})"
+    if not has_compiler():
+        left_out[Seat.SUBMODEL] = "no C compiler here (sudo apt-get install gcc)"
+    for seat, reason in left_out.items():
+        sys.stderr.write(f"segway-ecc: {reason}: the {seat} seat is left out\n")
+    return [seat for seat in Seat if seat not in left_out]
+
+
+def _runners(seats: list[Seat], folder: Path, options: argparse.Namespace) -> list[SeatRunner]:
+    logs, messages = folder / "logs", folder / "messages"
+    try:
+        for made in (logs, messages):
+            made.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another with --out") from error
+    made_runners: dict[Seat, SeatRunner] = {}
+    if Seat.OFFLINE in seats:
+        made_runners[Seat.OFFLINE] = OfflineSeat(logs)
+    if Seat.SUBMODEL in seats:
+        made_runners[Seat.SUBMODEL] = OfflineSeat(logs, Seat.SUBMODEL, SUBMODEL_CART)
+    if Seat.ROS in seats:
+        made_runners[Seat.ROS] = RosSeat(messages, logs)
+    if Seat.CAN in seats:
+        made_runners[Seat.CAN] = _can_seat(messages, logs, options)
+    return list(made_runners.values())
+
+
+def _can_seat(messages: Path, logs: Path, options: argparse.Namespace) -> SeatRunner:
+    if options.lock_step:
+        on_a_bus = options.channel and (options.channel, options.plant_channel or options.channel)
+        return LockstepCanSeat(logs, options.robot, on_a_bus)
+    return RealTimeCanSeat(messages, logs, options.robot, (options.channel, options.plant_channel))
+
+
+def _facts(folder: Path, robot: str) -> dict[str, str]:
+    bus = can_link(simulated_bus(load_robot(robot)), clocks_of(RealClock())).description
+    rclpy = "none" if missing_packages() else _ros_version()
+    return {
+        "segway-ecc": importlib.metadata.version("segway-ecc"),
+        "Python": platform.python_version(),
+        "ROS 2": rclpy,
+        "Machine": f"{platform.machine()}, {platform.system()} {platform.release()}",
+        "Robot on CAN": robot,
+        "CAN bus": bus,
+        "Logs (MCAP)": str(folder / "logs"),
+    }
+
+
+def _ros_version() -> str:
+    try:
+        return f"rclpy {importlib.metadata.version('rclpy')}"
+    except importlib.metadata.PackageNotFoundError:
+        return "rclpy of the sourced installation"
+
+
+def _write_report(study: Study, folder: Path) -> None:
+    """Write the page, where the drawing library is there."""
+    if not has_figures():
+        return
+    from segway_ecc.hil.case_study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+    path = folder / "report.html"
+    path.write_text(render(study), encoding="utf-8")
+    sys.stderr.write(f"segway-ecc: report: {path}\n")
+
+
+def _cell_json(cell: Cell) -> dict[str, Any]:
+    return {
+        "linear": cell.linear,
+        "angular": cell.angular,
+        "offline_20sim": list(cell.thesis_offline),
+        "standalone_ros_2019": list(cell.thesis_ros),
+        **{str(seat): list(position) for seat, position in cell.positions.items()},
+    }
+
+
+def _compare(studies: list[Study]) -> None:
+    """Say how often each seat gave the bits of the first run, where there were several."""
+    if len(studies) > 1:
+        for seat in studies[0].seats:
+            same = sum(_positions(study, seat) == _positions(studies[0], seat) for study in studies)
+            sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
+
+
+def _positions(study: Study, seat: Seat) -> list[tuple[float, float]]:
+    return [cell.positions[seat] for cell in study.cells]

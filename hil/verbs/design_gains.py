@@ -1,0 +1,150 @@
+"""`segway-ecc design gains`: the gains of a balancing robot from what it is made of, with poles and margins."""
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
+from segway_ecc.hil.rig.simulation import simulated_plant
+from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.config import RobotFile, packaged_robots, read_text
+from segway_ecc.node.documents import decode_yaml
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
+
+DELAY: Final = 2
+"""Periods: one until the command leaves in the next cycle's exchange, one at most until the drive's loop takes it."""
+
+_DIGITS: Final = 6
+_MODEL: Final = re.compile(r"^model:[ \t]*(#.*)?\n((?:[ \t]+\S.*\n)*)", re.MULTILINE)
+_PARAMETERS: Final = re.compile(r"^  parameters:.*\n(?:    .*\n)*", re.MULTILINE)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `design`."""
+    parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the robot file with these gains")
+    parser.add_argument(
+        "--delay",
+        type=int,
+        default=DELAY,
+        choices=range(MOST_DELAY + 1),
+        help="periods from a measurement until its torque acts (default: %(default)s)",
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Design, print, and write the robot file where that is asked for."""
+    text = read_text(options.robot)
+    file = decode_yaml(text, RobotFile, options.robot)
+    found = designed(file, options.delay)
+    if options.out is not None:
+        _write(options.out, with_parameters(text, {**file.model.parameters, **rounded(found.gains)}))
+    if options.json:
+        print_json(_as_json(found))
+    else:
+        print_table(_as_text(found))
+    return 0
+
+
+def designed(file: RobotFile, delay: int = DELAY) -> Design:
+    """The design for a robot file: for the plant that it names, at the step of its model.
+
+    Raises:
+        ConfigurationError: The plant is no segway, or the model has not these gains.
+    """
+    model = load_model(file.model.source, file.model.parameters)
+    found = design(segway_parameters(file), model.step_size, delay)
+    lacking = sorted(set(found.gains) - {variable.name for variable in model.parameters})
+    if lacking:
+        raise ConfigurationError(f"model '{model.name}' has no parameter {', '.join(lacking)}: it is no segway's")
+    return found
+
+
+def rounded(gains: Mapping[str, float]) -> dict[str, float]:
+    """The gains as a robot file has them."""
+    return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
+
+
+def with_parameters(text: str, parameters: Mapping[str, float]) -> str:
+    """The text of a robot file with other parameters of its model; everything else stays as it is.
+
+    Raises:
+        ConfigurationError: The file is not laid out as the packaged ones are.
+    """
+    section = _MODEL.search(text)
+    if section is None:
+        raise ConfigurationError("the robot file has no block `model:` to put gains into; lay it out as segway.yaml is")
+    lines = "".join(f"    {name}: {value!r}\n" for name, value in parameters.items())
+    body = _PARAMETERS.sub("", section.group(2)) + f"  parameters:\n{lines}"
+    changed = text[: section.start(2)] + body + text[section.end(2) :]
+    if decode_yaml(changed, RobotFile, "the robot file with gains").model.parameters != dict(parameters):
+        raise ConfigurationError("gains cannot be put into this robot file; lay its `model:` out as segway.yaml's is")
+    return changed
+
+
+def segway_parameters(file: RobotFile) -> SegwayParameters:
+    """What the plant of a robot file is made of.
+
+    Raises:
+        ConfigurationError: It is no segway.
+    """
+    plant = simulated_plant(file)
+    names = {variable.name for variable in plant.parameters}
+    lacking = [variable.name for variable in VARIABLES if variable.name not in names]
+    if lacking:
+        raise ConfigurationError(f"plant '{plant.name}' is no segway: it has no {', '.join(lacking)}")
+    return SegwayParameters.from_model({variable.name: plant.read(variable.name) for variable in VARIABLES})
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"cannot write robot file '{path}': {error.strerror}") from error
+    sys.stderr.write(f"segway-ecc: wrote {path}\n")
+
+
+def _as_json(found: Design) -> dict[str, Any]:
+    return {
+        "gains": rounded(found.gains),
+        "balance": _loop_as_json(found.balance),
+        "yaw": _loop_as_json(found.yaw),
+    }
+
+
+def _loop_as_json(loop: Loop) -> dict[str, Any]:
+    m = loop.margins
+    return {
+        "open_poles_rad_s": [[pole.real, pole.imag] for pole in loop.open_poles],
+        "closed_poles_z": [[pole.real, pole.imag] for pole in loop.closed_poles],
+        "gain_margin_up": m.gain_up if math.isfinite(m.gain_up) else None,
+        "gain_margin_down": m.gain_down,
+        "phase_margin_deg": math.degrees(m.phase_rad),
+        "delay_margin_s": m.delay_s,
+        "crossover_rad_s": m.crossover_rad_s,
+    }
+
+
+def _as_text(found: Design) -> dict[str, str]:
+    rows = {name: f"{value:.{_DIGITS}g}" for name, value in found.gains.items()}
+    for name, loop in (("balance", found.balance), ("yaw", found.yaw)):
+        m = loop.margins
+        rows[f"{name}: open-loop poles, rad/s"] = ", ".join(map(_pole, loop.open_poles))
+        rows[f"{name}: closed-loop poles, z"] = ", ".join(map(_pole, loop.closed_poles))
+        rows[f"{name}: gain margin"] = f"times {m.gain_down:.3g} to {m.gain_up:.3g}"
+        rows[f"{name}: phase margin"] = f"{math.degrees(m.phase_rad):.1f} degrees at {m.crossover_rad_s:.3g} rad/s"
+        rows[f"{name}: delay margin"] = f"{m.delay_s * 1e3:.1f} ms more than the design's"
+    return rows
+
+
+def _pole(pole: complex) -> str:
+    if abs(pole.imag) < 1e-9:  # noqa: PLR2004 - what is left of rounding
+        return f"{pole.real + 0.0:.4g}"
+    return f"{pole.real:.4g}{pole.imag:+.4g}j"

@@ -1,0 +1,109 @@
+"""`segway-ecc plant ROBOT`: the other end of the robot's bus, simulated in real time."""
+
+import argparse
+import contextlib
+import csv
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO
+
+from segway_ecc.firmware_io.build import can_link
+from segway_ecc.hil.drill import trace
+from segway_ecc.hil.drill.disturbed_link import DisturbedLink
+from segway_ecc.hil.drill.plant_control import LineReader, PlantControl
+from segway_ecc.hil.pseudo_terminal import PtyPort
+from segway_ecc.hil.rig.real_time import RealTimePlant, Trace
+from segway_ecc.hil.rig.simulation import Observer, simulated_bus, simulated_robot, simulated_serial
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import (
+    add_json,
+    add_robot,
+    print_json,
+    print_table,
+    real_time,
+    robot_file,
+    stopped_by_signals,
+)
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.logs import messages
+from segway_ecc.node.robot import clocks_of
+
+_logger = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `plant`."""
+    add_robot(parser)
+    add_json(parser)
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="write the plant's outputs at each tick, as CSV")
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="write what the motors give at each tick, as CSV")
+    parser.add_argument(
+        "--control",
+        action="store_true",
+        help="take faults from standard input (mute, cut, freeze WHAT, heal, write NAME VALUE), until that ends",
+    )
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Run the plant until it is stopped."""
+    file, clock = robot_file(options), RealClock()
+    link = DisturbedLink(can_link(simulated_bus(file), clocks_of(clock)))
+    with messages(), contextlib.ExitStack() as stack:
+        plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
+        stack.enter_context(stopped_by_signals(plant.stop))
+        observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
+        traced = None if options.trace is None else _trace_file(stack.enter_context(_open(options.trace)), plant)
+        control = stack.enter_context(contextlib.closing(_control(plant, link, clock))) if options.control else None
+        plant.open()
+        _logger.info("plant of '%s' on %s", options.robot, link.description)
+        with real_time():
+            plant.run(observe, traced, control)
+    result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.robot.refused_frames}
+    if options.json:
+        print_json(result)
+    else:
+        print_table({name: str(count) for name, count in result.items()})
+    return 0
+
+
+def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None:
+    """The drives' end of the serial line, a pseudo-terminal that the robot finds under the name in its file."""
+    serial = simulated_serial(file)
+    if serial is None:
+        return None
+    try:
+        return stack.enter_context(contextlib.closing(PtyPort(Path(serial.port))))
+    except OSError as error:
+        raise ConfigurationError(f"cannot make a serial line at {serial.port}: {error.strerror}") from error
+
+
+def _control(plant: RealTimePlant, link: DisturbedLink, clock: RealClock) -> LineReader:
+    """The plant ends with whoever controls it."""
+    control = PlantControl(plant.robot, link, plant.robot.plant, clock)
+    return LineReader(sys.stdin.fileno(), sys.stdout.fileno(), control.obey, plant.stop)
+
+
+def _trace_file(file: IO[str], plant: RealTimePlant) -> Trace:
+    return trace.writer(file, [v.name for v in plant.robot.plant.inputs])
+
+
+def _open(path: Path) -> IO[str]:
+    try:
+        return path.open("w", newline="", encoding="utf-8", buffering=1)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _truth_file(file: IO[str], plant: RealTimePlant) -> Observer:
+    writer = csv.writer(file)
+    writer.writerow(["wall_ns", *plant.robot.output_names])
+
+    def observe(wall_ns: int, outputs: Sequence[float]) -> None:
+        writer.writerow([wall_ns, *outputs])
+
+    return observe

@@ -1,0 +1,79 @@
+"""`segway-ecc prove fault`: run one declared scenario in lock step, and see whether it comes as declared."""
+
+import argparse
+from pathlib import Path
+
+import msgspec
+
+from segway_ecc.hil.campaign.campaign import run_trial
+from segway_ecc.hil.campaign.scenario import Scenario, Trial, check_parameter, load_scenario, packaged_scenarios
+from segway_ecc.hil.campaign.table import details
+from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.errors import ConfigurationError
+
+_NOT_AS_DECLARED = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `hil`."""
+    parser.add_argument("scenario", nargs="?", help="a scenario file, or the name of one that ships with the package")
+    parser.add_argument("--list", action="store_true", help="list the scenarios that ship with the package")
+    parser.add_argument("--robot", metavar="ROBOT", help="the robot; the scenario's first where not given")
+    parser.add_argument(
+        "--seed", type=int, metavar="N", help="the seed of chance; the scenario's first where not given"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="K=V",
+        help="a parameter, plant.NAME or model.NAME (may be given again), in place of the scenario's first set",
+    )
+    parser.add_argument("--log", type=Path, metavar="FILE", help="write the robot's log (MCAP)")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the scenario and print what came of it: 0 as declared, 1 not."""
+    if options.list:
+        _print_list(as_json=options.json)
+        return 0
+    if options.scenario is None:
+        raise ConfigurationError("which scenario? `segway-ecc prove fault --list` lists those of the package")
+    if options.seed is not None and options.seed < 0:
+        raise ConfigurationError(f"--seed must not be negative, not {options.seed}")
+    scenario = load_scenario(options.scenario)
+    seed = scenario.seeds[0] if options.seed is None else options.seed
+    parameters = parameters_of(options.set) if options.set else scenario.parameters[0]
+    robot = options.robot or scenario.robots[0]
+    result = run_trial(Trial(options.scenario, scenario, robot, seed, parameters), options.log)
+    if options.json:
+        print_json({**msgspec.to_builtins(result), "as_declared": result.is_as_declared, "command": result.command})
+    else:
+        print_table(details(result))
+    return 0 if result.is_as_declared else _NOT_AS_DECLARED
+
+
+def parameters_of(words: list[str]) -> dict[str, float]:
+    """Parameters by name, from `NAME=VALUE`.
+
+    Raises:
+        ConfigurationError: One is not like that.
+    """
+    parameters = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        try:
+            check_parameter(name)
+            parameters[name] = float(value)
+        except ValueError as error:
+            raise ConfigurationError(f"--set {word}: {error}; write plant.NAME=VALUE or model.NAME=VALUE") from error
+    return parameters
+
+
+def _print_list(*, as_json: bool) -> None:
+    scenarios: dict[str, Scenario] = {name: load_scenario(name) for name in packaged_scenarios()}
+    if as_json:
+        print_json(msgspec.to_builtins(list(scenarios.values())))
+    else:
+        print_table({name: f"{scenario.expect.outcome}: {scenario.about}" for name, scenario in scenarios.items()})

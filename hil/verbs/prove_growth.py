@@ -1,0 +1,65 @@
+"""`segway-ecc prove growth`: what a cycle costs as the robot grows, and where that stops being linear."""
+
+import argparse
+import os
+import platform
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from segway_ecc.hil.growth.study import QUICK, SIZES, Grown, conduct
+from segway_ecc.hil.growth.table import text, verdict
+from segway_ecc.hil.progress import show_progress
+from segway_ecc.hil.verbs.report_folder import has_figures, make_folder, writing_to
+from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.ros.runtime import missing_packages
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `prove growth`."""
+    parser.add_argument("--quick", action="store_true", help="a part of it, in some seconds")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and what was found as JSON")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Conduct the study, print its tables and write its report."""
+    if options.out is not None:
+        make_folder(options.out)
+    begun_s = time.monotonic()
+    with show_progress("growth") as on_progress:
+        found = conduct(QUICK if options.quick else SIZES, on_progress)
+    took_s = time.monotonic() - begun_s
+    if options.out is not None:
+        _write(options.out, found, _facts(took_s))
+    if options.json:
+        print_json({"growth": msgspec.to_builtins(found), "verdicts": [verdict(grown) for grown in found]})
+    else:
+        sys.stdout.write(text(found))
+    sys.stderr.write(f"segway-ecc: the study took {took_s:.1f} s\n")
+    if missing_packages() and not options.quick:
+        sys.stderr.write("segway-ecc: ROS 2 is not available here: no subscribers, and no robots side by side\n")
+    return 0
+
+
+def _facts(took_s: float) -> dict[str, str]:
+    return {
+        "Machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Linux {platform.release()}",
+        "Python": platform.python_version(),
+        "Time": f"{took_s:.1f} s",
+    }
+
+
+def _write(folder: Path, found: Sequence[Grown], facts: Mapping[str, str]) -> None:
+    with writing_to(folder):
+        (folder / "growth.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        if not has_figures():
+            return
+        from segway_ecc.hil.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+        (folder / "growth.html").write_text(render(found, facts), encoding="utf-8")
+        (folder / "growth.svg").write_bytes(figure(found))
+    sys.stderr.write(f"segway-ecc: report: {folder / 'growth.html'}\n")

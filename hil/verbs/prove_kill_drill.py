@@ -1,0 +1,137 @@
+"""`segway-ecc prove kill-drill`: kill, stop and cut every part of a driving robot; time to zero torque."""
+
+import argparse
+import dataclasses
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.hil.drill import interface, trial
+from segway_ecc.hil.drill.faults import FAULTS, Fault, Outcome
+from segway_ecc.hil.drill.parts import Setup
+from segway_ecc.hil.drill.trial import Trial
+from segway_ecc.node.cli.options import print_json
+from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
+from segway_ecc.node.errors import ConfigurationError
+
+ROBOT: Final = "cart-can"
+_MOST: Final = 1000
+_NOT_EXPECTED: Final = 1
+_HEAD: Final = ("fault", "expected", "measured", "last torque, ms", "zero from, ms", "gap, ms", "guard", "verdict")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `kill-drill`."""
+    names = ", ".join(packaged_robots())
+    parser.add_argument("robot", nargs="?", default=ROBOT, help=f"a robot file, or one of {names} (default: {ROBOT})")
+    parser.add_argument("--interface", default="local", help="python-can interface (default: local, this machine only)")
+    parser.add_argument("--channel", help="CAN channel (default: one of our own)")
+    parser.add_argument("--fault", action="append", choices=list(FAULTS), help="only this one (may be given again)")
+    parser.add_argument("--repeat", type=int, default=1, metavar="N", help="do each fault so often; the worst is told")
+    parser.add_argument("--no-guard", action="store_true", help="without the guard: the drives' own watchdog alone")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do every fault that the robot can have, and print the table; 1 where something was not as expected."""
+    if not 1 <= options.repeat <= _MOST:
+        raise ConfigurationError(f"--repeat must be 1 to {_MOST}")
+    chosen, left_out = _choose(options, load_robot(options.robot))
+    rows: list[list[Trial]] = []
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-drill-") as folder:
+        for number, fault in enumerate(chosen):
+            sys.stderr.write(f"segway-ecc: {fault.name}\n")
+            folders = [Path(folder) / f"{number}_{n}" for n in range(options.repeat)]
+            rows.append([_trial(options, fault, place) for place in folders])
+    if options.json:
+        print_json(_as_json(rows, left_out))
+    else:
+        sys.stdout.write(_table(rows, left_out))
+    return 0 if all(t.is_as_expected for row in rows for t in row) else _NOT_EXPECTED
+
+
+def _trial(options: argparse.Namespace, fault: Fault, folder: Path) -> Trial:
+    folder.mkdir()
+    channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
+    bus = ["--interface", options.interface, "--channel", channel]
+    setup = Setup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
+    return trial.run(fault, setup)
+
+
+def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[Fault], dict[str, str]]:
+    """The faults that this robot can have here, and why it cannot have the others."""
+    if isinstance(file.hardware, NoHardwareSection):
+        raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
+    if serial_of(file.hardware) is not None:
+        raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
+    can_serial, no_interface = "serial" in file.hardware.__struct_fields__, _no_interface(options)
+    faults = [FAULTS[name] for name in options.fault or FAULTS]
+    left_out = {f.name: "there is no guard" for f in faults if f.guard and options.no_guard}
+    left_out |= {f.name: "its drives have no serial line" for f in faults if f.serial and not can_serial}
+    left_out |= {f.name: no_interface for f in faults if f.interface and no_interface is not None}
+    return [fault for fault in faults if fault.name not in left_out], left_out
+
+
+def _no_interface(options: argparse.Namespace) -> str | None:
+    """Why no interface can be set down; None where one can be."""
+    if options.interface != "socketcan" or options.channel is None:
+        return "it needs a network interface: --interface socketcan --channel vcan0"
+    return interface.obstacle(options.channel)
+
+
+def _as_json(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> object:
+    told = [
+        {
+            **dataclasses.asdict(worst := trial.worst(row)),
+            "outcome": worst.outcome,
+            "as_expected": all(t.is_as_expected for t in row),
+            "repeats": len(row),
+            "last_torque_s": [None if t.torque is None else t.torque.last_s for t in row],
+        }
+        for row in rows
+    ]
+    return {"faults": told, "left_out": left_out}
+
+
+def _table(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> str:
+    lines = [_HEAD, *(_row(trial.worst(row), len(row)) for row in rows)]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(_HEAD))]
+    text = ""
+    for index, line in enumerate(lines):
+        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)]
+        text += "  ".join(cells).rstrip() + "\n"
+        if index:
+            text += "".join(f"    {said}\n" for said in _said(trial.worst(rows[index - 1])))
+    return text + "".join(f"{name}: left out, {why}\n" for name, why in left_out.items())
+
+
+def _said(worst: Trial) -> list[str]:
+    note = [f"({worst.note})"] if worst.note else []
+    return [*note, *(f"robot: {line}" for line in worst.said)] or ["robot: nothing"]
+
+
+def _row(worst: Trial, repeats: int) -> tuple[str, ...]:
+    torque = worst.torque
+    ended = torque is not None and torque.zero_s is not None
+    return (
+        worst.fault + (f" x{repeats}" if repeats > 1 else ""),
+        _expected(worst),
+        worst.outcome,
+        _ms(torque.last_s) if torque is not None and ended else "-",
+        _ms(torque.zero_s) if torque is not None else "-",
+        _ms(torque.gap_s) if torque is not None and not ended else "-",
+        "ran" if worst.guard else "no",
+        "as expected" if worst.is_as_expected else "NOT as expected",
+    )
+
+
+def _expected(trial: Trial) -> str:
+    return f"{trial.expected}, {trial.within_s * 1e3:.0f} ms" if trial.expected is Outcome.ENDS else str(trial.expected)
+
+
+def _ms(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds * 1e3:.1f}"

@@ -1,0 +1,166 @@
+"""`segway-ecc prove soak`: long runs, in lock step and in real time; memory, files and threads must not grow."""
+
+import argparse
+import importlib.util
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from segway_ecc.hil.progress import OnProgress, show_progress
+from segway_ecc.hil.soak import real_time, simulated
+from segway_ecc.hil.soak.judging import WARM_UP, Series, Verdict, judge
+from segway_ecc.hil.soak.watching import Watching
+from segway_ecc.hil.verbs.report_folder import make_folder, writing_to
+from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.ros.runtime import missing_packages
+
+ROBOT: Final = "segway"
+_SIMULATED_H: Final = 4.0
+_REAL_MIN: Final = 30.0
+_FRAME_LOSS: Final = 0.01
+_SAMPLES: Final = 360
+_MOST_EVERY_S: Final = 5.0
+_LEAST_SIMULATED_S: Final = 600.0
+_LEAST_REAL_S: Final = 120.0
+"""In less the warm-up is not over."""
+_DRIVEN: Final = 0.9
+"""Share of the messages of its mode in which a robot says that it drives: one that stands in FAULT proves little."""
+_GREW: Final = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `soak`."""
+    parser.add_argument("robot", nargs="?", default=ROBOT, help="a robot file, or the name of a packaged robot")
+    parser.add_argument(
+        "--simulated", type=float, default=_SIMULATED_H, metavar="H", help="simulated hours; 0 for none (default: 4)"
+    )
+    parser.add_argument(
+        "--real-time",
+        type=float,
+        default=_REAL_MIN,
+        metavar="MIN",
+        help="minutes on the clock; 0 for none (default: 30)",
+    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write soak.json and soak-*.svg there")
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run, watch and judge: 0 where nothing grew and nothing failed, else 1."""
+    simulated_s, real_s = options.simulated * 3600.0, options.real_time * 60.0
+    _check("--simulated", simulated_s, _LEAST_SIMULATED_S)
+    _check("--real-time", real_s, _LEAST_REAL_S)
+    if not simulated_s and not real_s:
+        raise ConfigurationError("--simulated 0 and --real-time 0 leave nothing to run")
+    if options.out is not None:
+        make_folder(options.out)
+    document: dict[str, Any] = {}
+    found: dict[str, Sequence[Series]] = {}
+    for name, duration_s, soak in (("simulated", simulated_s, _simulated), ("real_time", real_s, _real_time)):
+        if duration_s:
+            begun_s = time.monotonic()
+            with show_progress(name.replace("_", " "), round(duration_s)) as on_progress:
+                part, found[name] = soak(options.robot, duration_s, on_progress)
+            verdicts = [judge(series) for series in found[name]]
+            document[name] = part | {"took_s": time.monotonic() - begun_s, "verdicts": msgspec.to_builtins(verdicts)}
+            if not options.json:
+                sys.stdout.write(text(name.replace("_", " "), part, verdicts))
+    if options.out is not None:
+        _write(options.out, document, found)
+    if options.json:
+        print_json(document)
+    return _GREW if any(map(is_bad, document.values())) else 0
+
+
+def is_bad(part: dict[str, Any]) -> bool:
+    """Whether anything grew, or the robot did anything but drive."""
+    return bool(part["failure"]) or any(verdict["is_growing"] for verdict in part["verdicts"])
+
+
+def text(name: str, part: dict[str, Any], verdicts: Sequence[Verdict]) -> str:
+    """A table of one part."""
+    told = f"{name}: {part['duration_s'] / 60.0:g} min, {part['cycles']} cycles"
+    told += f", {part['late']} late, {part['skipped']} skipped" if "late" in part else ""
+    lines = [f"{told}; {part['failure'] or 'no fault'}"]
+    head = ("process", "quantity", "at first", "at last", "largest", "growth", "allowed", "")
+    rows = [head, *map(_row, verdicts)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines += ["  ".join(f"{word:<{width}}" for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.append(f"growth is judged after the first {WARM_UP:.0%} of the time")
+    return "\n  ".join(lines) + "\n"
+
+
+def _row(verdict: Verdict) -> tuple[str, ...]:
+    allowed = "-" if verdict.allowed is None else f"{verdict.allowed:g}"
+    if verdict.most is not None:
+        allowed = f"at most {verdict.most:g}"
+    return (
+        verdict.process,
+        f"{verdict.quantity}{f', {verdict.unit}' if verdict.unit else ''}",
+        f"{verdict.at_first:.6g}",
+        f"{verdict.at_last:.6g}",
+        f"{verdict.largest:.6g}",
+        f"{verdict.growth:.4g}",
+        allowed,
+        "GROWS" if verdict.is_growing else "",
+    )
+
+
+def _simulated(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[dict[str, Any], Sequence[Series]]:
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
+        folder = Path(name)
+        watching = Watching(folder)
+        job = simulated.Job(robot, duration_s, _FRAME_LOSS, str(folder / "soak.mcap"))
+        said = simulated.soak(job, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
+    part = {"duration_s": said.time_s, "cycles": said.cycles, "failure": said.trip}
+    return part, watching.series
+
+
+def _real_time(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[dict[str, Any], Sequence[Series]]:
+    ros = not missing_packages()
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
+        folder = Path(name)
+        watching = Watching(folder)
+        run = real_time.Run(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
+        ran = real_time.soak(run, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
+    part = {
+        "duration_s": duration_s,
+        "ros": ros,
+        **{name: ran.node[name] for name in ("cycles", "late", "overrun", "skipped", "mean_rate_hz")},
+        "modes": ran.modes,
+        "failure": _failure(ran.modes, ros=ros),
+    }
+    return part, watching.series
+
+
+def _failure(modes: dict[str, int], *, ros: bool) -> str:
+    """What the robot told where it seldom drove; a fault that was cleared is none, since nothing here is about it."""
+    driven = sum(count for mode, count in modes.items() if mode.startswith("ARMED"))
+    if not ros or driven > _DRIVEN * sum(modes.values()):
+        return ""
+    others = "; ".join(f"{mode} ({count} times)" for mode, count in modes.items() if not mode.startswith("ARMED"))
+    return f"it seldom drove: {others or 'it was not heard'}"
+
+
+def _check(option: str, duration_s: float, least_s: float) -> None:
+    if duration_s and not least_s <= duration_s <= 1e7:  # noqa: PLR2004 - four months
+        raise ConfigurationError(f"{option} must be 0, or {least_s:g} s at least and four months at most")
+
+
+def _write(folder: Path, document: dict[str, Any], found: dict[str, Sequence[Series]]) -> None:
+    with writing_to(folder):
+        whole = {"found": document, "series": found}
+        (folder / "soak.json").write_bytes(msgspec.json.format(msgspec.json.encode(whole)))
+        if importlib.util.find_spec("matplotlib") is None:
+            sys.stderr.write("segway-ecc: no figures: install 'segway-ecc[report]'\n")
+            return
+        from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+        for name, series in found.items():
+            (folder / f"soak-{name.replace('_', '-')}.svg").write_bytes(figure(series))

@@ -1,0 +1,42 @@
+"""What the command line knows of a verb before it is used; each room lists its own in `verbs/__init__.py`."""
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+ENTRY_POINTS: Final = "segway_ecc.verbs"
+"""The group of entry points by which a room, or another distribution, adds its verbs."""
+
+
+@enum.unique
+class Section(enum.Enum):
+    """The parts of the help, in order."""
+
+    ROBOT = "run a robot"
+    MODEL = "models and design"
+    OPERATION = "log, operate, deploy"
+    PROOF = "prove and measure"
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """A verb, or a group of verbs where its `package` is None.
+
+    Attributes:
+        name: Its words, such as `run` or `model inspect`.
+        summary: What it does, in one line.
+        example: A command that works as it stands, or with the reader's own file or host.
+        package: Where its module is: `run.py`, or `model_inspect.py`, with `add_arguments(parser)` and `run(options)`.
+        section: Where the help lists it; that of its group where it is in one.
+    """
+
+    name: str
+    summary: str
+    example: str
+    package: str | None
+    section: Section | None = None
+
+    @property
+    def module(self) -> str:
+        """The module that implements it."""
+        return f"{self.package}.{self.name.replace(' ', '_').replace('-', '_')}"

@@ -1,0 +1,95 @@
+"""`segway-ecc guard ROBOT`: disables the drives when commands stop, whatever became of the node."""
+
+import argparse
+import gc
+from collections.abc import Mapping
+from typing import Final
+
+from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.guard.guard import Guard, describe
+from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Intervention, Watch
+from segway_ecc.firmware_io.heartbeat import HeartbeatListener
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import (
+    add_json,
+    add_robot,
+    print_json,
+    print_table,
+    real_time,
+    robot_file,
+    stopped_by_signals,
+)
+from segway_ecc.node.config import NoHardwareSection
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.logs import messages
+from segway_ecc.node.robot import clocks_of
+
+_LIMITS_S: Final = (0.01, 0.2)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `guard`."""
+    add_robot(parser)
+    add_json(parser)
+    default = LIMIT_NS / 1e9
+    text = f"commands silent for longer have stopped; at least three periods of the loop (default {default:g})"
+    parser.add_argument("--limit", type=float, default=default, metavar="S", help=text)
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Guard the robot until stopped."""
+    file, clock = robot_file(options), RealClock()
+    if isinstance(file.hardware, NoHardwareSection):
+        raise ConfigurationError(f"robot '{file.name}' is on no CAN bus: there is nothing to guard")
+    if not _LIMITS_S[0] <= options.limit <= _LIMITS_S[1]:
+        raise ConfigurationError(f"--limit must be from {_LIMITS_S[0]:g} to {_LIMITS_S[1]:g} s")
+    can, clocks = file.hardware.can, clocks_of(clock)
+    watch = Watch(stopper_of(file.hardware), clock.now_ns(), round(options.limit * 1e9))
+    ears = can_link(can, clocks)
+    guard = Guard(ears, can_link(can, clocks), HeartbeatListener(can), watch, clocks)
+    gc.collect()
+    gc.freeze()
+    with messages(), stopped_by_signals(guard.stop), real_time():
+        guard.run()
+    wall_ns = clock.wall_ns() - clock.now_ns()
+    if options.json:
+        print_json(
+            {
+                "bus": ears.description,
+                "limit_s": options.limit,
+                "frames": ears.counters.received,
+                "commands": watch.commands,
+                "heartbeats": watch.heartbeats,
+                "longest_gap_ms": watch.longest_gap_ns * 1e-6,
+                "intervened": watch.intervened,
+                "interventions": [_report(intervention, wall_ns) for intervention in watch.interventions],
+            }
+        )
+    else:
+        print_table(
+            {
+                "frames": f"{ears.counters.received}, {watch.commands} of them commands",
+                "heartbeats": str(watch.heartbeats),
+                "longest gap": f"{watch.longest_gap_ns * 1e-6:.1f} ms while a drive followed",
+                "intervened": str(watch.intervened),
+                **{f"{n}": describe(intervention) for n, intervention in enumerate(watch.interventions, 1)},
+            }
+        )
+    return 0
+
+
+def _report(told: Intervention, wall_ns: int) -> Mapping[str, object]:
+    """An intervention as JSON; stamps on the wall clock, ns, by what it leads the monotonic one."""
+    last_ns = told.last_command_ns
+    return {
+        "cause": told.cause,
+        "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
+        "first_stop_wall_ns": told.first_ns + wall_ns,
+        "reaction_ms": None if last_ns is None else (told.first_ns - last_ns) * 1e-6,
+        "lasted_ms": (told.last_ns - told.first_ns) * 1e-6,
+        "frames": told.frames,
+        "end": told.end,
+    }

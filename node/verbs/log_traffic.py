@@ -1,0 +1,55 @@
+"""`segway-ecc log traffic ROBOT --out FILE`: the raw traffic on a robot's bus, as a candump log."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import add_json, add_robot, print_json, robot_file, stopped_by_signals
+from segway_ecc.node.config import NoHardwareSection
+from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.recording.bounds import MB
+from segway_ecc.node.recording.traffic import CandumpLog, listen
+
+_LONGEST_S: Final = 1e9
+_SMALLEST_MB: Final = 0.01
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `traffic`."""
+    add_robot(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the log; the older half is FILE.1")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after this long; else on Ctrl-C")
+    parser.add_argument(
+        "--limit", type=float, default=1000.0, metavar="MB", help="room for both files (default: %(default)g)"
+    )
+    add_json(parser)
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Listen until told to end."""
+    if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
+        raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
+    if not _SMALLEST_MB <= options.limit <= _LONGEST_S:
+        raise ConfigurationError(f"--limit must be {_SMALLEST_MB:g} MB at least")
+    file = robot_file(options)
+    if isinstance(file.hardware, NoHardwareSection):
+        raise ConfigurationError(f"robot '{file.name}' is on no CAN bus")
+    bus = file.hardware.can
+    end_s = None if options.duration is None else time.monotonic() + options.duration
+    reasons: list[str] = []
+    with CandumpLog(options.out, round(options.limit * MB)) as log, stopped_by_signals(reasons.append):
+        sys.stderr.write(f"segway-ecc: bus traffic: {options.out}\n")
+        listen(
+            (bus.interface, bus.channel, bus.bitrate),
+            log,
+            lambda: bool(reasons) or (end_s is not None and time.monotonic() >= end_s),
+        )
+    if options.json:
+        print_json({"frames": log.frames})
+    else:
+        sys.stdout.write(f"{log.frames} frames\n")
+    return 0

@@ -1,0 +1,180 @@
+"""`segway-ecc run ROBOT`: the model node."""
+
+import argparse
+import contextlib
+import dataclasses
+import logging
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import (
+    add_json,
+    add_namespace,
+    add_robot,
+    default_log,
+    print_json,
+    print_table,
+    real_time,
+    robot_file,
+    stopped_by_signals,
+)
+from segway_ecc.node.config import read_text
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.cycle.loop import Loop
+from segway_ecc.node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
+from segway_ecc.node.cycle.service import service_of
+from segway_ecc.node.errors import ConfigurationError, RobotLostError
+from segway_ecc.node.logs import messages
+from segway_ecc.node.recording.bounds import MB, Bounds
+from segway_ecc.node.recording.layout import layout_of
+from segway_ecc.node.recording.recorder import ProcessRecorder
+from segway_ecc.node.recording.robot_provenance import robot_provenance
+from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.sequence.manoeuvre import load_manoeuvre
+from segway_ecc.node.sequence.player import Player
+from segway_ecc.node.sequence.stage import ManoeuvreStage
+
+if TYPE_CHECKING:  # a robot without ROS starts without it
+    from segway_ecc.node.ros.remote import Speaker
+
+_LONGEST_S: Final = 1e9
+_SMALLEST_LOG_MB: Final = 1.0
+_LARGEST_LOG_MB: Final = 1e7
+_FILES_AT_LEAST: Final = 4
+_logger = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `run`."""
+    add_robot(parser)
+    add_namespace(parser)
+    add_json(parser)
+    parser.add_argument("--ros", action=argparse.BooleanOptionalAction, help="with or without ROS (default: if there)")
+    parser.add_argument("--sequence", metavar="FILE", help="without ROS: play this sequence once armed, then end")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after this long")
+    log = parser.add_mutually_exclusive_group()
+    log.add_argument("--log", type=Path, metavar="FILE", help="where the MCAP log goes")
+    log.add_argument("--no-log", action="store_true", help="keep no log")
+    parser.add_argument(
+        "--log-limit",
+        type=float,
+        default=Bounds().total_bytes / MB,
+        metavar="MB",
+        help="room for logs; the oldest is removed first (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--log-file-size",
+        type=float,
+        metavar="MB",
+        help=f"size at which the next file of a log begins (default: {Bounds().file_bytes / MB:g}; a quarter at most)",
+    )
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Run the robot until it is stopped."""
+    if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
+        raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
+    file = robot_file(options)
+    with messages(), contextlib.ExitStack() as stack:
+        speaker = _speaker(stack, options)
+        robot = build_robot(file, RealClock())
+        recorder = _recorder(options, robot)
+        stage = _stage(options, robot, speaker)
+        loop = robot.loop(stage, recorder)
+        loop.service = service_of(os.environ, robot.period_ns)
+        with stopped_by_signals(loop.stop), real_time(lock=True):
+            loop.run(_cycles(options.duration, robot))
+        _logger.info("stopped: %s", loop.stop_reason)
+    _report(loop, stage, as_json=options.json)
+    if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
+        raise RobotLostError(f"the robot went to {loop.modes.mode}: {loop.modes.reason}")
+    return 0
+
+
+def _cycles(duration_s: float | None, robot: Robot) -> int | None:
+    return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
+
+
+def _speaker(stack: contextlib.ExitStack, options: argparse.Namespace) -> "Speaker | None":
+    """What speaks ROS for the robot; None where it is not to be in ROS, or was not asked to be and ROS is missing."""
+    if options.sequence is not None or options.ros is False:
+        return None
+    from segway_ecc.node.ros.runtime import missing_packages, require_ros  # noqa: PLC0415 - only with ROS
+
+    if options.ros:
+        require_ros()
+    missing = missing_packages()
+    if missing:
+        _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
+        return None
+    from segway_ecc.node.ros.remote import Speaker  # noqa: PLC0415 - only with ROS
+
+    return stack.enter_context(contextlib.closing(Speaker()))
+
+
+def _stage(options: argparse.Namespace, robot: Robot, speaker: "Speaker | None") -> Stage:
+    if options.sequence is not None:
+        return ManoeuvreStage(Player(load_manoeuvre(options.sequence)), list(robot.wiring.published), robot.clock)
+    if speaker is None:
+        return NoStage()
+    from segway_ecc.node.ros.remote import RemoteStage  # noqa: PLC0415 - only with ROS
+
+    return RemoteStage(speaker, robot, options.namespace, options.ros_arguments)
+
+
+def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
+    if options.no_log:
+        return NoRecorder()
+    path = options.log or default_log(robot.file.name)
+    bounds = _bounds(options)
+    _logger.info("log: %s", path)
+    return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), bounds)
+
+
+def _bounds(options: argparse.Namespace) -> Bounds:
+    total, one = options.log_limit, options.log_file_size
+    if one is None:  # so that removing the oldest file never takes nearly all there is
+        one = max(min(Bounds().file_bytes / MB, total / _FILES_AT_LEAST), _SMALLEST_LOG_MB)
+    if not _SMALLEST_LOG_MB <= one <= total <= _LARGEST_LOG_MB:
+        raise ConfigurationError(
+            f"--log-file-size must be {_SMALLEST_LOG_MB:g} MB at least and --log-limit no less, "
+            f"not {one:g} MB and {total:g} MB"
+        )
+    # Every log in the folder that is ours may go; beside a file that the user named, only parts of this run may.
+    return Bounds(round(total * MB), round(one * MB), is_own_folder=options.log is None)
+
+
+def _played(stage: Stage) -> dict[str, int | None] | None:
+    if not isinstance(stage, ManoeuvreStage):
+        return None
+    player = stage.player
+    return {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": stage.started_wall_ns}
+
+
+def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
+    counters, timing = loop.counters, loop.timing()
+    if as_json:
+        print_json(
+            {
+                "cycles": counters.cycles,
+                "late": counters.late,
+                "overrun": counters.overrun,
+                "skipped": counters.skipped,
+                "mean_rate_hz": counters.mean_rate_hz,
+                "stop_reason": loop.stop_reason,
+                "timing": {name: dataclasses.asdict(summary) for name, summary in timing.items()},
+                "sequence": _played(stage),
+                "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
+            }
+        )
+        return
+    print_table(
+        {
+            "cycles": f"{counters.cycles} at {counters.mean_rate_hz:.4f} Hz",
+            "late": f"{counters.late} started late, {counters.overrun} ended late, {counters.skipped} skipped",
+            "lateness": timing["lateness"].as_text(),
+        }
+    )

@@ -1,0 +1,111 @@
+"""`segway-ecc sequence`: sequence control, a node of its own."""
+
+import argparse
+import csv
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.node.cli.interrupts import ends_at_once
+from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
+from segway_ecc.node.errors import ConfigurationError, NodeError
+from segway_ecc.node.ros.commander import Commander
+from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, load_manoeuvre, single_segment
+from segway_ecc.node.sequence.player import Odometry, Player
+
+_THREE: Final = 3
+_BAR: Final = 30
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of `sequence`."""
+    parser.add_argument(
+        "what",
+        nargs="+",
+        metavar="LINEAR ANGULAR DURATION | FILE",
+        help="set-points in m/s and rad/s held for some seconds, or a YAML file with a list of segments",
+    )
+    add_namespace(parser)
+    add_json(parser)
+    parser.add_argument("--wait", type=float, default=10.0, metavar="S", help="how long to wait for the model node")
+    parser.add_argument("--node", default="model", help="name of the model node (default: model)")
+    parser.add_argument("--arm", action="store_true", help="arm the robot first")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was heard")
+
+
+@ends_at_once()
+def run(options: argparse.Namespace) -> int:
+    """Play the sequence to its end."""
+    player = Player(_manoeuvre(options.what))
+    stop: list[str] = []
+    with (
+        stopped_by_signals(stop.append),
+        ros_node("sequence_control", options.namespace, options.ros_arguments) as node,
+    ):
+        commander = Commander(node, options.node, lambda: stop[0] if stop else None)
+        commander.wait_for_robot(options.wait, arm=options.arm)
+        commander.play(player, _progress())
+        graph = commander.graph()
+        unconfirmed = player.unconfirmed(commander.confirmed)
+    if options.csv is not None:
+        _write_csv(options.csv, player)
+    if unconfirmed:
+        sys.stderr.write(f"segway-ecc: the robot did not confirm {unconfirmed} set-points at their own time\n")
+    _report(player, [asdict(c) for c in graph], unconfirmed, as_json=options.json)
+    return 0
+
+
+def _manoeuvre(what: list[str]) -> Manoeuvre:
+    if len(what) == 1:
+        return load_manoeuvre(what[0])
+    if len(what) != _THREE:
+        raise ConfigurationError("give LINEAR ANGULAR DURATION, or one file")
+    try:
+        linear, angular, duration = map(float, what)
+    except ValueError as error:
+        raise ConfigurationError(f"LINEAR ANGULAR DURATION must be numbers: {error}") from error
+    return single_segment(linear, angular, duration)
+
+
+def _progress() -> Callable[[float], None]:
+    if not sys.stderr.isatty():
+        return lambda _fraction: None
+
+    def show(fraction: float) -> None:
+        done = round(fraction * _BAR)
+        end = "\n" if fraction >= 1.0 else ""
+        sys.stderr.write(f"\r[{'#' * done}{'.' * (_BAR - done)}] {fraction:4.0%}{end}")
+        sys.stderr.flush()
+
+    return show
+
+
+def _last(player: Player) -> Odometry:
+    """The odometry that bears the stamp of the end."""
+    for odometry in reversed(player.heard):
+        if odometry.stamp_ns == player.end_ns:
+            return odometry
+    raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
+
+
+def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as_json: bool) -> None:
+    last = _last(player)
+    if as_json:
+        stamps = {"start_ns": player.start_ns, "end_ns": player.end_ns}
+        print_json({**stamps, "end": last._asdict(), "unconfirmed": unconfirmed, "graph": graph})
+        return
+    seconds = player.manoeuvre.duration_ns * 1e-9
+    sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")
+
+
+def _write_csv(path: Path, player: Player) -> None:
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(Odometry._fields)
+            writer.writerows(player.heard)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error

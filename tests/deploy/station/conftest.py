@@ -1,0 +1,180 @@
+"""A line to a robot that notes what is sent, replies that note what came of it, and robots in a process."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.desk import Desk
+from segway_ecc.deploy.station.events import EventLog
+from segway_ecc.deploy.station.heard import ModeHeard, SetpointHeard
+from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.line import Answered
+from segway_ecc.deploy.station.seat import Asked
+from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
+from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.node.sequence.manoeuvre import single_segment
+from segway_ecc.node.sequence.player import Odometry
+from tests.ros_domains import next_domain
+
+NS_PER_MS = 1_000_000
+ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+_FAKE = Path(__file__).with_name("fake_robot.py")
+
+
+class NotingLine:
+    def __init__(self) -> None:
+        self.ready = True
+        self.calls: list[Action] = []
+        self.driven: list[tuple[float, float]] = []
+        self.said: list[tuple[int, tuple[float, float]]] = []
+        self.stands: list[bool] = []
+        self.answered: list[Answered] = []
+
+    def is_ready(self, _action: Action) -> bool:
+        return self.ready
+
+    def call(self, action: Action) -> int:
+        self.calls.append(action)
+        return len(self.calls)
+
+    def answers(self) -> list[Answered]:
+        answered, self.answered = self.answered, []
+        return answered
+
+    def drive(self, setpoint: Setpoint) -> None:
+        self.driven.append((setpoint[0], setpoint[1]))
+
+    def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
+        self.said.append((stamp_ns, (setpoint[0], setpoint[1])))
+
+    def stand(self, *, up: bool) -> None:
+        self.stands.append(up)
+
+
+class Replies(list[tuple[bool, str]]):
+    def __call__(self, *outcome: Any) -> None:
+        self.append(outcome)
+
+
+class FakeRobots:
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self.process = process
+
+    def ask(self, robot: str, **question: Any) -> Any:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps({"robot": robot, **question}) + "\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
+
+
+class Bench:
+    """A desk with one robot `/a` and a clock that only the test moves."""
+
+    def __init__(self, events: EventLog, line: Any, replies: Any) -> None:
+        self.desk = Desk(events, Heartbeats("base"), Setpoint(3.0, 6.0))
+        self.line, self.replies = line, replies
+        self.now = 0
+        self.desk.add("/a", line)
+
+    def hear(self, mode: ModeHeard = ARMED) -> None:
+        self.desk.hear("/a", mode, self.now * NS_PER_MS)
+
+    def ask(self, who: str, act: Act, robot: str = "/a", manoeuvre: Any = "") -> None:
+        command = Command(id=1, robot=robot, act=act, name="one")
+        asked = Asked(who, command, self.replies, self.now * NS_PER_MS, manoeuvre)
+        (self.desk.stop if act is Act.STOP else self.desk.command)(asked, self.now * NS_PER_MS)
+
+    def drive(self, who: str, linear: float, angular: float = 0.0) -> None:
+        self.desk.drive(
+            who, Drive(id=1, robot="/a", linear=linear, angular=angular), self.now * NS_PER_MS, self.now * NS_PER_MS
+        )
+
+    def pass_time(self, until_ms: int, *, alive: bool = True) -> None:
+        while self.now < until_ms:
+            self.now += 50
+            if alive:
+                self.desk.hear("/a", self.desk.fleet.robots["/a"].mode, self.now * NS_PER_MS)
+                self.desk.hear("/a", Odometry(self.now * NS_PER_MS, 0, 0, 0, 0, 0), self.now * NS_PER_MS)
+                for stamp, setpoint in list(self.line.said):
+                    if stamp == self.now * NS_PER_MS:
+                        self.desk.hear("/a", SetpointHeard(stamp, *setpoint), self.now * NS_PER_MS)
+            self.desk.step(self.now * NS_PER_MS)
+
+    def play(self, who: str) -> None:
+        self.ask(who, Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
+        self.pass_time(self.now + 1000)
+
+    @property
+    def robot(self) -> RobotView:
+        return self.desk.view(self.now * NS_PER_MS).robots[0]
+
+    @property
+    def state(self) -> tuple[str, str]:
+        assert self.robot.sequence is not None
+        return self.robot.sequence.state, self.robot.sequence.reason
+
+
+@pytest.fixture
+def line() -> NotingLine:
+    return NotingLine()
+
+
+@pytest.fixture
+def replies() -> Replies:
+    return Replies()
+
+
+@pytest.fixture
+def events() -> EventLog:
+    return EventLog(lambda: 1_700_000_000_000_000_000)
+
+
+@pytest.fixture
+def texts(events: EventLog) -> Callable[[], list[str]]:
+    """What the event log holds."""
+    return lambda: [event.text for event in events.after(0)]
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A ROS domain of the test's own that never leaves this machine."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", next_domain())
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+
+
+@pytest.fixture
+def fake_robots(ros_domain: None) -> Iterator[Callable[..., FakeRobots]]:  # noqa: ARG001 - the domain is set first
+    """Starts robots in a process of their own."""
+    with contextlib.ExitStack() as stack:
+
+        def start(*namespaces: str) -> FakeRobots:
+            process = stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, str(_FAKE), *namespaces],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+                )
+            )
+            stack.callback(process.kill)
+            return FakeRobots(process)
+
+        yield start
+
+
+@pytest.fixture
+def bench(events: EventLog, line: NotingLine, replies: Replies) -> Bench:
+    bench = Bench(events, line, replies)
+    bench.hear()
+    return bench

@@ -1,0 +1,69 @@
+"""Who is at the page: the form where the station wants one."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.deploy.station.page.fake_station import FakeStation
+from tests.deploy.station.page.looking import gone, shows
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+pytestmark = pytest.mark.browser
+
+
+def _sign_in(page: "Page", name: str, token: str) -> None:
+    page.fill("#login-name", name)
+    page.fill("#login-token", token)
+    page.keyboard.press("Enter")
+
+
+def test_a_token_lets_in(browser: "Browser", station: FakeStation) -> None:
+    station.script.token = "secret"  # noqa: S105 - of the fake station
+    page = browser.new_page()
+    page.goto(station.url)
+    page.locator("#login-form").wait_for()
+    gone(page, "#station")
+    gone(page, "#bar")
+    assert page.evaluate("() => document.activeElement.id") == "login-name"
+    _sign_in(page, "zoe", "wrong")
+    shows(page, "#login-error", "the token is wrong")
+    assert station.sockets == 0
+    _sign_in(page, "zoe", "secret")
+    shows(page, "#who", "zoe, operator")
+    shows(page, "#mode", "ARMED")
+    gone(page, "#login")
+    assert station.logins[-1] == {"name": "zoe", "token": "secret"}
+    assert page.input_value("#login-token") == "", "it is not kept in the page"
+    page.close()
+
+
+def test_a_session_that_has_ended_asks_again(browser: "Browser", station: FakeStation) -> None:
+    page = browser.new_page()
+    page.goto(station.url)
+    shows(page, "#mode", "ARMED")
+    station.script.token = "secret"  # noqa: S105 - of the fake station
+    station.cut()
+    page.locator("#login-form").wait_for()
+    gone(page, "#station")
+    page.close()
+
+
+def test_another_may_sign_in(page: "Page", station: FakeStation) -> None:
+    page.click("#change-user")
+    page.locator("#login-form").wait_for()
+    _sign_in(page, "bert", "")
+    shows(page, "#who", "bert, operator")
+    assert station.logins == [{"name": "bert", "token": ""}]
+
+
+def test_no_stop_is_promised_where_there_is_none(page: "Page", station: FakeStation) -> None:
+    page.click("#change-user")
+    page.locator("#login-form").wait_for()
+    gone(page, "#bar")
+    page.fill("#login-name", "a b")
+    assert page.input_value("#login-name") == "a b"
+    page.keyboard.press("Escape")
+    station.wait_frames(2)
+    assert station.commands == []

@@ -1,0 +1,122 @@
+"""Never a frozen picture that looks alive; and the page comes back by itself."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.deploy.station.page.fake_station import FakeStation
+from tests.deploy.station.page.looking import gone, shows, tells, there
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.browser
+
+
+def _fall_silent(station: FakeStation) -> None:
+    station.script.sends = False
+
+
+def _stand_still(station: FakeStation) -> None:
+    station.script.ticks = False
+
+
+def _shut(station: FakeStation) -> None:
+    station.script.accepts = False
+    station.cut()
+
+
+TROUBLE = {"no picture comes": _fall_silent, "its time stands still": _stand_still, "the socket is closed": _shut}
+
+
+@pytest.mark.parametrize("trouble", TROUBLE)
+def test_a_stale_picture_is_told_and_greyed(page: "Page", station: FakeStation, trouble: str) -> None:
+    gone(page, "#stale")
+    there(page, "#plots[data-newest]")
+    TROUBLE[trouble](station)
+    shows(page, "#stale", "No connection to the base station")
+    shows(page, "#stale", "s old")
+    tells(page, "#alarm", "No connection to the base station")
+    box = page.locator("#stale").bounding_box()
+    assert box is not None
+    assert box["width"] == 1280
+    for panel in ("#overview", ".fleet", "#plots", ".checklist"):
+        style = page.eval_on_selector(panel, "element => getComputedStyle(element).filter")
+        assert style == "grayscale(1)", panel
+    assert page.get_attribute("#plots", "data-live") == "false"
+    shows(page, "#plots-state", "stopped")
+    shows(page, "#commands-reason", "No connection to the base station")
+    newest = page.get_attribute("#plots", "data-newest")
+    station.wait_frames(6)
+    assert page.get_attribute("#plots", "data-newest") == newest
+
+
+def test_the_banner_tells_a_growing_age_and_stays_in_sight(page: "Page", station: FakeStation) -> None:
+    station.script.sends = False
+    there(page, "#stale:not([hidden])")
+    page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
+    shows(page, "#stale-age", "what you see is 2.")
+    box = page.locator("#stale").bounding_box()
+    assert box is not None
+    assert box["y"] == 0
+
+
+def test_a_picture_that_still_stands_after_a_new_socket_is_not_taken_for_a_new_one(
+    page: "Page", station: FakeStation
+) -> None:
+    station.script.ticks = False
+    there(page, "body[data-fresh=false]")
+    page.evaluate(
+        """() => { window.fresh = 0; new MutationObserver(() => { window.fresh += 1; })
+        .observe(document.body, {attributes: true, attributeFilter: ["data-fresh"]}); }"""
+    )
+    station.cut()
+    station.wait(lambda: station.sockets == 2)
+    station.wait_frames(5)
+    assert page.evaluate("() => window.fresh") == 0
+    station.script.ticks = True
+    there(page, "body[data-fresh=true]")
+
+
+def test_it_comes_back_by_itself(page: "Page", station: FakeStation) -> None:
+    _shut(station)
+    there(page, "#stale:not([hidden])")
+    station.wait_frames(30)
+    station.script.accepts = True
+    there(page, "body[data-fresh=true]")
+    gone(page, "#stale")
+    shows(page, "#mode", "ARMED")
+    there(page, "#plots[data-live=true]")
+    assert station.sockets == 2
+
+
+def test_a_socket_that_says_nothing_is_given_up(page: "Page", station: FakeStation) -> None:
+    """TCP may take minutes to notice; the page does not wait for it."""
+    station.script.sends = False
+    station.wait(lambda: station.sockets == 2)
+    station.script.sends = True
+    there(page, "body[data-fresh=true]")
+
+
+def test_each_try_waits_longer(page: "Page", station: FakeStation) -> None:
+    page.evaluate("""() => { window.waits = []; const real = setTimeout;
+        window.setTimeout = (work, wait) => {
+            if (wait >= 250 && wait <= 5000) window.waits.push(wait);
+            return real(work, wait / 20); }; }""")
+    _shut(station)
+    page.wait_for_function("() => window.waits.length >= 7")
+    assert page.evaluate("() => window.waits.slice(0, 7)") == [250, 500, 1000, 2000, 4000, 5000, 5000]
+    station.script.accepts = True
+    there(page, "body[data-fresh=true]")
+    _shut(station)
+    page.wait_for_function("() => window.waits.at(-1) === 250 || window.waits.at(-2) === 250")
+
+
+def test_a_station_that_began_anew_is_believed(page: "Page", station: FakeStation) -> None:
+    """Its clock may stand before the old one's."""
+    there(page, "#plots[data-newest]")
+    station._time_s = 5.0
+    station.cut()
+    station.wait(lambda: station.sockets == 2)
+    there(page, "body[data-fresh=true]")
+    page.wait_for_function("() => Number(document.querySelector('#plots').dataset.newest) < 100")

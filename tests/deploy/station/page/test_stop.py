@@ -1,0 +1,207 @@
+"""STOP: from anywhere, at once, latched, and confirmed."""
+
+from typing import TYPE_CHECKING
+
+import msgspec
+import pytest
+
+from segway_ecc.deploy.station.views import Act, Command
+from tests.deploy.station.page.fake_station import FakeStation
+from tests.deploy.station.page.looking import gone, shows, there
+from tests.deploy.station.page.told import armed
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.browser
+
+ANYWHERE = [
+    "body",
+    "#robots button",
+    "[data-act=disarm]",
+    "#speed",
+    "#sequence-name",
+    "#sequence-text",
+    "#logs-link",
+    "#stop",
+]
+TYPED_IN = ["#sequence-name", "#sequence-text"]
+STOPS = [*((place, "Escape") for place in ANYWHERE), *((place, " ") for place in ANYWHERE if place not in TYPED_IN)]
+
+
+def _acts(station: FakeStation) -> list[Act]:
+    return [command.act for command in station.commands]
+
+
+@pytest.mark.parametrize(("place", "key"), STOPS)
+def test_one_key_stops_from_anywhere(page: "Page", station: FakeStation, place: str, key: str) -> None:
+    if place != "body":
+        page.focus(place)
+    page.keyboard.press(key)
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+    assert station.commands[0].robot == "/alice"
+
+
+@pytest.mark.parametrize("place", TYPED_IN)
+def test_space_in_a_text_field_types(page: "Page", station: FakeStation, place: str) -> None:
+    page.fill(place, "")
+    page.focus(place)
+    page.keyboard.type("a b")
+    station.wait_frames(3)
+    assert page.input_value(place) == "a b"
+    assert station.commands == []
+
+
+def test_a_key_that_is_held_stops_once(page: "Page", station: FakeStation) -> None:
+    for _ in range(4):
+        page.keyboard.down("Escape")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_the_button_acts_when_it_is_touched_and_not_when_it_is_left(page: "Page", station: FakeStation) -> None:
+    page.hover("#stop")
+    page.mouse.down()
+    station.wait(lambda: station.commands)
+    page.mouse.up()
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_the_button_can_be_pressed_with_enter(page: "Page", station: FakeStation) -> None:
+    page.focus("#stop")
+    page.keyboard.press("Enter")
+    station.wait(lambda: station.commands)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_a_stop_is_latched_until_it_is_cleared(page: "Page", station: FakeStation) -> None:
+    station.script.answers[Act.STOP] = None
+    page.keyboard.press("Escape")
+    shows(page, "#stop-state", "Stop asked")
+    station.robot(stop="asked")
+    shows(page, "#stop-state", "Stop asked")
+    station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off", reason="stopped by ann")
+    shows(page, "#stop-state", "Stop confirmed after 12 ms: drives off")
+    station.wait_frames(10)
+    shows(page, "#stop-state", "Stop confirmed after 12 ms: drives off")
+    page.click("#stop-clear")
+    station.wait(lambda: len(station.commands) == 2)
+    assert _acts(station) == [Act.STOP, Act.CLEAR_FAULT]
+    shows(page, "#stop-state", "Stop confirmed")  # it is the robot that says when it is over
+    station.robot(stop="", stop_after_s=None, mode="DISARMED", reason="fault cleared")
+    gone(page, "#stop-clear")
+    assert page.inner_text("#stop-state") == ""
+
+
+def test_zero_commands_confirm_too_and_are_told_as_that(page: "Page", station: FakeStation) -> None:
+    station.robot(stop="confirmed", stop_after_s=0.0049, mode="FAULT", drives="none", is_zero=True)
+    shows(page, "#stop-state", "Stop confirmed after 4.9 ms: commands zero")
+
+
+def test_a_stop_that_is_not_confirmed_says_so(page: "Page", station: FakeStation) -> None:
+    station.script.answers[Act.STOP] = None
+    page.keyboard.press("Escape")
+    station.robot(stop="asked")
+    shows(page, "#stop-state", "not confirmed")
+
+
+def test_a_stop_that_failed_says_why(page: "Page", station: FakeStation) -> None:
+    station.script.answers[Act.STOP] = (False, "no answer within 2 s")
+    page.keyboard.press("Escape")
+    shows(page, "#stop-state", "Stop failed: no answer within 2 s")
+    shows(page, "#command-failure", "Stop Alice failed: no answer within 2 s")
+    station.robot(stop="confirmed", stop_after_s=3.0, mode="FAULT", drives="off")
+    shows(page, "#stop-state", "Stop confirmed after 3000 ms: drives off")
+
+
+def test_a_stop_without_a_connection_is_told_and_sent_when_there_is_one(page: "Page", station: FakeStation) -> None:
+    station.script.accepts = False
+    station.cut()
+    there(page, "body[data-fresh=false]")
+    page.keyboard.press("Escape")
+    shows(page, "#stop-state", "Stop not sent: no connection")
+    station.script.accepts = True
+    page.evaluate("dispatchEvent(new Event('online'))")
+    station.wait(lambda: station.commands)
+    station.wait_frames(3)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_a_stop_that_another_operator_cleared_is_over_here_too(page: "Page", station: FakeStation) -> None:
+    page.keyboard.press("Escape")
+    station.robot(stop="confirmed", stop_after_s=0.01, mode="FAULT", drives="off")
+    shows(page, "#stop-state", "Stop confirmed")
+    station.robot(stop="", mode="DISARMED")
+    gone(page, "#stop-clear")
+
+
+def test_a_lost_robot_is_stopped_all_the_same(page: "Page", station: FakeStation) -> None:
+    station.robot(is_alive=False)
+    shows(page, "#mode", "LOST")
+    page.keyboard.press("Escape")
+    station.wait(lambda: station.commands)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_a_robot_that_another_controls_is_stopped_all_the_same(page: "Page", station: FakeStation) -> None:
+    station.robot(controller="bert")
+    shows(page, "#drive-reason", "bert has control")
+    page.keyboard.press(" ")
+    station.wait(lambda: station.commands)
+    assert _acts(station) == [Act.STOP]
+
+
+def test_all_robots_can_be_stopped_together(page: "Page", station: FakeStation) -> None:
+    gone(page, "#stop-all")
+    station.robot("/bob", **armed(name="Bob"))
+    page.click("#stop-all")
+    station.wait(lambda: len(station.commands) == 2)
+    assert [(c.robot, c.act) for c in station.commands] == [("/alice", Act.STOP), ("/bob", Act.STOP)]
+
+
+def test_the_key_stops_the_robot_that_is_selected(page: "Page", station: FakeStation) -> None:
+    station.robot("/bob", **armed(name="Bob"))
+    page.click("#robots button:has-text('Bob')")
+    shows(page, "#stop", "STOP Bob")
+    page.keyboard.press("Escape")
+    station.wait(lambda: station.commands)
+    assert station.commands[0].robot == "/bob"
+
+
+def test_a_viewer_is_told_why_not(page: "Page", station: FakeStation) -> None:
+    station.script.hello = msgspec.structs.replace(station.script.hello, role="viewer")
+    station.cut()
+    shows(page, "#commands-reason", "viewer")
+    page.keyboard.press("Escape")
+    shows(page, "#command-failure", "STOP: You are signed in as a viewer")
+    station.wait_frames(3)
+    assert station.commands == []
+
+
+def test_the_bar_is_in_sight_wherever_one_scrolls(page: "Page", station: FakeStation) -> None:
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    box = page.locator("#stop").bounding_box()
+    assert box is not None
+    assert 0 <= box["y"] <= 800 - box["height"]
+    reached = page.evaluate(
+        "([x, y]) => document.elementFromPoint(x, y).closest('button').id", [box["x"] + 9, box["y"] + 9]
+    )
+    assert reached == "stop"
+    assert station.commands == []
+
+
+def test_a_reply_belongs_to_its_own_command(page: "Page", station: FakeStation) -> None:
+    """A second stop that fails does not mark the first as answered."""
+    said: list[Command] = []
+    station.script.react = said.append
+    station.script.answers[Act.STOP] = None
+    page.keyboard.press("Escape")
+    station.wait(lambda: said)
+    station.script.answers[Act.DISARM] = (True, "disarmed")
+    page.click("[data-act=disarm]")
+    shows(page, "#command-state", "Disarm Alice: disarmed")
+    shows(page, "#stop-state", "Stop asked")

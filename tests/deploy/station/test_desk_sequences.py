@@ -1,0 +1,123 @@
+"""Sequences at the desk: what begins them, and what ends them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.views import Act
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.sequence.manoeuvre import single_segment
+
+MS = 1_000_000
+ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+OFF = ModeHeard("alice", Mode.FAULT, "stop was pressed", "off")
+
+
+def test_a_sequence_is_played(bench: Any, texts: Callable[[], list[str]]) -> None:
+    bench.play("ann")
+    assert bench.replies == [(True, "one is being played")]
+    assert bench.state == ("running", "")
+    assert bench.robot.controller == "ann"
+    bench.pass_time(8000)
+    assert bench.state == ("done", "")
+    assert texts().count("sequence one: done") == 1
+
+
+def _bob_takes_over(bench: Any) -> None:
+    bench.ask("bob", Act.TAKE_CONTROL)
+
+
+def _ann_gives_up_control(bench: Any) -> None:
+    bench.ask("ann", Act.RELEASE_CONTROL)
+
+
+def _ann_leaves(bench: Any) -> None:
+    bench.desk.left("ann", bench.now * MS)
+
+
+def _ann_drives(bench: Any) -> None:
+    bench.drive("ann", 1.0)
+
+
+def _ann_breaks_it_off(bench: Any) -> None:
+    bench.ask("ann", Act.BREAK_OFF)
+
+
+def _bob_stops(bench: Any) -> None:
+    bench.ask("bob", Act.STOP)
+
+
+def _the_robot_faults(bench: Any) -> None:
+    bench.hear(OFF)
+    bench.desk.step(bench.now * MS)
+
+
+def _the_robot_is_lost(bench: Any) -> None:
+    bench.pass_time(bench.now + 1100, alive=False)
+
+
+def _the_station_ends(bench: Any) -> None:
+    bench.desk.close(bench.now * MS)
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (_bob_takes_over, "bob took control"),
+        (_ann_gives_up_control, "ann gave up control"),
+        (_ann_leaves, "ann is gone"),
+        (_ann_drives, "ann drives by hand"),
+        (_ann_breaks_it_off, "ann broke it off"),
+        (_bob_stops, "bob pressed stop"),
+        (_the_robot_faults, "the robot went to FAULT: stop was pressed"),
+        (_the_robot_is_lost, "the robot is lost"),
+        (_the_station_ends, "the station ends"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_what_ends_a_sequence_tells_the_robot_to_rest(
+    bench: Any, texts: Callable[[], list[str]], end: Callable[[Any], None], reason: str
+) -> None:
+    bench.play("ann")
+    before = len(bench.line.said)
+    end(bench)
+    assert bench.state == ("broken off", reason)
+    assert texts().count(f"sequence one: broken off: {reason}") == 1
+    rests = bench.line.said[before:]
+    assert any(setpoint == (0.0, 0.0) for _, setpoint in rests)
+    count = len(bench.line.said)
+    bench.pass_time(bench.now + 500)
+    assert len(bench.line.said) == count
+
+
+def test_zeros_while_a_sequence_is_played_do_not_end_it(bench: Any) -> None:
+    bench.play("ann")
+    bench.drive("ann", 0.0)
+    assert bench.state[0] == "running"
+    assert not bench.line.driven
+
+
+def test_a_sequence_needs_an_armed_robot_and_control(bench: Any) -> None:
+    bench.hear(ARMED._replace(mode=Mode.DISARMED, reason="just started"))
+    bench.ask("ann", Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
+    bench.hear()
+    bench.drive("bob", 1.0)
+    bench.ask("ann", Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
+    bench.ask("bob", Act.PLAY, manoeuvre="one is not YAML")
+    bench.ask("bob", Act.BREAK_OFF)
+    assert bench.replies == [
+        (False, "the robot is DISARMED (just started): arm it first"),
+        (False, "bob has control; take it first"),
+        (False, "one is not YAML"),
+        (False, "nothing is being played"),
+    ]
+
+
+def test_another_sequence_takes_the_place_of_the_first(bench: Any) -> None:
+    bench.play("ann")
+    bench.ask("ann", Act.PLAY, manoeuvre=single_segment(0.5, 0.0, 1.0))
+    assert bench.state == ("waiting", "")
+    bench.pass_time(bench.now + 1000)
+    assert bench.state == ("running", "")

@@ -1,0 +1,58 @@
+import pytest
+
+from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.node.safety.modes import Mode
+
+MS = 1_000_000
+
+
+def echo(beat_ns: int, station: str = "base", age_ns: int = 0) -> ModeHeard:
+    return ModeHeard("a", Mode.ARMED, "", station=station, beat_ns=beat_ns, beat_age_ns=age_ns)
+
+
+def test_ten_a_second() -> None:
+    beats = Heartbeats("base")
+    sent = [beats.due(now * MS) for now in range(1000, 1501, 50)]
+    assert [stamp // MS for stamp in sent if stamp is not None] == [1000, 1100, 1200, 1300, 1400, 1500]
+
+
+def heard(beats: Heartbeats, told: ModeHeard, at_ns: int, robot: str = "/a") -> float | None:
+    beats.hear(robot, told, at_ns)
+    return beats.round_trip_s(robot, at_ns)
+
+
+def test_the_round_trip_is_without_the_time_the_robot_kept_it() -> None:
+    beats = Heartbeats("base")
+    beats.due(1000 * MS)
+    assert heard(beats, echo(1000 * MS, age_ns=60 * MS), 1065 * MS) == pytest.approx(0.005)
+    assert heard(beats, echo(1000 * MS, age_ns=60 * MS), 1050 * MS) == 0.0
+
+
+@pytest.mark.parametrize(
+    "told",
+    [echo(1000 * MS, station="other"), echo(999 * MS), echo(0, station=""), echo(1000 * MS, age_ns=1001 * MS)],
+    ids=["of another station", "never sent", "none", "it hears us no more"],
+)
+def test_what_is_no_echo_of_ours_gives_no_round_trip(told: ModeHeard) -> None:
+    beats = Heartbeats("base")
+    beats.due(1000 * MS)
+    assert heard(beats, told, 1010 * MS) is None
+
+
+def test_it_stands_for_a_second_while_the_robot_tells_other_stations() -> None:
+    beats = Heartbeats("base")
+    beats.due(1000 * MS)
+    assert heard(beats, echo(1000 * MS), 1004 * MS) == pytest.approx(0.004)
+    beats.hear("/a", echo(7, station="other"), 1100 * MS)
+    assert beats.round_trip_s("/a", 2004 * MS) == pytest.approx(0.004)
+    assert beats.round_trip_s("/a", 2005 * MS) is None
+    assert beats.round_trip_s("/b", 1100 * MS) is None
+
+
+def test_old_stamps_are_forgotten() -> None:
+    beats = Heartbeats("base")
+    for index in range(51):
+        beats.due(index * 100 * MS)
+    assert heard(beats, echo(0), 5000 * MS) is None
+    assert heard(beats, echo(100 * MS), 5000 * MS) is not None

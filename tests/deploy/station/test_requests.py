@@ -1,0 +1,88 @@
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.line import Answered, once
+from segway_ecc.deploy.station.requests import Requests
+from segway_ecc.node.safety.modes import Action
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def requests(line: Any) -> Requests:
+    return Requests(line)
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_the_robots_own_words_come_back(requests: Requests, line: Any, replies: Any, *, accepted: bool) -> None:
+    requests.ask(Action.ARM, replies, 0)
+    assert line.calls == [Action.ARM]
+    assert requests.is_pending
+    requests.take(Answered(Action.ARM, 1, accepted, "tilt: too much"))
+    assert replies == [(accepted, "tilt: too much")]
+    assert not requests.is_pending
+
+
+def test_one_that_is_not_answered_fails_after_two_seconds_and_once(requests: Requests, line: Any, replies: Any) -> None:
+    requests.ask(Action.ARM, replies, 0)
+    requests.step(2 * S)
+    assert not replies
+    requests.step(2 * S + 1)
+    requests.step(3 * S)
+    requests.take(Answered(Action.ARM, 1, accepted=True, message="too late"))
+    assert replies == [(False, "no answer within 2 s")]
+    assert line.calls == [Action.ARM]
+
+
+def test_it_is_sent_as_soon_as_somebody_serves_it(requests: Requests, line: Any, replies: Any) -> None:
+    line.ready = False
+    requests.ask(Action.ARM, replies, 0)
+    requests.step(S)
+    assert not line.calls
+    line.ready = True
+    requests.step(S)
+    requests.step(S)
+    assert line.calls == [Action.ARM]
+
+
+def test_nobody_serves_it(requests: Requests, line: Any, replies: Any) -> None:
+    line.ready = False
+    requests.ask(Action.DISARM, replies, 0)
+    requests.step(2 * S + 1)
+    assert replies == [(False, "nobody offers disarm there; no answer within 2 s")]
+
+
+def test_the_answer_to_an_earlier_request_is_not_taken_for_this_one(
+    requests: Requests, line: Any, replies: Any
+) -> None:
+    requests.ask(Action.ARM, replies, 0)
+    requests.step(3 * S)
+    requests.ask(Action.ARM, replies, 3 * S)
+    requests.take(Answered(Action.ARM, 1, accepted=True, message="of the first"))
+    assert len(line.calls) == 2
+    assert replies == [(False, "no answer within 2 s")]
+    requests.take(Answered(Action.ARM, 2, accepted=True, message="of the second"))
+    assert replies[1:] == [(True, "of the second")]
+
+
+def test_the_same_twice_is_refused_and_another_is_not(requests: Requests, line: Any, replies: Any) -> None:
+    requests.ask(Action.ARM, replies, 0)
+    requests.ask(Action.ARM, replies, 1)
+    requests.ask(Action.DISARM, replies, 1)
+    assert replies == [(False, "it has been asked already, and has not answered yet")]
+    assert line.calls == [Action.ARM, Action.DISARM]
+    requests.fail("the end")
+    assert replies[1:] == 2 * [(False, "the end")]
+
+
+def test_a_reply_counts_once_and_what_it_raises_ends_nothing(replies: Any) -> None:
+    reply = once(replies)
+    reply(*(True, "first"))
+    reply(*(False, "second"))
+    assert replies == [(True, "first")]
+
+    def failing(*_: object) -> None:
+        raise ValueError
+
+    once(failing)(*(True, "x"))

@@ -1,0 +1,58 @@
+"""Standing up and sitting down are confirmed by what the robot says is in force."""
+
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.stand import Stand
+from segway_ecc.node.safety.modes import Mode
+
+MS = 1_000_000
+STANDS = ModeHeard("alice", Mode.ARMED, "", stand=1.0)
+SITS = STANDS._replace(stand=0.0)
+
+
+@pytest.fixture
+def stand(line: Any) -> Stand:
+    return Stand(line)
+
+
+def test_it_is_confirmed_once_by_the_value_in_force(stand: Stand, line: Any, replies: Any) -> None:
+    stand.ask(replies, 0, up=False)
+    stand.hear(STANDS)
+    assert (line.stands, replies, stand.is_pending) == ([False], [], True)
+    stand.hear(SITS)
+    stand.hear(SITS)
+    stand.step(5000 * MS)
+    assert (line.stands, stand.is_pending) == ([False], False)
+    assert replies == [(True, "the robot has taken it: sit down")]
+
+
+def test_it_is_told_again_until_then_and_given_up_after_two_seconds(stand: Stand, line: Any, replies: Any) -> None:
+    stand.ask(replies, 0, up=True)
+    for now in range(0, 2001, 20):
+        stand.hear(SITS)
+        stand.step(now * MS)
+    assert (line.stands, replies) == ([True] * 21, [])
+    stand.step(2001 * MS)
+    assert replies == [(False, "the robot has not taken it within 2 s")]
+    stand.step(2200 * MS)
+    assert len(line.stands) == 21
+
+
+def test_what_is_said_last_counts(stand: Stand, line: Any, replies: Any) -> None:
+    stand.ask(replies, 0, up=True)
+    stand.ask(replies, 10 * MS, up=False)
+    assert replies == [(False, "it was told otherwise before it had taken this")]
+    stand.hear(STANDS)
+    assert len(replies) == 1
+    stand.hear(SITS)
+    assert (line.stands, replies[1]) == ([True, False], (True, "the robot has taken it: sit down"))
+
+
+def test_the_end_of_the_station_answers_it(stand: Stand, replies: Any) -> None:
+    stand.fail("nobody asked")
+    stand.ask(replies, 0, up=True)
+    stand.fail("the station ends")
+    assert replies == [(False, "the station ends")]

@@ -1,0 +1,236 @@
+"""The station and robots in a process of their own, over real DDS that never leaves this machine."""
+
+import signal
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.station import Station
+from segway_ecc.deploy.station.views import Act, Command
+from tests.deploy.station.operated import PATIENCE_S, Operated
+
+over_ros = pytest.mark.ros
+
+SEQUENCE = "segments: [{linear: 0.5, duration: 1.0}]"
+HEARD = {"get": "heard"}
+
+
+@pytest.fixture
+def operated(ros_domain: None) -> Iterator[Operated]:  # noqa: ARG001 - the domain is set first
+    with Station("base 1") as station:
+        yield Operated(station)
+
+
+def armed(operated: Operated) -> None:
+    """See that both hear each other, and arm."""
+    operated.wait_for("/a", lambda robot: robot.round_trip_s is not None and robot.x is not None)
+    assert operated.submit("ann", Act.ARM)() == (True, "ARMED: asked to arm")
+    operated.wait_for("/a", lambda robot: robot.mode in {"ARMED", "HOLD"})
+
+
+@over_ros
+def test_robots_are_found_by_themselves_and_shown_whole(operated: Operated, fake_robots: Any) -> None:
+    fake_robots("/", "/a")
+    whole = operated.wait_for("/a", lambda robot: robot.timing and robot.round_trip_s is not None and robot.supply_v)
+    assert (whole.name, whole.mode, whole.reason, whole.drives) == ("a", "DISARMED", "just started", "off")
+    assert (whole.heading, whole.pitch, whole.supply_v) == pytest.approx((0.5, 0.05, 24.5))
+    assert whole.can_stand
+    assert whole.links["can"] == {"state": "active", "sent_per_s": "200.0"}
+    assert whole.checklist["tilt"] == "refused: 1.00 rad from upright"
+    assert operated.wait_for("/", lambda robot: robot.is_alive).name == "alone"
+    fake_robots("/late")
+    operated.wait_for("/late", lambda robot: robot.is_alive)
+    assert [robot.robot for robot in operated.station.fleet().robots] == ["/", "/a", "/late"]
+
+
+@over_ros
+def test_a_lost_robot_is_shown_as_lost_and_comes_back(operated: Operated, fake_robots: Any) -> None:
+    robots = fake_robots("/a")
+    armed(operated)
+    robots.process.send_signal(signal.SIGSTOP)
+    lost = operated.wait_for("/a", lambda robot: not robot.is_alive)
+    assert (lost.x, lost.round_trip_s) == (None, None)
+    assert lost.age_s > 1.0
+    accepted, text = operated.submit("ann", Act.DISARM)()
+    assert not accepted
+    assert text.startswith("the robot is lost")
+    operated.wait_for("/a", lambda robot: robot.age_s > lost.age_s)
+    robots.process.send_signal(signal.SIGCONT)
+    operated.wait_for("/a", lambda robot: robot.is_alive)
+    assert any(text.startswith("back after") for text in operated.texts())
+
+
+@over_ros
+def test_a_robot_that_was_killed_comes_back_as_a_new_process(operated: Operated, fake_robots: Any) -> None:
+    first = fake_robots("/a")
+    armed(operated)
+    first.process.kill()
+    operated.wait_for("/a", lambda robot: not robot.is_alive)
+    fake_robots("/a")
+    operated.wait_for("/a", lambda robot: robot.is_alive and robot.mode == "DISARMED")
+    armed(operated)
+
+
+@over_ros
+def test_a_stop_is_confirmed_by_the_drive_and_latched(operated: Operated, fake_robots: Any) -> None:
+    fake_robots("/a")
+    armed(operated)
+    accepted, text = operated.submit("bob", Act.STOP)()
+    assert accepted
+    assert text.endswith("drives off; stop was pressed")
+    stopped = operated.wait_for("/a", lambda robot: robot.stop == "confirmed")
+    assert stopped.stop_after_s is not None
+    assert stopped.controller == "ann"
+    assert operated.submit("ann", Act.CLEAR_FAULT)() == (True, "DISARMED: fault cleared")
+    operated.wait_for("/a", lambda robot: robot.stop == "")
+
+
+@over_ros
+def test_a_stop_that_the_drive_does_not_obey_fails_whatever_the_service_says(
+    operated: Operated, fake_robots: Any
+) -> None:
+    robots = fake_robots("/a")
+    armed(operated)
+    robots.ask("/a", set={"drives_stay_on": True})
+    accepted, text = operated.submit("ann", Act.STOP)()
+    assert not accepted
+    assert text == "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"
+    stops = [heard for heard in robots.ask("/a", **HEARD) if heard[0] == "stop"]
+    assert len(stops) > 1
+    robots.ask("/a", set={"drives": "off"})
+    operated.wait_for("/a", lambda robot: robot.stop == "confirmed")
+
+
+@over_ros
+def test_a_stop_of_drives_that_do_not_say_that_they_are_off_is_not_confirmed(
+    operated: Operated, fake_robots: Any
+) -> None:
+    robots = fake_robots("/a")
+    armed(operated)
+    robots.ask("/a", set={"drives_fall_silent": True})
+    assert operated.submit("ann", Act.STOP)() == (
+        False,
+        "it answered 'FAULT: stop was pressed', but it is FAULT, drives unconfirmed; it is tried on",
+    )
+    shown = operated.wait_for("/a", lambda robot: robot.stop == "asked")
+    assert (shown.drives, shown.is_zero) == ("unconfirmed", True)
+
+
+@over_ros
+def test_a_refusal_comes_back_in_the_robots_own_words(operated: Operated, fake_robots: Any) -> None:
+    robots = fake_robots("/a")
+    operated.wait_for("/a", lambda robot: robot.round_trip_s is not None)
+    robots.ask("/a", set={"refuses": "tilt: 1.00 rad from upright"})
+    assert operated.submit("ann", Act.ARM)() == (False, "tilt: 1.00 rad from upright")
+    robots.ask("/a", set={"is_deaf": True})
+    assert operated.submit("ann", Act.ARM)() == (False, "no answer within 2 s")
+
+
+@over_ros
+def test_a_robot_that_does_not_hear_us_has_no_round_trip(operated: Operated, fake_robots: Any) -> None:
+    robots = fake_robots("/a")
+    operated.wait_for("/a", lambda robot: robot.round_trip_s is not None)
+    robots.ask("/a", set={"is_deaf": True})
+    assert operated.wait_for("/a", lambda robot: robot.round_trip_s is None).is_alive
+
+
+@over_ros
+def test_driving_ends_in_zeros_and_then_silence(operated: Operated, fake_robots: Any) -> None:
+    robots = fake_robots("/a")
+    armed(operated)
+    for _ in range(10):
+        operated.drive(0.5)
+        time.sleep(0.05)
+    operated.wait_for("/a", lambda robot: robot.mode == "HOLD")
+    driven = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "drive"]
+    assert driven[-6:] == [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert "ann no longer drives: told to rest" in operated.texts()
+
+
+@over_ros
+def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(operated: Operated, fake_robots: Any) -> None:
+    robots = fake_robots("/a")
+    armed(operated)
+    assert operated.submit("ann", Act.PLAY, text=SEQUENCE)() == (True, "one is being played")
+    operated.wait_for("/a", lambda robot: robot.sequence is not None and robot.sequence.state == "done")
+    said = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "say"]
+    assert said == 10 * [0.5] + [0.0]
+    assert operated.submit("ann", Act.PLAY, text=SEQUENCE.replace("1.0", "60"))()[0]
+    operated.station.left("ann")
+    ended = operated.wait_for("/a", lambda robot: robot.controller == "")
+    assert ended.sequence is not None
+    assert (ended.sequence.state, ended.sequence.reason) == ("broken off", "ann is gone")
+
+
+@over_ros
+def test_a_text_that_is_no_sequence_is_refused(operated: Operated, fake_robots: Any) -> None:
+    fake_robots("/a")
+    armed(operated)
+    accepted, text = operated.submit("ann", Act.PLAY, text="segments: 3")()
+    assert not accepted
+    assert text.startswith("one: ")
+
+
+@over_ros
+def test_the_end_tells_what_moves_to_rest_and_answers_everything(ros_domain: None, fake_robots: Any) -> None:  # noqa: ARG001 - the domain is set first
+    robots = fake_robots("/a")
+    station = Station("base 1")
+    with station:
+        operated = Operated(station)
+        armed(operated)
+        operated.drive(0.5)
+        operated.wait_for("/a", lambda robot: robot.linear_velocity == 0.5)
+        robots.ask("/a", set={"serves_not": True})
+        waiting = operated.submit("ann", Act.DISARM)
+    assert waiting() == (False, "the station ends")
+    driven = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "drive"]
+    assert driven[0] == 0.5
+    assert driven[-1] == 0.0
+    assert operated.submit("ann", Act.STOP)() == (False, "the station ends")
+    assert operated.submit("ann", Act.PLAY, text=SEQUENCE)() == (False, "the station ends")
+
+
+@over_ros
+def test_a_station_that_only_watches_sends_no_heartbeat(ros_domain: None, fake_robots: Any) -> None:  # noqa: ARG001 - the domain is set first
+    robots = fake_robots("/a")
+    with Station("glance", is_watching=True) as station:
+        operated = Operated(station)
+        operated.wait_for("/a", lambda robot: robot.timing)
+        assert robots.ask("/a", get="beat") == ""
+
+
+@over_ros
+def test_two_robots_in_one_namespace_are_told_of(operated: Operated, fake_robots: Any) -> None:
+    fake_robots("/a")
+    fake_robots("/a")
+    deadline = time.monotonic() + PATIENCE_S
+    while not any("2 robots share this namespace" in text for text in operated.texts()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_what_is_asked_of_a_station_is_bounded_and_all_of_it_is_answered(replies: Any) -> None:
+    station = Station("base")
+    for act in (Act.ARM, Act.STOP):
+        for _ in range(257):
+            station.submit("ann", Command(id=1, robot="/a", act=act), replies)
+    assert replies == 2 * [(False, "the station has too much to do")]
+    station.close()
+    assert replies[2:] == 512 * [(False, "the station ends")]
+    station.submit("ann", Command(id=1, robot="/a", act=Act.ARM), replies)
+    assert len(replies) == 515
+
+
+def test_what_fails_in_the_station_is_told_once_and_ends_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    def failing() -> None:
+        raise KeyError("/a")
+
+    station = Station("base")
+    assert not station._guarded(failing)
+    assert not station._guarded(failing)
+    assert station._guarded(lambda: None)
+    assert [event.text for event in station.events(0)] == ["the station failed: KeyError: '/a'"]
+    assert len(caplog.records) == 1
+    station.close()

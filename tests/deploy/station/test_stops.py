@@ -1,0 +1,144 @@
+"""A stop is confirmed by what the drive does, and by nothing else."""
+
+from typing import Any
+
+import pytest
+
+from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.line import Answered
+from segway_ecc.deploy.station.stops import Stop, StopState
+from segway_ecc.node.safety.modes import Action, Mode
+
+MS = 1_000_000
+S = 1_000_000_000
+ARMED = ModeHeard("a", Mode.ARMED, "asked to arm", "on", is_zero=False)
+ON = ModeHeard("a", Mode.FAULT, "stop was pressed", "on", is_zero=False)
+OFF = ON._replace(drives="off")
+
+
+@pytest.fixture
+def told() -> list[tuple[str, str]]:
+    return []
+
+
+@pytest.fixture
+def stop(line: Any, told: list[tuple[str, str]]) -> Stop:
+    return Stop(line, lambda text, level: told.append((text, level)))
+
+
+def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
+    stop: Stop, line: Any, replies: Any, told: list[tuple[str, str]]
+) -> None:
+    stop.ask(replies, 1000 * MS, 1001 * MS)
+    assert line.calls == [Action.STOP]
+    stop.take(Answered(Action.STOP, 1, accepted=True, message="FAULT: stop was pressed"))
+    stop.hear(ARMED, 1005 * MS)
+    stop.hear(ON, 1010 * MS)
+    assert (stop.state, list(replies)) == (StopState.ASKED, [])
+    stop.hear(OFF, 1023 * MS)
+    assert stop.state is StopState.CONFIRMED
+    assert stop.after_s == pytest.approx(0.023)
+    assert replies == [(True, "stopped after 23 ms: drives off; stop was pressed")]
+    assert not told  # the reply tells it
+
+
+def test_commands_of_zero_confirm_it_of_a_robot_without_drives(stop: Stop, replies: Any) -> None:
+    stop.ask(replies, 0, 0)
+    stop.hear(ON._replace(drives="none"), 4 * MS)
+    stop.hear(ON._replace(drives="none", is_zero=True), 5 * MS)
+    assert replies == [(True, "stopped after 5 ms: commands zero; stop was pressed")]
+
+
+@pytest.mark.parametrize("drives", ["on", "unconfirmed", ""])
+def test_commands_of_zero_do_not_confirm_it_of_drives_that_do_not_say_that_they_are_off(
+    stop: Stop, replies: Any, drives: str
+) -> None:
+    stop.ask(replies, 0, 0)
+    stop.hear(ON._replace(drives=drives, is_zero=True), S)
+    assert (stop.state, list(replies)) == (StopState.ASKED, [])
+    stop.step(2 * S + 1)
+    assert replies == [(False, f"no answer, but it is FAULT, drives {drives or 'unknown'}; it is tried on")]
+    stop.hear(OFF, 3 * S)
+    assert stop.state is StopState.CONFIRMED
+
+
+def test_what_was_heard_before_it_was_asked_confirms_nothing(stop: Stop, replies: Any) -> None:
+    stop.ask(replies, 1000 * MS, 1001 * MS)
+    stop.hear(OFF, 1000 * MS)
+    assert stop.state is StopState.ASKED
+
+
+def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
+    stop: Stop, line: Any, replies: Any, told: list[tuple[str, str]]
+) -> None:
+    stop.ask(replies, 0, 0)
+    for now in range(0, 2001, 20):
+        stop.step(now * MS)
+    assert line.calls == 21 * [Action.STOP]
+    assert not replies
+    stop.step(2001 * MS)
+    assert replies == [(False, "no answer within 2 s, tried 21 times; it is tried on")]
+    assert (stop.state, stop.is_pending) == (StopState.ASKED, False)
+    for now in range(2001, 5001, 20):
+        stop.step(now * MS)
+    assert len(line.calls) == 23
+    stop.hear(OFF, 6000 * MS)
+    assert stop.state is StopState.CONFIRMED
+    assert len(replies) == 1
+    assert told == [("stopped after 6000 ms: drives off; stop was pressed", "warning")]
+
+
+@pytest.mark.parametrize(
+    ("accepted", "text"),
+    [
+        (True, "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"),
+        (False, "it answered 'refused: FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"),
+    ],
+)
+def test_why_it_failed(stop: Stop, replies: Any, text: str, *, accepted: bool) -> None:
+    stop.ask(replies, 0, 0)
+    stop.take(Answered(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
+    stop.hear(ON, S)
+    stop.step(2 * S + 1)
+    assert replies == [(False, text)]
+
+
+def test_it_is_latched_until_the_robot_leaves_its_fault(stop: Stop, replies: Any, told: list[tuple[str, str]]) -> None:
+    stop.ask(replies, 0, 0)
+    stop.hear(OFF, 1)
+    stop.hear(OFF._replace(reason="tilt"), 2)
+    assert stop.state is StopState.CONFIRMED
+    stop.hear(ModeHeard("a", Mode.DISARMED, "fault cleared", "off"), 3)
+    assert (stop.state, stop.after_s) == (StopState.NONE, None)
+    assert told[-1] == ("the stop is over: DISARMED: fault cleared", "warning")
+
+
+def test_a_second_press_joins_the_first_and_is_sent_at_once(stop: Stop, line: Any, replies: Any) -> None:
+    stop.ask(replies, 0, 0)
+    stop.ask(replies, 10 * MS, 10 * MS)
+    assert len(line.calls) == 2
+    stop.hear(OFF, 20 * MS)
+    assert replies == 2 * [(True, "stopped after 20 ms: drives off; stop was pressed")]
+
+
+def test_a_press_after_a_failure_is_a_new_one(stop: Stop, replies: Any) -> None:
+    stop.ask(replies, 0, 0)
+    stop.step(3 * S)
+    stop.ask(replies, 4 * S, 4 * S)
+    stop.hear(OFF, 4 * S + MS)
+    assert replies[1:] == [(True, "stopped after 1 ms: drives off; stop was pressed")]
+
+
+def test_pressing_without_end_is_bounded(stop: Stop, replies: Any) -> None:
+    for _ in range(101):
+        stop.ask(replies, 0, 0)
+    assert replies == [(False, "it has been asked already, and is not confirmed yet")]
+
+
+def test_clearing_the_fault_drops_one_that_is_not_confirmed(stop: Stop, line: Any, replies: Any) -> None:
+    stop.drop("cleared")
+    assert not replies
+    stop.ask(replies, 0, 0)
+    stop.drop("cleared")
+    stop.step(10 * S)
+    assert (stop.state, list(replies), len(line.calls)) == (StopState.NONE, [(False, "cleared")], 1)

@@ -1,0 +1,125 @@
+"""A server of a scripted station in this process, and browsers that are rude."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import aiohttp
+import msgspec
+
+from segway_ecc.deploy.station.web.access import Access, Role, new_access
+from segway_ecc.deploy.station.web.listening import bind, place_of
+from segway_ecc.deploy.station.web.seams import Bundle
+from segway_ecc.deploy.station.web.server import Server, Settings
+from tests.deploy.station.web.scripted_station import ScriptedStation
+
+HEARTBEAT_S = 0.05
+
+
+class Served(NamedTuple):
+    """A running station."""
+
+    station: ScriptedStation
+    server: Server
+    port: int
+    folder: Path
+    tokens: Mapping[Role, str]
+    scheme: str
+
+    @property
+    def url(self) -> str:
+        return f"{self.scheme}://127.0.0.1:{self.port}"
+
+    def refused(self) -> Mapping[str, int]:
+        return self.server.refusals.counts()
+
+    async def audit(self) -> list[dict[str, Any]]:
+        """What stands in the audit log, once it is written."""
+        await asyncio.sleep(0.1)
+        return [msgspec.json.decode(line) for line in (self.folder / "audit.jsonl").read_bytes().splitlines()]
+
+
+@contextlib.asynccontextmanager
+async def served(
+    folder: Path,
+    *,
+    tokens: bool = False,
+    bundle: Bundle | None = None,
+    station: ScriptedStation | None = None,
+    **more: Any,
+) -> AsyncIterator[Served]:
+    """A station that is served, and whose pictures come twenty times a second."""
+    station = station or ScriptedStation()
+    sockets = bind("127.0.0.1", 0)
+    scheme = "https" if more.get("tls") else "http"
+    place = more.pop("place", None) or place_of(sockets, scheme, [])
+    access: Access | None = None
+    shown: Mapping[Role, str] = {}
+    if tokens:
+        access, shown = new_access()
+    logs = folder / "logs"
+    logs.mkdir(exist_ok=True)
+    settings = Settings(
+        place._replace(port=sockets[0].getsockname()[1]), folder, logs, "0", access, bundle=bundle, **more
+    )
+    async with Server(station, sockets, settings) as server:
+        ticking = asyncio.create_task(_tick(station))
+        try:
+            yield Served(station, server, settings.place.port, folder, shown, scheme)
+        finally:
+            ticking.cancel()
+
+
+async def _tick(station: ScriptedStation) -> None:
+    while True:
+        station.tick()
+        await asyncio.sleep(HEARTBEAT_S)
+
+
+@contextlib.asynccontextmanager
+async def browser(
+    here: Served, name: str = "", role: Role | None = None, *, ssl: Any = True, address: str = "127.0.0.1"
+) -> AsyncIterator[aiohttp.ClientSession]:
+    """A client with a cookie jar that says Origin as a browser does; logged in where a role is given."""
+    connector = aiohttp.TCPConnector(ssl=ssl, local_addr=(address, 0))
+    jar = aiohttp.CookieJar(unsafe=True)  # for an address instead of a name
+    headers = {"Origin": here.url}
+    async with aiohttp.ClientSession(here.url, connector=connector, cookie_jar=jar, headers=headers) as client:
+        if role is not None or name:
+            token = here.tokens[role] if role is not None else ""
+            async with client.post("/login", json={"name": name, "token": token}) as answer:
+                assert answer.status == 204, await answer.text()
+        yield client
+
+
+async def receive(socket: aiohttp.ClientWebSocketResponse, kind: str) -> dict[str, Any]:
+    """The next message of a kind."""
+    async with asyncio.timeout(10.0):
+        while True:
+            message = await socket.receive()
+            assert message.type is aiohttp.WSMsgType.TEXT, message
+            decoded: dict[str, Any] = msgspec.json.decode(message.data)
+            if decoded["kind"] == kind:
+                return decoded
+
+
+async def closed(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
+    """Why the other side closed: the code and the reason."""
+    async with asyncio.timeout(10.0):
+        while True:
+            message = await socket.receive()
+            if message.type is aiohttp.WSMsgType.CLOSE:
+                return message.data, str(message.extra)
+            if message.type in {aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.ERROR, aiohttp.WSMsgType.CLOSING}:
+                return socket.close_code, ""
+
+
+def command(number: int, act: str = "arm", **fields: Any) -> str:
+    return msgspec.json.encode({"kind": "command", "id": number, "robot": "/alice", "act": act, **fields}).decode()
+
+
+def drive(number: int, linear: float, angular: float = 0.0) -> str:
+    fields = {"kind": "drive", "id": number, "robot": "/alice", "linear": linear, "angular": angular}
+    return msgspec.json.encode(fields).decode()

@@ -1,0 +1,49 @@
+"""What a browser makes of the page of logs: its form is ours by its origin, and works without any script."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.deploy.station.web.serving import served
+from tests.deploy.station.web.test_downloads import ScriptedArchive, alice_and_others
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
+    from playwright.async_api import async_playwright  # noqa: PLC0415 - it may not be there
+
+    (tmp_path / "fetched").mkdir()
+    archive = ScriptedArchive(tmp_path / "fetched")
+
+    async def scenario() -> None:
+        async with (
+            served(tmp_path, station=alice_and_others(), archive=archive) as here,
+            async_playwright() as playwright,
+            await playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"]) as chromium,
+        ):
+            page = await chromium.new_page()
+            await page.goto(here.url)
+            await _until(lambda: len(here.server.crowd) > 0)
+            await page.goto(f"{here.url}/logs")
+            await page.get_by_role("button", name="Fetch a<b>.mcap").click()
+            await page.get_by_role("progressbar", name="a<b>.mcap").wait_for()
+            assert archive.begun == [("/alice", "a<b>.mcap")]
+            archive.arrive()
+            link = page.get_by_role("link", name="a<b>.mcap")
+            await link.wait_for()  # the page looks again by itself
+            async with page.expect_download() as download:
+                await link.click()
+            file = await (await download.value).path()
+            assert await asyncio.to_thread(Path(file).read_bytes) == b"0123456789"
+            assert here.refused() == {}
+
+    asyncio.run(scenario())
+
+
+async def _until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(20.0):
+        while not condition():  # noqa: ASYNC110 - the server tells nobody
+            await asyncio.sleep(0.02)

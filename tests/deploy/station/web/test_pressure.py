@@ -1,0 +1,153 @@
+"""Too much of anything, from one or from many: refused and counted, while others are answered."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from yarl import URL
+
+from segway_ecc.deploy.station.web.limits import Limits, Rate
+from segway_ecc.deploy.station.web.sessions import IDLE_S
+from tests.deploy.station.web.asking import hang_up, login, raw, still_answers
+from tests.deploy.station.web.attempts import OPERATOR
+from tests.deploy.station.web.serving import browser, served
+
+Tried = Callable[[str, str], None]
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"\x00" * 100 + b"\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost : x\r\n\r\n",
+        b"\x16\x03\x01" * 50 + b"\r\n",
+    ],
+)
+def test_what_is_no_http_is_refused_and_counted(garbage: bytes, tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        async with served(tmp_path) as here, browser(here) as client:
+            assert (await raw(here.port, garbage))[0] == 400
+            assert here.refused() == {"bad HTTP": 1}
+            await still_answers(client)
+        tried(f"no HTTP: {garbage[:12]!r}...", "refused with 400, counted as bad HTTP")
+
+    asyncio.run(scenario())
+
+
+def test_guessing_tokens_is_slowed_down_for_one_address_and_not_for_another(tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        async with served(tmp_path, tokens=True, clock_ns=lambda: 0) as here:
+            async with browser(here, address="127.0.0.2") as client:
+                statuses = [await login(client, "guess") for _ in range(8)]
+                assert statuses == [403] * 5 + [429] * 3
+                assert await login(client, here.tokens[OPERATOR]) == 429
+            async with browser(here) as client:
+                assert await login(client, here.tokens[OPERATOR]) == 204
+            assert here.refused() == {"wrong token": 5, "login rate": 4}
+            refusals = [line for line in await here.audit() if line["outcome"] == "refused"]
+            assert [line["address"] for line in refusals] == ["127.0.0.2"] * 5
+        tried("guessing tokens", "after 5 wrong ones an address waits; the audit log has each")
+
+    asyncio.run(scenario())
+
+
+def test_guessing_tokens_from_many_addresses_meets_a_limit_for_all(tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        limits = Limits(logins=Rate(1.0, 100), all_logins=Rate(1.0, 3))
+        async with served(tmp_path, tokens=True, clock_ns=lambda: 0, limits=limits) as here:
+            statuses = []
+            for number in range(5):
+                async with browser(here, address=f"127.0.0.{2 + number}") as client:
+                    statuses.append(await login(client, "guess"))
+            assert statuses == [403] * 3 + [429] * 2
+        tried("guessing tokens from many addresses", "a limit for all of them together")
+
+    asyncio.run(scenario())
+
+
+def test_a_session_that_is_over_is_good_for_nothing(tmp_path: Path, tried: Tried) -> None:
+    now = [0]
+
+    async def scenario() -> None:
+        async with (
+            served(tmp_path, tokens=True, clock_ns=lambda: now[0]) as here,
+            browser(here, "ann", OPERATOR) as client,
+        ):
+            (morsel,) = client.cookie_jar.filter_cookies(URL(here.url)).values()
+            cookie = {"Cookie": f"{morsel.key}={morsel.value}"}
+            async with client.post("/logout", json={}) as answer:
+                assert answer.status == 204
+            async with client.get("/logs", headers=cookie) as answer:
+                assert answer.status == 401
+        async with (
+            served(tmp_path, tokens=True, clock_ns=lambda: now[0]) as here,
+            browser(here, "ann", OPERATOR) as client,
+        ):
+            now[0] = (IDLE_S + 1) * 1_000_000_000
+            async with client.get("/logs") as answer:
+                assert answer.status == 401
+        tried("a session after log-out, and one that was idle for half an hour", "refused with 401")
+
+    asyncio.run(scenario())
+
+
+def test_an_address_that_asks_too_often_waits(tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        limits = Limits(requests=Rate(1.0, 10))
+        async with served(tmp_path, limits=limits, clock_ns=lambda: 0) as here:
+            async with browser(here, address="127.0.0.2") as client:
+                statuses = []
+                for _ in range(12):
+                    async with client.get("/health") as answer:
+                        statuses.append(answer.status)
+                assert statuses == [200] * 10 + [429] * 2
+            async with browser(here) as client:
+                await still_answers(client)
+            assert here.refused() == {"request rate": 2}
+        tried("more requests than an address may make", "refused with 429; other addresses are answered")
+
+    asyncio.run(scenario())
+
+
+def test_more_connections_than_an_address_may_have_are_cut(tmp_path: Path, tried: Tried) -> None:
+    async def scenario() -> None:
+        limits = Limits(open_connections_each=5)
+        async with served(tmp_path, limits=limits) as here:
+            writers = [(await _connect(here.port))[1] for _ in range(5)]
+            with contextlib.suppress(ConnectionError):
+                reader, writer = await _connect(here.port)
+                writers.append(writer)
+                assert await reader.read(1) == b""
+            assert here.refused() == {"too many connections": 1}
+            async with browser(here) as client:
+                await still_answers(client)
+            for each in writers:
+                await hang_up(each)
+        tried("more open connections than an address may have", "cut at once")
+
+    asyncio.run(scenario())
+
+
+async def _connect(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    return await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0))
+
+
+def test_a_connection_that_says_nothing_is_closed(tmp_path: Path, tried: Tried) -> None:
+    now = [0]
+
+    async def scenario() -> None:
+        async with served(tmp_path, clock_ns=lambda: now[0]) as here:
+            reader, writer = await _connect(here.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost:")
+            await asyncio.sleep(0.05)
+            now[0] = 11_000_000_000
+            async with asyncio.timeout(10.0):
+                assert await reader.read() == b""
+            assert here.refused() == {"silent connection": 1}
+            await hang_up(writer)
+        tried("a request that is never finished (slowloris)", "closed after 10 s")
+
+    asyncio.run(scenario())

@@ -1,0 +1,51 @@
+"""Only regular files of the folder are logs, whatever name is asked for."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from segway_ecc.deploy.support.log_folder import logs_in, open_log
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    place = tmp_path / "logs"
+    (place / "folder").mkdir(parents=True)
+    (tmp_path / "secret").write_text("secret")
+    for age, name in enumerate(("new.mcap", "old.mcap", ".hidden", "folder/inner")):
+        (place / name).write_bytes(b"0123456789")
+        os.utime(place / name, ns=(0, 1_000_000_000_000_000_000 - age))
+    (place / "link").symlink_to(tmp_path / "secret")
+    os.mkfifo(place / "pipe")
+    return place
+
+
+def test_logs_are_listed_newest_first(folder: Path) -> None:
+    assert [tuple(log) for log in logs_in(folder)] == [
+        ("new.mcap", 10, 1_000_000_000_000_000_000),
+        ("old.mcap", 10, 999_999_999_999_999_999),
+    ]
+    assert logs_in(folder / "nowhere") == []
+
+
+def test_a_log_is_opened_with_its_size(folder: Path) -> None:
+    file, size = open_log(folder, "new.mcap")
+    with os.fdopen(file, "rb") as stream:
+        assert (stream.read(), size) == (b"0123456789", 10)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "../secret", "/etc/passwd", "folder", "folder/inner", ".hidden", "link", "pipe", "a\0b", "\ud800"],
+)
+def test_nothing_else_is_opened(folder: Path, name: str) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(FileNotFoundError):
+        open_log(folder, name)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_folder_that_is_not_there_has_no_logs(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        open_log(tmp_path / "nowhere", "a")

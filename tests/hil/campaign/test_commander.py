@@ -1,0 +1,68 @@
+"""What arrives at the robot over a command link that fails."""
+
+import math
+
+import pytest
+
+from segway_ecc.hil.campaign.commander import Commander
+from segway_ecc.hil.faults.fault import Fault, Type
+from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+
+CYCLE_MS = 50
+MANOEUVRE = Manoeuvre(segments=(Segment(linear=1.0, duration=0.5), Segment(linear=2.0, duration=0.5)))
+SAID = [1, None, 1, None, 1, None, 1, None, 1, None, 2, None, 2, None, 2, None, 2, None, 2, None]
+"""Linear set-points of each cycle of 50 ms: each is said again every 100 ms."""
+
+
+def arrived(kind: Type | None, amount: float | None = None, for_s: float | None = 0.3) -> list[list[float]]:
+    """Linear set-points that arrive in each cycle of 50 ms; the fault is there from 0.3 s on."""
+    now = [0]
+    fault = [Fault(target="command_link", type=kind, at_s=0.3, for_s=for_s, amount=amount)] if kind else []
+    faults = Injections(fault, 0, lambda: now[0])
+    commander = Commander(MANOEUVRE, faults)
+    assert commander.take().setpoints == []
+    faults.timeline.start()
+    rows = []
+    for cycle in range(20):
+        now[0] = cycle * CYCLE_MS * 1_000_000
+        commander.publish(Report(0, Mode.ARMED, (), None))
+        assert commander.over is None
+        inbox = commander.take()
+        assert all(setpoint.stamp_ns is None for setpoint in inbox.setpoints)
+        rows.append([setpoint.setpoint.linear_velocity for setpoint in inbox.setpoints])
+    now[0] = 1_000_000_000
+    commander.publish(Report(0, Mode.ARMED, (), None))
+    assert commander.over == "the manoeuvre is over"
+    return rows
+
+
+def expected(changed: dict[int, list[float]]) -> list[list[float]]:
+    return [changed.get(cycle, [] if value is None else [float(value)]) for cycle, value in enumerate(SAID)]
+
+
+def test_a_whole_link() -> None:
+    assert arrived(None) == expected({})
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount", "changed"),
+    [
+        ("off", None, {6: [], 8: [], 10: []}),
+        ("wrong", 3.0, {6: [4.0], 8: [4.0], 10: [5.0]}),
+        ("intermittent", 1.0, {6: [], 8: [], 10: []}),
+        ("intermittent", 0.0, {}),
+        ("delayed", 0.15, {6: [], 8: [], 9: [1.0], 10: [], 11: [1.0], 13: [2.0]}),
+        ("stuck", 2.0, {6: [1] * 3, 7: [1] * 2, 8: [1] * 3, 9: [1] * 2, 10: [2] * 3, 11: [2] * 2}),
+    ],
+)
+def test_a_link_that_fails_for_a_while(kind: Type, amount: float | None, changed: dict[int, list[float]]) -> None:
+    assert arrived(kind, amount) == expected(changed)
+
+
+def test_what_is_garbage_is_never_finite() -> None:
+    rows = arrived("garbage")
+    assert all(not math.isfinite(value) for row in rows[6:12] for value in row)
+    assert [len(row) for row in rows] == [len(row) for row in expected({})]

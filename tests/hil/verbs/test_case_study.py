@@ -1,0 +1,159 @@
+"""`segway-ecc case-study`: its output, and that lock step repeats itself."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from segway_ecc.hil.case_study.study import Cell, Seat, Study, thesis_cells
+
+Run = Callable[..., Any]
+THESIS_KEYS = ("linear", "angular", "offline_20sim", "standalone_ros_2019")
+RUNS = 13
+ENDS_WITHIN_S = 100.0
+
+
+@pytest.fixture(scope="module")
+def offline(tmp_path_factory: pytest.TempPathFactory) -> "tuple[Path, subprocess.CompletedProcess[str]]":
+    out = tmp_path_factory.mktemp("offline")
+    words = ["case-study", "--seat", "offline", "--json", "--out", str(out)]
+    return out, subprocess.run(
+        [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words], check=False, capture_output=True, text=True
+    )
+
+
+def test_json_holds_the_twelve_cells_of_the_thesis(
+    offline: "tuple[Path, subprocess.CompletedProcess[str]]",
+) -> None:
+    result = json.loads(offline[1].stdout)
+
+    assert offline[1].returncode == 0
+    assert list(result) == ["cells"]
+    assert len(result["cells"]) == 12
+    assert {tuple(cell) for cell in result["cells"]} == {(*THESIS_KEYS, "offline")}
+    # Tables 4.1 and 4.2 of the thesis, first row.
+    by_setpoint = {(cell["linear"], cell["angular"]): cell for cell in result["cells"]}
+    assert by_setpoint[6.0, 4.0]["offline_20sim"] == [1.29, 2.27]
+    assert by_setpoint[6.0, 4.0]["standalone_ros_2019"] == [1.45, 1.87]
+
+
+def test_every_cell_is_where_the_thesis_says_within_its_two_decimals(
+    offline: "tuple[Path, subprocess.CompletedProcess[str]]",
+) -> None:
+    for cell in json.loads(offline[1].stdout)["cells"]:
+        # Half of the last digit, and a little for how well the thesis lets its cart's parameters be known.
+        assert cell["offline"] == pytest.approx(cell["offline_20sim"], abs=0.01), cell
+
+
+def test_the_report_and_the_logs_are_where_they_were_asked_for(
+    offline: "tuple[Path, subprocess.CompletedProcess[str]]",
+) -> None:
+    out, ended = offline
+
+    assert (out / "report.html").stat().st_size > 0
+    assert len(list((out / "logs").glob("offline_*.mcap"))) == RUNS
+    assert ended.stderr.splitlines() == [
+        *(f"segway-ecc: offline: {done} of {RUNS} runs done" for done in range(RUNS + 1)),
+        f"segway-ecc: report: {out / 'report.html'}",
+    ]
+
+
+def test_lock_step_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
+    words = ["case-study", "--seat", "can", "--lock-step", "--json", "--out"]
+    commands = [
+        [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words, str(tmp_path / name)]
+        for name in ("first", "second")
+    ]
+    processes = [subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) for words in commands]
+    try:
+        outputs = [process.communicate(timeout=ENDS_WITHIN_S)[0] for process in processes]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+    assert [process.returncode for process in processes] == [0, 0]
+    assert outputs[0] == outputs[1]
+    cells = json.loads(outputs[0])["cells"]
+    assert {tuple(cell) for cell in cells} == {(*THESIS_KEYS, "can")}
+    for cell in cells:
+        assert cell["can"] == pytest.approx(cell["offline_20sim"], abs=0.05), cell
+
+
+def test_an_out_folder_that_cannot_be_written_is_told(segway_ecc: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    outcome = segway_ecc("case-study", "--seat", "offline", "--out", str(tmp_path / "file"))
+
+    assert outcome.code == 2
+    assert outcome.out == ""
+    (line,) = outcome.errors
+    assert line == (f"segway-ecc: cannot write to {tmp_path}/file: Not a directory; choose another with --out")
+
+
+@pytest.mark.parametrize("repeat", ["0", "-1"])
+def test_a_study_cannot_be_repeated_less_than_once(segway_ecc: Run, tmp_path: Path, repeat: str) -> None:
+    outcome = segway_ecc("case-study", "--seat", "offline", "--repeat", repeat, "--out", str(tmp_path))
+
+    assert outcome.code == 2
+    (line,) = outcome.errors
+    assert "--repeat" in line
+
+
+def test_repeated_runs_are_compared_bit_for_bit(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends = iter([1.0, 1.0, 1.0 + 2**-52])
+
+    def conduct(*_arguments: object) -> Study:
+        (cell, *_) = thesis_cells()
+        end = next(ends)
+        found = Cell(cell.linear, cell.angular, cell.thesis_offline, cell.thesis_ros, {Seat.OFFLINE: (end, 2.0)})
+        return Study([found], [Seat.OFFLINE], [], [], [], {})
+
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    outcome = segway_ecc("case-study", "--seat", "offline", "--repeat", "3", "--out", str(tmp_path))
+
+    assert outcome.code == 0
+    assert outcome.errors == ["segway-ecc: offline: 2 of 3 runs gave the same bits"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run_1", "run_2", "run_3"]
+
+
+def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (cell, *_) = thesis_cells()
+    found = Cell(cell.linear, cell.angular, cell.thesis_offline, cell.thesis_ros, {Seat.OFFLINE: (1.5, 2.25)})
+    study = Study([found], [Seat.OFFLINE], [], [], [], {})
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", lambda *_: study)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    outcome = segway_ecc("case-study", "--seat", "offline", "--out", str(tmp_path))
+
+    assert "1.500 2.250" in outcome.out
+    assert "did not run" in outcome.out
+
+
+def test_all_seats_are_those_that_can_run_here(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[Seat]] = []
+
+    def conduct(runners: Any, *_arguments: object) -> Study:
+        asked.append([runner.seat for runner in runners])
+        return Study([], [], [], [], [], {})
+
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.missing_packages", lambda: ["rclpy"])
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.has_compiler", lambda: False)
+    outcome = segway_ecc("case-study", "--json", "--out", str(tmp_path))
+
+    assert asked == [[Seat.OFFLINE, Seat.CAN]]
+    assert outcome.errors == [
+        "segway-ecc: no ROS 2 here (no rclpy): the ros seat is left out",
+        "segway-ecc: no C compiler here (sudo apt-get install gcc): the submodel seat is left out",
+    ]

@@ -1,0 +1,97 @@
+"""The verb: designs anew what the packaged files have, and writes a robot file without harm to the rest of it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from segway_ecc.hil.verbs.design_gains import designed, rounded, with_parameters
+from segway_ecc.node.config import load_robot, read_text
+from segway_ecc.node.errors import ConfigurationError
+
+Run = Callable[..., Any]
+ROBOTS = ["segway", "segway-odrive"]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_packaged_gains_are_those_of_a_design_made_anew(robot: str) -> None:
+    file = load_robot(robot)
+    assert file.model.parameters == pytest.approx(rounded(designed(file).gains), rel=1e-4)
+
+
+def test_it_prints_poles_and_margins(segway_ecc: Run) -> None:
+    outcome = segway_ecc("design", "gains", "segway")
+    rows = dict(line.split("  ", maxsplit=1) for line in outcome.out.splitlines())
+    assert outcome.code == 0
+    # The falling body alone: sqrt(m g l M / (M J - (m l)^2)) of the published numbers.
+    assert rows["balance: open-loop poles, rad/s"].split()[0] == "9.697,"
+    assert {"balance: gain margin", "balance: phase margin", "balance: delay margin", "PitchGain"} <= set(rows)
+
+
+def test_json_has_the_same(segway_ecc: Run) -> None:
+    outcome = segway_ecc("design", "gains", "segway", "--json", "--delay", "1")
+    found = json.loads(outcome.out)
+    assert found["gains"]["SentBeforeGain"] == 0.0
+    assert found["balance"]["delay_margin_s"] > 0.02
+    assert len(found["balance"]["closed_poles_z"]) == 6
+
+
+def test_out_writes_the_robot_file_with_new_gains_and_the_rest_untouched(segway_ecc: Run, tmp_path: Path) -> None:
+    out = tmp_path / "mine.yaml"
+    outcome = segway_ecc("design", "gains", "segway", "--delay", "0", "--out", str(out))
+    before, after = read_text("segway").splitlines(), out.read_text(encoding="utf-8").splitlines()
+    changed = [line.split(":")[0].strip() for line in set(after) - set(before)]
+    assert outcome.errors == [f"segway-ecc: wrote {out}"]
+    assert "SentGain" in changed
+    assert set(changed) <= set(load_robot("segway").model.parameters)
+    assert load_robot(str(out)).model.parameters["SentGain"] == 0.0
+    assert after[0].startswith("# A segway")
+
+
+def test_the_packaged_file_written_anew_is_itself() -> None:
+    text = read_text("segway")
+    assert with_parameters(text, load_robot("segway").model.parameters) == text
+
+
+def test_other_parameters_and_comments_stay() -> None:
+    text = "name: x\nmodel: # mine\n  source: a:B\n\n# hardware\nwiring: {}\n"
+    changed = with_parameters(text, {"MaxSpeed": 1.0})
+    assert "model: # mine\n  source: a:B\n" in changed
+    assert "# hardware\nwiring: {}\n" in changed
+    assert with_parameters(changed, {"MaxSpeed": 2.0}) == changed.replace("1.0", "2.0")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["name: x\nmodel: {source: 'a:B'}\nwiring: {}\n", "name: x\nmodel:\n    source: a:B\nwiring: {}\n"],
+    ids=["flow", "deeper"],
+)
+def test_a_file_laid_out_otherwise_is_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError):
+        with_parameters(text, {"MaxSpeed": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("cart-can",), "plant 'cart-"),
+        (("cart",), "robot 'cart' has no plant: "),
+        (("segway", "--out", "/nowhere/x.yaml"), "cannot write robot file '/nowhere/x.yaml': "),
+    ],
+)
+def test_what_is_no_segway_or_cannot_be_written_is_told(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
+    outcome = segway_ecc("design", "gains", *words)
+    (line,) = outcome.errors
+    assert outcome.code != 0
+    assert line.startswith(f"segway-ecc: {message}")
+
+
+def test_other_parameters_of_the_robot_file_are_kept(segway_ecc: Run, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        read_text("segway").replace("  parameters:\n", "  parameters:\n    MaxSpeed: 0.7\n"), encoding="utf-8"
+    )
+    assert segway_ecc("design", "gains", str(mine), "--out", str(mine)).code == 0
+    assert load_robot(str(mine)).model.parameters == {**load_robot("segway").model.parameters, "MaxSpeed": 0.7}

@@ -1,0 +1,163 @@
+"""`segway-ecc log replay`: identical, or what differs first."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mcap.reader import make_reader
+
+from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.replay.log import RecordedRun
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def log(segway_ecc: Run, tmp_path: Path) -> Path:
+    """The log of a drive over a simulated bus."""
+    path = tmp_path / "field.mcap"
+    assert segway_ecc(
+        "prove", "fault", "disk-fails", "--set", "plant.MotorResistance=0.4", "--log", str(path)
+    ).code in {0, 1, 3}
+    assert segway_ecc("prove", "fault", "can-cut", "--robot", "cart-can", "--log", str(path)).code == 0
+    return path
+
+
+def rewritten(log: Path, change: Callable[[CycleRecord], CycleRecord | None]) -> Path:
+    """The log with its cycles changed, or left out."""
+    run, path = RecordedRun(log), log.with_name("changed.mcap")
+    with log.open("rb") as stream:
+        reader = make_reader(stream)
+        attachments = {found.name: found.data.decode() for found in reader.iter_attachments()}
+        metadata = {found.name: found.metadata for found in reader.iter_metadata()}
+    del attachments["layout.json"], metadata["robot"]
+    made = CycleLog(path, run.layout, Provenance(attachments, metadata))
+    for record in run.cycles():
+        changed = change(record)
+        if changed is not None:
+            made.write(changed)
+    made.close()
+    return path
+
+
+def pushed(record: CycleRecord) -> CycleRecord:
+    return record._replace(commands=(record.commands[0] + 0.5, record.commands[1])) if record.cycle == 50 else record
+
+
+def test_a_log_from_the_field_is_identical(segway_ecc: Run, log: Path) -> None:
+    outcome = segway_ecc("log", "replay", str(log))
+    cycles = sum(1 for _ in RecordedRun(log).cycles())
+
+    assert outcome.code == 0
+    assert outcome.errors == []
+    assert outcome.out.startswith(f"identical: {cycles} cycles, ")
+
+
+def test_the_first_difference_is_told_and_ends_it_with_1(segway_ecc: Run, log: Path) -> None:
+    outcome = segway_ecc("log", "replay", str(rewritten(log, pushed)))
+    lines = outcome.out.splitlines()
+
+    assert outcome.code == 1
+    assert lines[0].startswith("cycle 50 (t = 0.500 s): command left.voltage ")
+    assert lines[0].endswith(" is computed")
+    assert lines[1] == "50 cycles before it are identical"
+    assert [line.split(":")[0].strip() for line in lines[4:]] == [str(cycle) for cycle in range(46, 56)]
+
+
+def test_json_tells_the_same(segway_ecc: Run, log: Path) -> None:
+    good = json.loads(segway_ecc("log", "replay", str(log), "--json").out)
+    bad = json.loads(segway_ecc("log", "replay", str(rewritten(log, pushed)), "--json").out)
+
+    assert (good["identical"], good["difference"], good["gap"], good["cut"], good["other_model"]) == (
+        True,
+        None,
+        None,
+        False,
+        False,
+    )
+    assert (bad["identical"], bad["cycles"]) == (False, 50)
+    assert (bad["difference"]["cycle"], bad["difference"]["port"]) == (50, "command left.voltage")
+    assert float(bad["difference"]["recorded"]) - float(bad["difference"]["computed"]) == pytest.approx(0.5)
+
+
+def test_missing_cycles_end_it_with_9_and_say_where(segway_ecc: Run, log: Path) -> None:
+    outcome = segway_ecc("log", "replay", str(rewritten(log, lambda record: None if record.cycle == 30 else record)))
+
+    assert outcome.code == 9
+    assert outcome.out.startswith("identical: 30 cycles")
+    assert outcome.errors == ["segway-ecc: cycles 30 to 30 are missing in the log: replayed up to there"]
+
+
+def test_a_log_that_was_cut_off_is_replayed_and_said_to_be(segway_ecc: Run, log: Path) -> None:
+    log.write_bytes(log.read_bytes()[:-50])
+    outcome = segway_ecc("log", "replay", str(log))
+
+    assert outcome.code == 0
+    assert outcome.errors == ["segway-ecc: the log ends before its time, as after a power cut: replayed up to there"]
+
+
+def test_another_model_is_told_and_may_differ(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+    (tmp_path / "half_model.py").write_text(
+        "from segway_ecc.node.models.cart import CartController\n"
+        "class Half(CartController):\n"
+        "    def output(self):\n"
+        "        return [0.5 * y for y in super().output()]\n"
+    )
+    outcome = segway_ecc("log", "replay", str(log), "--model", "half_model:Half")
+
+    assert outcome.code == 1
+    assert outcome.errors == ["segway-ecc: the model is not the one that ran: its files have another content"]
+
+
+def test_a_drawing_is_made(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+    assert segway_ecc("log", "replay", str(log), "--plot", str(tmp_path / "a.svg")).code == 0
+    assert b"right.voltage" in (tmp_path / "a.svg").read_bytes() or (tmp_path / "a.svg").stat().st_size > 10_000
+
+
+def test_what_is_no_log_ends_it_with_9(segway_ecc: Run, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_text("x")
+    none, other = (
+        segway_ecc("log", "replay", str(tmp_path / "no.mcap")),
+        segway_ecc("log", "replay", str(tmp_path / "x.mcap")),
+    )
+
+    assert (none.code, other.code) == (9, 9)
+    assert none.errors == [f"segway-ecc: cannot read the log {tmp_path}/no.mcap: No such file or directory"]
+    assert "it is no log of a run" in other.errors[0]
+
+
+def test_the_campaign_replays_its_runs(segway_ecc: Run, tmp_path: Path) -> None:
+    scenario = tmp_path / "cut.yaml"
+    scenario.write_text(
+        "name: cut\nrobot: cart-can\nsegments: [{linear: 1.0, duration: 0.5}]\n"
+        "faults: [{target: can, type: off, at_s: 0.2}]\nexpect: {outcome: faults}\n"
+    )
+    outcome = segway_ecc("prove", "campaign", str(scenario), "--jobs", "1", "--seeds", "2", "--replay")
+
+    assert outcome.code == 0
+    assert outcome.errors[-2] == "segway-ecc: 2 of 2 replays are identical to the last bit"
+
+
+def test_a_replay_that_differs_is_not_as_declared(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = CycleLog.write
+    monkeypatch.setattr(CycleLog, "write", lambda log, record: write(log, pushed(record)))
+    scenario = tmp_path / "plain.yaml"
+    scenario.write_text(
+        "name: plain\nrobot: cart-can\nsegments: [{linear: 1.0, duration: 0.5}]\n"
+        "faults: [{target: commands, type: off, at_s: 0.2}]\nexpect: {outcome: holds}\n".replace(
+            "commands", "command_link"
+        )
+    )
+    outcome = segway_ecc("prove", "campaign", str(scenario), "--jobs", "1", "--replay", "--json")
+    (run,) = json.loads(outcome.out)["runs"]
+
+    assert outcome.code == 1
+    assert any(why.startswith("replay: cycle 50 (t = 0.500 s): command left.voltage ") for why in run["why_not"])
+    assert msgspec.json.encode(run)

@@ -1,0 +1,24 @@
+"""What other code may import."""
+
+import subprocess
+import sys
+
+import pytest
+
+import segway_ecc
+
+
+@pytest.mark.parametrize("name", segway_ecc.__all__)
+def test_a_public_name_is_there_and_documented(name: str) -> None:
+    assert getattr(segway_ecc, name).__doc__
+
+
+def test_a_name_that_is_not_public_is_refused() -> None:
+    with pytest.raises(AttributeError, match=r"^module 'segway_ecc' has no attribute 'Loop'$"):
+        _ = segway_ecc.Loop
+
+
+def test_importing_the_package_imports_nothing_else_of_ours() -> None:
+    code = "import sys, segway_ecc; print(*(name for name in sys.modules if name.startswith('segway_ecc')))"
+    found = subprocess.run([sys.executable, "-P", "-c", code], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["segway_ecc"]
