@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
-from segway_ecc.deploy.station.archive_fetch import FetchError, Line, fetch_bundle, fetch_log
+from segway_ecc.deploy.station.archive_fetch import ArchiveConnection, FetchError, fetch_bundle, fetch_log
 from segway_ecc.deploy.support.log_folder import LogFile, open_log
 from segway_ecc.deploy.support.pieces import LOGS, Value, logs_of
 from segway_ecc.node.errors import NobodyListensError
@@ -181,8 +181,8 @@ class ArchiveClient:
         with self._lock:
             self._progress[key] = Progress("fetching", fetched, size)
 
-    def _line(self, robot: str, tell: Callable[[int, int], None]) -> Line:
-        return Line(functools.partial(self._calls.ask, robot), self._wait, tell)
+    def _line(self, robot: str, tell: Callable[[int, int], None]) -> ArchiveConnection:
+        return ArchiveConnection(functools.partial(self._calls.ask, robot), self._wait, tell)
 
     def _wait(self, seconds: float) -> None:
         if self._ending.wait(seconds):

@@ -36,7 +36,7 @@ class FetchError(NobodyListensError):
     """A file could not be fetched; what is here already is kept and resumed from."""
 
 
-class Line(NamedTuple):
+class ArchiveConnection(NamedTuple):
     """A line to the archive of one robot.
 
     Attributes:
@@ -50,7 +50,7 @@ class Line(NamedTuple):
     tell: Callable[[int, int], None]
 
 
-def fetch_log(line: Line, log: LogFile, folder: Path) -> Path:
+def fetch_log(line: ArchiveConnection, log: LogFile, folder: Path) -> Path:
     """Fetch a log into a folder; return where it is, whole and checked.
 
     Raises:
@@ -70,7 +70,7 @@ def fetch_log(line: Line, log: LogFile, folder: Path) -> Path:
     raise FetchError(f"{log.name} is not what the robot has, twice; try again")
 
 
-def fetch_bundle(line: Line, folder: Path, most_bytes: int) -> Path:
+def fetch_bundle(line: ArchiveConnection, folder: Path, most_bytes: int) -> Path:
     """Have the robot make a support bundle, and fetch it.
 
     Raises:
@@ -97,7 +97,7 @@ def _require(part: Path, made: Made) -> None:
         raise FetchError("the robot's bundle came damaged; try again")
 
 
-def _download(line: Line, kind: str, name: str, size: int, part: Path) -> None:
+def _download(line: ArchiveConnection, kind: str, name: str, size: int, part: Path) -> None:
     file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
         here = os.fstat(file).st_size
@@ -118,21 +118,21 @@ def _write(file: int, piece: bytes, at: int) -> None:
         piece, at = piece[count:], at + count
 
 
-def _piece(line: Line, wanted: Wanted) -> bytes:
+def _piece(line: ArchiveConnection, wanted: Wanted) -> bytes:
     answer = _asked(line, name_of(wanted))
     if not isinstance(answer, bytes) or not answer:
         raise FetchError(f"the robot has no more of {wanted.name} at byte {wanted.number}: it is gone, or was cut")
     return answer
 
 
-def _sha256(line: Line, log: LogFile) -> str:
+def _sha256(line: ArchiveConnection, log: LogFile) -> str:
     answer = _when_done(line, name_of(Wanted(SHA256, log.name, log.size)), "")
     if not is_sha256(answer):
         raise FetchError(f"the robot cannot tell the SHA-256 of {log.name}: {answer or 'it is gone'}")
     return answer
 
 
-def _made(line: Line) -> Made:
+def _made(line: ArchiveConnection) -> Made:
     answer = _when_done(line, BUNDLE, MAKE)
     made = made_of(answer)
     if made is None:
@@ -140,7 +140,7 @@ def _made(line: Line) -> Made:
     return made
 
 
-def _when_done(line: Line, name: str, begin: str) -> str:
+def _when_done(line: ArchiveConnection, name: str, begin: str) -> str:
     """An answer, once it is no longer `busy`."""
     answer = _asked(line, begin or name)
     for _ in range(round(_PATIENCE_S / _LOOK_S)):
@@ -151,7 +151,7 @@ def _when_done(line: Line, name: str, begin: str) -> str:
     raise FetchError(f"the robot was not done within {_PATIENCE_S:g} s")
 
 
-def _asked(line: Line, name: str) -> Value:
+def _asked(line: ArchiveConnection, name: str) -> Value:
     """An answer; a question or an answer that is lost is asked again."""
     for _ in range(_TRIES - 1):
         try:

@@ -4,8 +4,16 @@ from typing import Final, TypeVar
 
 from segway_ecc.deploy.station.discovery import MOST_ROBOTS
 from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heard import Health, Heard, ModeHeard, Pitch, SetpointHeard, Supply, finite
 from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.robot_messages import (
+    Health,
+    ModeReport,
+    Pitch,
+    RobotMessage,
+    SetpointReport,
+    Supply,
+    finite,
+)
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.node.safety.modes import ACTIVE, Mode
 from segway_ecc.node.sequence.player import Odometry
@@ -13,13 +21,13 @@ from segway_ecc.node.sequence.player import Odometry
 LOST_AFTER_NS: Final = 1_000_000_000
 _FRESH_NS: Final[dict[type, int]] = {
     Odometry: 1_000_000_000,
-    SetpointHeard: 1_000_000_000,
+    SetpointReport: 1_000_000_000,
     Pitch: 1_000_000_000,
     Supply: 10_000_000_000,
     Health: 5_000_000_000,
 }
 """How long what was heard is shown; an older value is not known any more."""
-_NOT_DRIVEN: Final = SetpointHeard(0, 0.0, 0.0)
+_NOT_DRIVEN: Final = SetpointReport(0, 0.0, 0.0)
 _LEVELS: Final = {Mode.FAULT: "error", Mode.HOLD: "warning"}
 H = TypeVar("H")
 
@@ -34,13 +42,13 @@ class Robot:
         is_alive: Whether it came lately.
     """
 
-    def __init__(self, robot: str, mode: ModeHeard, heard_ns: int) -> None:
+    def __init__(self, robot: str, mode: ModeReport, heard_ns: int) -> None:
         """Begin with the first word."""
         self.robot = robot
         self.mode = mode
         self.heard_ns = heard_ns
         self.is_alive = True
-        self._newest: dict[type, tuple[Heard, int]] = {}
+        self._newest: dict[type, tuple[RobotMessage, int]] = {}
 
     @property
     def is_active(self) -> bool:
@@ -51,7 +59,7 @@ class Robot:
         """Since its last word, s."""
         return max(now_ns - self.heard_ns, 0) * 1e-9
 
-    def keep(self, heard: Heard, at_ns: int) -> None:
+    def keep(self, heard: RobotMessage, at_ns: int) -> None:
         """Keep the newest of each kind."""
         self._newest[type(heard)] = (heard, at_ns)
 
@@ -93,11 +101,11 @@ class Robot:
             can_stand=mode.can_stand,
         )
 
-    def _setpoint(self, now_ns: int) -> SetpointHeard | None:
+    def _setpoint(self, now_ns: int) -> SetpointReport | None:
         """What is in force: none while it takes none, and zero while it holds."""
         if not self.is_active:
             return None
-        return _NOT_DRIVEN if self.mode.mode is Mode.HOLD else self.newest(SetpointHeard, now_ns)
+        return _NOT_DRIVEN if self.mode.mode is Mode.HOLD else self.newest(SetpointReport, now_ns)
 
 
 class Fleet:
@@ -112,7 +120,7 @@ class Fleet:
         self.robots: dict[str, Robot] = {}
         self._events = events
 
-    def hear(self, name: str, heard: Heard, at_ns: int) -> None:
+    def hear(self, name: str, heard: RobotMessage, at_ns: int) -> None:
         """Take what a robot said; it is known from its first mode on.
 
         Args:
@@ -121,7 +129,7 @@ class Fleet:
             at_ns: When that reached us, monotonic.
         """
         robot = self.robots.get(name)
-        if not isinstance(heard, ModeHeard):
+        if not isinstance(heard, ModeReport):
             if robot is not None:
                 robot.keep(heard, at_ns)
         elif robot is not None:
@@ -137,7 +145,7 @@ class Fleet:
                 robot.is_alive = False
                 self._events.add(robot.robot, "lost: it says nothing any more", level="error")
 
-    def _hear_mode(self, robot: Robot, mode: ModeHeard, at_ns: int) -> None:
+    def _hear_mode(self, robot: Robot, mode: ModeReport, at_ns: int) -> None:
         before, age_s = robot.mode, robot.age_s(at_ns)
         robot.mode, robot.heard_ns = mode, max(at_ns, robot.heard_ns)
         if not robot.is_alive:
@@ -146,5 +154,5 @@ class Fleet:
         elif (before.mode, before.reason) != (mode.mode, mode.reason):
             self._tell_mode(robot.robot, f"{mode.mode}: {mode.reason}", mode)
 
-    def _tell_mode(self, name: str, text: str, mode: ModeHeard) -> None:
+    def _tell_mode(self, name: str, text: str, mode: ModeReport) -> None:
         self._events.add(name, text, level=_LEVELS.get(mode.mode, "info"))

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Final
 
-from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.robot_messages import ModeReport
 
 PERIOD_NS: Final = 100_000_000
 _KEPT: Final = 50
@@ -32,7 +32,7 @@ class Heartbeats:
         self._sent.append(now_ns)
         return now_ns
 
-    def hear(self, robot: str, mode: ModeHeard, at_ns: int) -> None:
+    def hear(self, robot: str, mode: ModeReport, at_ns: int) -> None:
         """Take what a robot said at `at_ns`, monotonic, where it is an echo of ours: it tells other stations too."""
         if mode.station == self.name and mode.beat_ns in self._sent and mode.beat_age_ns <= _HEARS_NS:
             self._round_trips[robot] = (max(at_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9, at_ns)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.deploy.station.line import Answered, Line, Reply
+from segway_ecc.deploy.station.connection import Reply, RobotConnection, ServiceResponse
 from segway_ecc.node.safety.modes import Action
 
 WITHIN_NS: Final = 2_000_000_000
@@ -20,7 +20,7 @@ class _Asked:
 class Requests:
     """What one robot was asked; at most one request of each kind is under way."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: RobotConnection) -> None:
         """Ask over `line`."""
         self._line = line
         self._asked: dict[Action, _Asked] = {}
@@ -38,7 +38,7 @@ class Requests:
         self._asked[action] = _Asked(reply, now_ns)
         self.step(now_ns)
 
-    def take(self, answered: Answered) -> None:
+    def take(self, answered: ServiceResponse) -> None:
         """Take an answer; one that nobody waits for any more is dropped."""
         asked = self._asked.get(answered.action)
         if asked is not None and asked.number == answered.number:

@@ -4,10 +4,10 @@ import enum
 from collections.abc import Sequence
 from typing import Final
 
+from segway_ecc.deploy.station.connection import Reply, RobotConnection
 from segway_ecc.deploy.station.deadman import fitted
-from segway_ecc.deploy.station.heard import SetpointHeard
-from segway_ecc.deploy.station.line import Line, Reply
 from segway_ecc.deploy.station.requests import WITHIN_NS
+from segway_ecc.deploy.station.robot_messages import SetpointReport
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.documents import decode_yaml
@@ -61,7 +61,7 @@ def read_sequence(text: str, name: str, limits: Setpoint) -> Manoeuvre:
     return manoeuvre
 
 
-class Playing:
+class SequencePlayback:
     """A sequence that is played, or was.
 
     It is confirmed by the first of its set-points that the robot brings into force.
@@ -94,7 +94,7 @@ class Playing:
         """For the event log."""
         return f"sequence {self._name}: {self._state.value}" + (f": {self._reason}" if self._reason else "")
 
-    def hear(self, setpoint: SetpointHeard, now_ns: int) -> None:
+    def hear(self, setpoint: SetpointReport, now_ns: int) -> None:
         """Learn which set-point is in force."""
         start_ns = self._player.start_ns
         if self.is_over or start_ns is None or setpoint.stamp_ns < start_ns or setpoint.stamp_ns == self._setpoint_ns:
@@ -102,7 +102,7 @@ class Playing:
         self._setpoint_ns, self._followed_ns, self._state = setpoint.stamp_ns, now_ns, _State.RUNNING
         self._answer(accepted=True, text=f"{self._name} is being played")
 
-    def step(self, line: Line, odometry: Odometry | None, now_ns: int) -> None:
+    def step(self, line: RobotConnection, odometry: Odometry | None, now_ns: int) -> None:
         """Send what is due by the robot's own time."""
         if self.is_over:
             return
@@ -116,14 +116,14 @@ class Playing:
         if now_ns - self._followed_ns > patience_ns:
             self.break_off(line, "the robot does not follow: none of the set-points came into force", failed=True)
 
-    def break_off(self, line: Line, reason: str, *, failed: bool = False) -> None:
+    def break_off(self, line: RobotConnection, reason: str, *, failed: bool = False) -> None:
         """End it: the robot is told to rest, in place of all that was sent ahead."""
         if self.is_over:
             return
         self._send(line, [(said.offset_ns, said.setpoint) for said in self._player.abandon()])
         self._end(_State.FAILED if failed else _State.BROKEN_OFF, reason)
 
-    def _send(self, line: Line, said: Sequence[tuple[int, Setpoint]]) -> None:
+    def _send(self, line: RobotConnection, said: Sequence[tuple[int, Setpoint]]) -> None:
         for offset_ns, setpoint in said:
             line.say((self._player.start_ns or 0) + offset_ns, setpoint)
 

@@ -9,12 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Final, Self
 
-from segway_ecc.deploy.station.desk import Desk
+from segway_ecc.deploy.station.command_handler import CommandHandler
+from segway_ecc.deploy.station.connection import Reply, once
 from segway_ecc.deploy.station.events import EventLog
 from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.line import Reply, once
-from segway_ecc.deploy.station.radio import Radio
-from segway_ecc.deploy.station.seat import Asked
+from segway_ecc.deploy.station.robot_tasks import SubmittedCommand
+from segway_ecc.deploy.station.ros_bridge import RosBridge
 from segway_ecc.deploy.station.sequences import read_sequence
 from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -67,11 +67,11 @@ class Station:
         self._ros_arguments = ros_arguments
         self._events = EventLog(wall_ns)
         beats = Heartbeats(name)
-        self._desk = Desk(self._events, beats, limits)
-        self._radio = Radio(self._desk, None if is_watching else beats, clock_ns, wall_ns, self._events)
+        self._desk = CommandHandler(self._events, beats, limits)
+        self._radio = RosBridge(self._desk, None if is_watching else beats, clock_ns, wall_ns, self._events)
         self._told: set[str] = set()
-        self._stops: deque[Asked] = deque()
-        self._commands: deque[Asked | str] = deque()
+        self._stops: deque[SubmittedCommand] = deque()
+        self._commands: deque[SubmittedCommand | str] = deque()
         self._drives: dict[tuple[str, str], tuple[Drive, int]] = {}
         self._reading = threading.Semaphore(_MOST_SEQUENCES)
         self._readers = ThreadPoolExecutor(1, "sequences")
@@ -135,7 +135,7 @@ class Station:
             reply: Called once, from another thread, with whether it was confirmed and the text. Where the station is
                 ending or has too much to do it is called at once, from this thread.
         """
-        asked = Asked(who, command, once(reply), self._clock_ns())
+        asked = SubmittedCommand(who, command, once(reply), self._clock_ns())
         if command.act is Act.PLAY:
             self._read_then_take(asked)
         else:
@@ -156,7 +156,7 @@ class Station:
             self._commands.append(who)
         self._wake.set()
 
-    def _take(self, asked: Asked) -> None:
+    def _take(self, asked: SubmittedCommand) -> None:
         with self._lock:
             waiting = self._stops if asked.command.act is Act.STOP else self._commands
             if self._is_ending:
@@ -170,7 +170,7 @@ class Station:
         if refusal:
             asked.reply(False, refusal)  # noqa: FBT003 - the contract's form
 
-    def _read_then_take(self, asked: Asked) -> None:
+    def _read_then_take(self, asked: SubmittedCommand) -> None:
         """Read a sequence in a thread of its own: a long one takes a second."""
         if not self._reading.acquire(blocking=False):
             asked.reply(False, "other sequences are still being read; try again")  # noqa: FBT003 - the contract's form
@@ -181,7 +181,7 @@ class Station:
             self._reading.release()
             asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form
 
-    def _read(self, asked: Asked) -> None:
+    def _read(self, asked: SubmittedCommand) -> None:
         manoeuvre: Manoeuvre | str
         try:
             manoeuvre = read_sequence(asked.command.text, asked.command.name[:80] or "the sequence", self.limits)
@@ -189,7 +189,7 @@ class Station:
             manoeuvre = str(error)
         finally:
             self._reading.release()
-        self._take(Asked(asked.who, asked.command, asked.reply, asked.at_ns, manoeuvre))
+        self._take(SubmittedCommand(asked.who, asked.command, asked.reply, asked.at_ns, manoeuvre))
 
     def _run(self) -> None:
         try:
@@ -237,14 +237,14 @@ class Station:
         for asked in stops:
             self._answered(self._desk.stop, asked)
         for item in commands:
-            if isinstance(item, Asked):
+            if isinstance(item, SubmittedCommand):
                 self._answered(self._desk.command, item)
             else:
                 self._guarded(self._desk.left, item, self._clock_ns())
         for (who, _), (drive, at_ns) in drives.items():
             self._guarded(self._desk.drive, who, drive, at_ns, self._clock_ns())
 
-    def _answered(self, carry_out: Callable[[Asked, int], None], asked: Asked) -> None:
+    def _answered(self, carry_out: Callable[[SubmittedCommand, int], None], asked: SubmittedCommand) -> None:
         if not self._guarded(carry_out, asked, self._clock_ns()):
             asked.reply(False, "the station failed; see its messages")  # noqa: FBT003 - the contract's form
 
@@ -265,7 +265,7 @@ class Station:
         """Answer what came too late."""
         with self._lock:
             self._is_ending = True
-            late = [*self._stops, *(item for item in self._commands if isinstance(item, Asked))]
+            late = [*self._stops, *(item for item in self._commands if isinstance(item, SubmittedCommand))]
             self._stops, self._commands = deque(), deque()
         for asked in late:
             asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form

@@ -7,9 +7,9 @@ import enum
 from collections.abc import Callable
 from typing import Final
 
-from segway_ecc.deploy.station.heard import ModeHeard
-from segway_ecc.deploy.station.line import Answered, Line, Reply
+from segway_ecc.deploy.station.connection import Reply, RobotConnection, ServiceResponse
 from segway_ecc.deploy.station.requests import NO_ANSWER, WITHIN_NS
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.safety.modes import Action, Mode
 
 AGAIN_NS: Final = 100_000_000
@@ -40,7 +40,7 @@ class Stop:
         after_s: From the request to the confirmation, s.
     """
 
-    def __init__(self, line: Line, tell: Tell) -> None:
+    def __init__(self, line: RobotConnection, tell: Tell) -> None:
         """Stop over `line`."""
         self.state = StopState.NONE
         self.after_s: float | None = None
@@ -76,11 +76,11 @@ class Stop:
         self._waiting.append(reply)
         self._send(now_ns)
 
-    def take(self, answered: Answered) -> None:
+    def take(self, answered: ServiceResponse) -> None:
         """What the robot's service says; it does not confirm anything by itself."""
         self._answer = answered.message if answered.accepted else f"refused: {answered.message}"
 
-    def hear(self, mode: ModeHeard, heard_ns: int) -> None:
+    def hear(self, mode: ModeReport, heard_ns: int) -> None:
         """Look at what the drive does."""
         if self.state is StopState.CONFIRMED and mode.mode is not Mode.FAULT:
             self.state, self.after_s = StopState.NONE, None
@@ -106,7 +106,7 @@ class Stop:
             self.state = StopState.NONE
             self._answer_all(accepted=False, text=text)
 
-    def _confirm(self, mode: ModeHeard, heard_ns: int) -> None:
+    def _confirm(self, mode: ModeReport, heard_ns: int) -> None:
         self.state, self.after_s = StopState.CONFIRMED, (heard_ns - self._asked_ns) * 1e-9
         what = "drives off" if mode.drives == "off" else "commands zero"
         text = f"stopped after {self.after_s * 1e3:.0f} ms: {what}; {mode.reason}"

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan
-from segway_ecc.deploy.station.installer.machine import USER, Machine
+from segway_ecc.deploy.station.installer.machine import USER, TargetMachine
 from segway_ecc.deploy.station.installer.remove import remove
-from segway_ecc.deploy.station.installer.settings import DISCOVERY, Settings
+from segway_ecc.deploy.station.installer.settings import DISCOVERY, InstallSettings
 from segway_ecc.deploy.station.installer.tokens import ACCESS, has_tokens, is_the_service_s
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.listening import url
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 
 _THIS: Final = Path("/")
-_DEFAULT: Final = Settings()
+_DEFAULT: Final = InstallSettings()
 _WIREGUARD: Final = "wg-robots"
 
 
@@ -77,8 +77,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _settings(options: argparse.Namespace) -> Settings:
-    return Settings(
+def _settings(options: argparse.Namespace) -> InstallSettings:
+    return InstallSettings(
         options.domain,
         options.discovery,
         tuple(dict.fromkeys(options.peer)),
@@ -95,15 +95,15 @@ def _absolute(path: Path | None) -> Path | None:
     return None if path is None else path.absolute()
 
 
-def _machine(options: argparse.Namespace) -> Machine:
+def _machine(options: argparse.Namespace) -> TargetMachine:
     if options.root is None:
-        return Machine(_THIS)
+        return TargetMachine(_THIS)
     if not options.root.is_dir():
         raise ConfigurationError(f"--root {options.root} is no folder")
-    return Machine(options.root.resolve(), is_live=False)
+    return TargetMachine(options.root.resolve(), is_live=False)
 
 
-def _require_root(machine: Machine) -> None:
+def _require_root(machine: TargetMachine) -> None:
     if machine.is_live and not _is_root():
         raise ConfigurationError(f"only root may do this: sudo {Path(sys.argv[0]).absolute()} base-station ...")
 
@@ -120,7 +120,7 @@ def _install(made: Plan, options: argparse.Namespace) -> None:
         _show(tokens)
 
     changed = install(made, new_tokens=options.new_tokens, show=show)
-    place = Place(made.settings.scheme, made.settings.port)
+    place = SiteAddress(made.settings.scheme, made.settings.port)
     page = url(made.settings.address, place)
     if not made.settings.is_loopback and made.settings.certificate is None:
         sys.stderr.write(

@@ -17,8 +17,8 @@ from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_access
-from segway_ecc.deploy.station.web.listening import bind, place_of, tls_context, url
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.listening import bind, site_address_of, tls_context, url
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.support.archive_calls import ArchiveCalls
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     tls = _tls(options)
     sockets = bind(options.address, options.port)
     try:
-        place = place_of(sockets, "http" if tls is None else "https", options.host)
+        place = site_address_of(sockets, "http" if tls is None else "https", options.host)
         folder = _folder(options)
         access = _access(options, folder, place)
         with messages():
@@ -92,7 +92,7 @@ def _folder(options: argparse.Namespace) -> Path:
     return folder
 
 
-def _access(options: argparse.Namespace, folder: Path, place: Place) -> Access | None:
+def _access(options: argparse.Namespace, folder: Path, place: SiteAddress) -> Access | None:
     """Who gets in; tokens are made at the first start that needs them."""
     if place.is_loopback and not options.require_token and not options.new_tokens:
         return None
@@ -115,7 +115,7 @@ def _show(tokens: Mapping[Role, str]) -> None:
 def _serve(
     options: argparse.Namespace,
     sockets: Sequence[socket.socket],
-    place: Place,
+    place: SiteAddress,
     means: tuple[Access | None, ssl.SSLContext | None, Path],
 ) -> Mapping[str, object]:
     # Only here, so that what is missing is told in one line: both need aiohttp.
@@ -127,7 +127,7 @@ def _serve(
         contextlib.closing(ArchiveClient(ArchiveCalls(options.ros_arguments), folder / "fetched")) as archive,
         Station(_name(options), ros_arguments=options.ros_arguments) as station,
     ):
-        settings = server.Settings(
+        settings = server.ServerSettings(
             place,
             folder,
             logs,
@@ -143,7 +143,7 @@ def _serve(
     return report
 
 
-def _say(options: argparse.Namespace, place: Place) -> None:
+def _say(options: argparse.Namespace, place: SiteAddress) -> None:
     if not place.is_loopback and place.scheme == "http":
         _logger.warning(
             "plain HTTP: whoever is on this network can read the token and use it; give --certificate and --key"

@@ -4,15 +4,15 @@ import re
 import shutil
 from pathlib import Path
 
-from segway_ecc.deploy.station.installer.machine import USER, Machine, Owner, acting_as
+from segway_ecc.deploy.station.installer.machine import USER, Owner, TargetMachine, acting_as
 from segway_ecc.deploy.station.installer.program import is_hidden
 from segway_ecc.deploy.station.installer.rendering import ENVIRONMENT, STATION
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.web.listening import bind, tls_context
 from segway_ecc.node.errors import ConfigurationError, NodeError
 
 
-def check_machine(machine: Machine, settings: Settings) -> None:
+def check_machine(machine: TargetMachine, settings: InstallSettings) -> None:
     """Systemd runs, and there is what the firewall needs.
 
     Raises:
@@ -26,7 +26,7 @@ def check_machine(machine: Machine, settings: Settings) -> None:
         raise ConfigurationError("--firewall needs nft, which is not installed: apt-get install nftables")
 
 
-def check_rules(machine: Machine, rules: str) -> None:
+def check_rules(machine: TargetMachine, rules: str) -> None:
     """The kernel takes the firewall's rules; nothing is loaded.
 
     Raises:
@@ -40,7 +40,7 @@ def check_rules(machine: Machine, rules: str) -> None:
         ) from None
 
 
-def check_place(machine: Machine, settings: Settings) -> None:
+def check_place(machine: TargetMachine, settings: InstallSettings) -> None:
     """The address is ours, and the port free, or held by the station itself.
 
     Raises:
@@ -50,7 +50,7 @@ def check_place(machine: Machine, settings: Settings) -> None:
         bound.close()
 
 
-def check_files(machine: Machine, settings: Settings, user: Owner | None = None) -> None:
+def check_files(machine: TargetMachine, settings: InstallSettings, user: Owner | None = None) -> None:
     """Certificate and key can be used, by the service's user where one is given.
 
     Raises:
@@ -78,7 +78,7 @@ def check_files(machine: Machine, settings: Settings, user: Owner | None = None)
         ) from None
 
 
-def _port_in_use(machine: Machine) -> int | None:
+def _port_in_use(machine: TargetMachine) -> int | None:
     """The port that our own service listens on now."""
     try:
         text = Path(machine.path(ENVIRONMENT)).read_text("utf-8", "replace")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from segway_ecc.deploy.station.installer.rendering import STATION
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.node.errors import NodeError
 
 _NS_PER_S: Final = 1_000_000_000
@@ -18,7 +18,7 @@ _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - compa
 
 
 def wait_until_healthy(
-    settings: Settings,
+    settings: InstallSettings,
     timeout_ns: int,
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
@@ -39,7 +39,7 @@ def wait_until_healthy(
         sleep(_PAUSE_S)
 
 
-def _address(settings: Settings) -> str:
+def _address(settings: InstallSettings) -> str:
     host = _EVERYWHERE.get(settings.address, settings.address)
     return f"{settings.scheme}://{f'[{host}]' if ':' in host else host}:{settings.port}/health"
 

@@ -9,10 +9,10 @@ from typing import Final
 
 from segway_ecc.deploy.station.installer.checks import check_files, check_machine, check_place, check_rules
 from segway_ecc.deploy.station.installer.health import wait_until_healthy
-from segway_ecc.deploy.station.installer.machine import Machine, Owner
+from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine
 from segway_ecc.deploy.station.installer.program import check_environment, command_for, ros_variables
 from segway_ecc.deploy.station.installer.rendering import FIREWALL, PENDING, RULES, STATION, SYSUSERS, UNITS, files
-from segway_ecc.deploy.station.installer.settings import Settings, check
+from segway_ecc.deploy.station.installer.settings import InstallSettings, check
 from segway_ecc.deploy.station.installer.tokens import make_tokens
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.node.errors import NodeError
@@ -33,8 +33,8 @@ class Plan:
         files: What is to be written: text by path.
     """
 
-    machine: Machine
-    settings: Settings
+    machine: TargetMachine
+    settings: InstallSettings
     files: Mapping[str, str]
 
     @property
@@ -43,7 +43,7 @@ class Plan:
         return (STATION,) if self.settings.firewall is None else (FIREWALL, STATION)
 
 
-def plan(machine: Machine, settings: Settings, command: str | None) -> Plan:
+def plan(machine: TargetMachine, settings: InstallSettings, command: str | None) -> Plan:
     """Check everything that can be known before anything is written.
 
     Raises:
@@ -107,7 +107,7 @@ def _sysusers() -> list[str]:
     return ["systemd-sysusers", SYSUSERS]
 
 
-def _user(machine: Machine) -> Owner:
+def _user(machine: TargetMachine) -> Owner:
     """The service's user, made where it is not there."""
     if machine.is_live:
         machine.run(_sysusers())

@@ -21,7 +21,7 @@ class Owner(NamedTuple):
     gid: int
 
 
-class Machine:
+class TargetMachine:
     """Files below a root folder, and commands where that is the running system."""
 
     def __init__(self, root: Path = Path("/"), *, is_live: bool = True) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.rendering import RELEASE
 from segway_ecc.deploy.station.installer.settings import is_plain_path
 from segway_ecc.node.errors import ConfigurationError
@@ -21,7 +21,7 @@ _HIDDEN: Final = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/t
 _OF_ROS: Final = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
 
 
-def command_for(machine: Machine, chosen: str | None) -> str:
+def command_for(machine: TargetMachine, chosen: str | None) -> str:
     """The program's path on the machine: the one that is chosen, or that of this environment or of the release there.
 
     Raises:
@@ -99,7 +99,7 @@ def _of_this_environment() -> str:
     return RELEASE if found.is_relative_to(_RELEASES) else str(found)
 
 
-def _of_that_system(machine: Machine) -> str:
+def _of_that_system(machine: TargetMachine) -> str:
     if os.path.lexists(machine.path("/opt/segway-ecc/current")):
         return RELEASE
     found = next((name for name in _INSTALLED if os.path.lexists(machine.path(name))), None)

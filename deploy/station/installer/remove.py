@@ -2,12 +2,12 @@
 
 import contextlib
 
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.rendering import ALL_FILES, ENVIRONMENT, FIREWALL, STATION, UNITS
 from segway_ecc.deploy.station.installer.tokens import ACCESS, delete_tokens
 
 
-def remove(machine: Machine) -> list[str]:
+def remove(machine: TargetMachine) -> list[str]:
     """Stop the service and delete its files.
 
     The user stays: the logs are its own, and the number must not become somebody else's.

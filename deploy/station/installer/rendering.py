@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Final
 
-from segway_ecc.deploy.station.installer.settings import Settings, environment
+from segway_ecc.deploy.station.installer.settings import InstallSettings, environment
 from segway_ecc.node.errors import ConfigurationError
 
 STATION: Final = "segway-ecc-station.service"
@@ -24,7 +24,7 @@ _VARIABLES: Final = f"EnvironmentFile=-{ENVIRONMENT}\n"
 _AFTER: Final = "After=network-online.target\n"
 
 
-def files(settings: Settings, command: str, ros: Mapping[str, str]) -> dict[str, str]:
+def files(settings: InstallSettings, command: str, ros: Mapping[str, str]) -> dict[str, str]:
     """What is to be written: text by path.
 
     Args:
@@ -42,7 +42,7 @@ def files(settings: Settings, command: str, ros: Mapping[str, str]) -> dict[str,
     return made
 
 
-def _station(settings: Settings, command: str) -> str:
+def _station(settings: InstallSettings, command: str) -> str:
     text = _shipped("systemd", STATION)
     text = _replaced(text, f"ExecStart={RELEASE} ", f"ExecStart={command} ")
     # After the robot's, where this machine is one too: what comes later counts.
@@ -54,7 +54,7 @@ def _station(settings: Settings, command: str) -> str:
     return f"# Written by `segway-ecc station install` {version}, which writes it anew each time.\n{text}"
 
 
-def _rules(settings: Settings) -> str:
+def _rules(settings: InstallSettings) -> str:
     first, last = settings.dds_ports
     text = _shipped("station/installer", "base-station.nft")
     text = _replaced(text, "#   sudo nft -f base-station.nft\n", f"#   sudo nft -f {RULES}\n")

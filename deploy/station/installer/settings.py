@@ -26,7 +26,7 @@ DISCOVERY: Final = ("subnet", "localhost")
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class InstallSettings:
     """A base station's settings.
 
     Attributes:
@@ -75,7 +75,7 @@ class Settings:
         return first, min(first + _DDS_PORTS_OF_A_DOMAIN - 1, _LAST_PORT)
 
 
-def check(settings: Settings) -> None:
+def check(settings: InstallSettings) -> None:
     """Refuse what no service could use.
 
     Raises:
@@ -98,7 +98,7 @@ def check(settings: Settings) -> None:
         raise ConfigurationError(f"--firewall {settings.firewall!r}: it is the name of a network interface")
 
 
-def environment(settings: Settings, ros: Mapping[str, str]) -> str:
+def environment(settings: InstallSettings, ros: Mapping[str, str]) -> str:
     """The file of variables that the service reads.
 
     Each variable of discovery is there, also where it is empty: a robot's own settings on the same machine are not
@@ -125,7 +125,7 @@ def is_plain_path(path: str) -> bool:
     return _PATH.fullmatch(path) is not None
 
 
-def _options(settings: Settings) -> list[str]:
+def _options(settings: InstallSettings) -> list[str]:
     words = ["--address", settings.address, "--port", str(settings.port), "--require-token"]
     for host in settings.hosts:
         words += ["--host", host]
@@ -134,7 +134,7 @@ def _options(settings: Settings) -> list[str]:
     return words
 
 
-def _check_files(settings: Settings) -> None:
+def _check_files(settings: InstallSettings) -> None:
     if settings.key is not None and settings.certificate is None:
         raise ConfigurationError("--key is of no use without --certificate")
     for option, path in (("--certificate", settings.certificate), ("--key", settings.key)):

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.installer.machine import Machine, Owner, acting_as
+from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine, acting_as
 from segway_ecc.deploy.station.web.access import Role, load_access, new_access
 from segway_ecc.node.errors import ConfigurationError, NodeError
 
@@ -15,12 +15,12 @@ FOLDER: Final = f"{STATE}/station"
 ACCESS: Final = f"{FOLDER}/access.json"
 
 
-def has_tokens(machine: Machine) -> bool:
+def has_tokens(machine: TargetMachine) -> bool:
     """Whether tokens are kept, whole or not."""
     return os.path.lexists(machine.path(ACCESS))
 
 
-def make_tokens(machine: Machine, owner: Owner, *, anew: bool) -> Mapping[Role, str]:
+def make_tokens(machine: TargetMachine, owner: Owner, *, anew: bool) -> Mapping[Role, str]:
     """Make tokens where there are none, or in place of those that are there; empty where they stay.
 
     Args:
@@ -44,13 +44,13 @@ def make_tokens(machine: Machine, owner: Owner, *, anew: bool) -> Mapping[Role, 
     return tokens
 
 
-def is_the_service_s(machine: Machine) -> bool:
+def is_the_service_s(machine: TargetMachine) -> bool:
     """Whether the service's user can read them: it is known on that machine, and the file is its own."""
     owner = machine.owner()
     return owner is not None and machine.path(ACCESS).lstat().st_uid == owner.uid
 
 
-def delete_tokens(machine: Machine) -> bool:
+def delete_tokens(machine: TargetMachine) -> bool:
     """Delete them; tell whether there were any."""
     owner = machine.owner()
     if not machine.is_live or owner is None:
@@ -60,7 +60,7 @@ def delete_tokens(machine: Machine) -> bool:
 
 
 @contextmanager
-def _in_state(machine: Machine, owner: Owner) -> Iterator[None]:
+def _in_state(machine: TargetMachine, owner: Owner) -> Iterator[None]:
     """The service's folder exists; on a running machine everything in it is done as its user."""
     state = machine.path(STATE)
     try:

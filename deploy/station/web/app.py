@@ -8,14 +8,14 @@ from typing import Final
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.answers import RefusedRequestError, json_answer, refusal
-from segway_ecc.deploy.station.web.audit import Entry
-from segway_ecc.deploy.station.web.browser import Browser, Desk, Visit
-from segway_ecc.deploy.station.web.crowd import Crowd
+from segway_ecc.deploy.station.web.audit import AuditEntry
+from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
+from segway_ecc.deploy.station.web.browser import Browser, SharedServices, Visit
 from segway_ecc.deploy.station.web.downloads import Downloads
 from segway_ecc.deploy.station.web.files import charset, page_files
-from segway_ecc.deploy.station.web.gate import Gate, address_of
 from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.responses import RefusedRequestError, json_answer, refusal
+from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
 MOST_BODY_BYTES: Final = 4096
 LARGEST_FRAME: Final = 512 * 1024
@@ -39,7 +39,9 @@ _logger = logging.getLogger(__name__)
 class Site:
     """Answers requests."""
 
-    def __init__(self, desk: Desk, crowd: Crowd, gate: Gate, downloads: Downloads) -> None:
+    def __init__(
+        self, desk: SharedServices, crowd: WebSocketHub, gate: AuthenticationMiddleware, downloads: Downloads
+    ) -> None:
         """Answer with these parts."""
         self.heard: Callable[[asyncio.BaseTransport | None], None] = lambda _: None
         self._desk = desk
@@ -186,7 +188,7 @@ class Site:
         self, request: web.Request, act: str, role: Role = Role.VIEWER, *, robot: str = "", text: str = ""
     ) -> None:
         session = self._gate.session(request, role)
-        entry = Entry(
+        entry = AuditEntry(
             who=session.who,
             role=session.role,
             address=address_of(request),

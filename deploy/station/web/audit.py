@@ -24,7 +24,7 @@ _LONGEST_TEXT: Final = 500
 _logger = logging.getLogger(__name__)
 
 
-class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One line.
 
     Attributes:
@@ -50,7 +50,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     text: str = ""
 
 
-class Audit:
+class AuditLog:
     """Takes entries from any thread, and writes them in the order in which they came."""
 
     def __init__(
@@ -91,7 +91,7 @@ class Audit:
         with self._lock:
             return self._lost
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: AuditEntry) -> None:
         """Keep an entry; never waits."""
         seconds, rest_ns = divmod(self._wall_ns(), 1_000_000_000)
         time = dt.datetime.fromtimestamp(seconds, dt.UTC).strftime("%Y-%m-%dT%H:%M:%S") + f".{rest_ns // 1000:06}Z"

@@ -9,14 +9,14 @@ from typing import Final, NamedTuple
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from segway_ecc.deploy.station.line import Reply
+from segway_ecc.deploy.station.connection import Reply
 from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.audit import Audit, Entry
+from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
+from segway_ecc.deploy.station.web.interfaces import Robots
 from segway_ecc.deploy.station.web.limits import Bucket, Limits
-from segway_ecc.deploy.station.web.messages import RefusedError, decode
+from segway_ecc.deploy.station.web.messages import RefusedMessageError, decode
 from segway_ecc.deploy.station.web.refusals import Cause, Refusals
-from segway_ecc.deploy.station.web.seams import Robots
 from segway_ecc.deploy.station.web.sessions import Session
 
 _MOST_WAITING: Final = 1000
@@ -27,11 +27,11 @@ _MISTAKES: Final = frozenset(
 _VIEWER: Final = "a viewer may only look"
 
 
-class Desk(NamedTuple):
+class SharedServices(NamedTuple):
     """What all browsers share."""
 
     robots: Robots
-    audit: Audit
+    audit: AuditLog
     refusals: Refusals
     limits: Limits
     clock_ns: Callable[[], int]
@@ -54,7 +54,7 @@ class Visit(NamedTuple):
 class Browser:
     """Sends the newest picture, never an old one, and all events and replies in their order."""
 
-    def __init__(self, desk: Desk, visit: Visit, socket: web.WebSocketResponse, now_ns: int) -> None:
+    def __init__(self, desk: SharedServices, visit: Visit, socket: web.WebSocketResponse, now_ns: int) -> None:
         """Serve a socket that is open."""
         self.session = visit.session
         self.address = visit.address
@@ -124,13 +124,13 @@ class Browser:
     def take(self, message: str, now_ns: int) -> None:
         """A message of the browser's."""
         if not self._messages.take(now_ns):
-            self._refuse(RefusedError(Cause.MESSAGE_RATE, "too many messages"), now_ns)
+            self._refuse(RefusedMessageError(Cause.MESSAGE_RATE, "too many messages"), now_ns)
             return
         limits = self._desk.robots.limits
         try:
             decoded = decode(message, limits.linear_velocity, limits.angular_velocity)
             self._check(decoded, now_ns)
-        except RefusedError as refusal:
+        except RefusedMessageError as refusal:
             self._refuse(refusal, now_ns)
             return
         if isinstance(decoded, Drive):
@@ -140,7 +140,7 @@ class Browser:
 
     def take_bytes(self, now_ns: int) -> None:
         """A message that is not even text."""
-        self._refuse(RefusedError(Cause.MALFORMED, "a message is text"), now_ns)
+        self._refuse(RefusedMessageError(Cause.MALFORMED, "a message is text"), now_ns)
 
     def gone(self) -> None:
         """The socket is closed: what it drove is told to rest."""
@@ -150,22 +150,22 @@ class Browser:
     def _check(self, message: Command | Drive, now_ns: int) -> None:
         if message.id <= self._last_id:
             text = f"the id must be more than {self._last_id}: an old message is not repeated"
-            raise RefusedError(Cause.REPLAYED_COMMAND, text, message.id)
+            raise RefusedMessageError(Cause.REPLAYED_COMMAND, text, message.id)
         self._last_id = message.id
         session = self.session
         if session.role is not Role.OPERATOR:
             if session.commands.take(now_ns):  # so that a viewer cannot wash everything else out of the audit log
                 self._note(message, "refused", _VIEWER)
-            raise RefusedError(Cause.VIEWER, _VIEWER, message.id)
+            raise RefusedMessageError(Cause.VIEWER, _VIEWER, message.id)
         if isinstance(message, Drive):
             # Zero is what ends a movement: it is not what a limit is there for.
             if (message.linear or message.angular) and not session.drives.take(now_ns):
-                raise RefusedError(Cause.DRIVE_RATE, "too many set-points", message.id)
+                raise RefusedMessageError(Cause.DRIVE_RATE, "too many set-points", message.id)
         elif not (session.stops if message.act is Act.STOP else session.commands).take(now_ns):
             self._note(message, "refused", "too many commands")
-            raise RefusedError(Cause.COMMAND_RATE, "too many commands; wait a moment", message.id)
+            raise RefusedMessageError(Cause.COMMAND_RATE, "too many commands; wait a moment", message.id)
 
-    def _refuse(self, refusal: RefusedError, now_ns: int) -> None:
+    def _refuse(self, refusal: RefusedMessageError, now_ns: int) -> None:
         self._desk.refusals.add(refusal.cause)
         self.tell(msgspec.json.encode(ReplyView(id=refusal.number, is_accepted=False, text=str(refusal))))
         if refusal.cause in _MISTAKES and not self._mistakes.take(now_ns):
@@ -204,7 +204,7 @@ class Browser:
         act = message.act.value if isinstance(message, Command) else ("rest" if outcome == "done" else "drive")
         session = self.session
         self._desk.audit.add(
-            Entry(
+            AuditEntry(
                 who=session.who,
                 role=session.role,
                 address=self.address,

@@ -10,18 +10,18 @@ from typing import IO, Final, NamedTuple
 from aiohttp import web
 
 from segway_ecc.deploy.station.views import FleetView
-from segway_ecc.deploy.station.web.answers import RefusedRequestError, json_answer
+from segway_ecc.deploy.station.web.interfaces import Archive, Bundle
 from segway_ecc.deploy.station.web.log_pages import RobotLogs, logs_page, path_of
 from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.responses import RefusedRequestError, json_answer
 from segway_ecc.deploy.station.web.robot_logs import RobotArchives, as_json
-from segway_ecc.deploy.station.web.seams import Archive, Bundle
 from segway_ecc.deploy.support.log_folder import logs_in, open_log
 
 _PIECE_BYTES: Final = 256 * 1024
 _NOT_PLAIN: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
-class Means(NamedTuple):
+class DownloadSources(NamedTuple):
     """What downloads are made of.
 
     Attributes:
@@ -38,7 +38,7 @@ class Means(NamedTuple):
 class Downloads:
     """Serves what lies in the station's folder, what robots hand out, and what a function makes."""
 
-    def __init__(self, means: Means, fleet: Callable[[], FleetView], clock_ns: Callable[[], int]) -> None:
+    def __init__(self, means: DownloadSources, fleet: Callable[[], FleetView], clock_ns: Callable[[], int]) -> None:
         """Serve the station's logs and those of the robots in the newest picture."""
         self._folder = means.folder
         self._bundle = means.bundle

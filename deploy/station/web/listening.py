@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.node.errors import ConfigurationError
 
 _WAITING: Final = 128
@@ -33,7 +33,7 @@ def bind(address: str, port: int) -> list[socket.socket]:
     return sockets
 
 
-def place_of(sockets: Sequence[socket.socket], scheme: str, names: Sequence[str]) -> Place:
+def site_address_of(sockets: Sequence[socket.socket], scheme: str, names: Sequence[str]) -> SiteAddress:
     """Where we are: loopback if nothing else can reach any of the sockets, else what this machine is called too."""
     port = int(sockets[0].getsockname()[1])
     is_loopback = all(ipaddress.ip_address(bound.getsockname()[0]).is_loopback for bound in sockets)
@@ -42,10 +42,10 @@ def place_of(sockets: Sequence[socket.socket], scheme: str, names: Sequence[str]
         host = socket.gethostname().lower()
         short = host.partition(".")[0]
         known |= {host, short, f"{short}.local"}
-    return Place(scheme, port, frozenset(known), is_loopback)
+    return SiteAddress(scheme, port, frozenset(known), is_loopback)
 
 
-def url(address: str, place: Place) -> str:
+def url(address: str, place: SiteAddress) -> str:
     """What to open in a browser."""
     host = f"[{address}]" if ":" in address else address
     if host in {"0.0.0.0", "[::]"}:  # noqa: S104 - compared, not bound

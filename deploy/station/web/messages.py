@@ -19,7 +19,7 @@ _LARGEST_ID: Final = 2**53 - 1
 _decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Command | Drive)
 
 
-class RefusedError(Exception):
+class RefusedMessageError(Exception):
     """A message that is none; says the cause and why."""
 
     def __init__(self, cause: Cause, text: str, number: int = 0) -> None:
@@ -38,10 +38,10 @@ def decode(message: str, max_linear: float, max_angular: float) -> Command | Dri
     try:
         content = message.encode()
         if len(content) > MOST_BYTES:
-            raise RefusedError(Cause.OVERSIZED, f"a message has at most {MOST_BYTES} bytes")
+            raise RefusedMessageError(Cause.OVERSIZED, f"a message has at most {MOST_BYTES} bytes")
         decoded = _decoder.decode(content)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise RefusedError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
+        raise RefusedMessageError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
     _check_names(decoded)
     if isinstance(decoded, Drive):
         _check_speeds(decoded, max_linear, max_angular)
@@ -50,20 +50,24 @@ def decode(message: str, max_linear: float, max_angular: float) -> Command | Dri
 
 def _check_names(message: Command | Drive) -> None:
     if not 0 < message.id <= _LARGEST_ID:
-        raise RefusedError(Cause.OUT_OF_RANGE, "an id counts up from 1")
+        raise RefusedMessageError(Cause.OUT_OF_RANGE, "an id counts up from 1")
     _check_text("a robot's namespace", message.robot, _LONGEST_ROBOT, message.id)
     if isinstance(message, Command):
         _check_text("a name", message.name, _LONGEST_NAME, message.id)
         if len(message.text.encode("utf-8", "surrogatepass")) > MOST_SEQUENCE_BYTES:
-            raise RefusedError(Cause.OVERSIZED, f"a sequence has at most {MOST_SEQUENCE_BYTES} bytes", message.id)
+            raise RefusedMessageError(
+                Cause.OVERSIZED, f"a sequence has at most {MOST_SEQUENCE_BYTES} bytes", message.id
+            )
 
 
 def _check_text(what: str, text: str, longest: int, number: int) -> None:
     if len(text) > longest or not text.isprintable():
-        raise RefusedError(Cause.OUT_OF_RANGE, f"{what} has at most {longest} letters, all of them printable", number)
+        raise RefusedMessageError(
+            Cause.OUT_OF_RANGE, f"{what} has at most {longest} letters, all of them printable", number
+        )
 
 
 def _check_speeds(drive: Drive, max_linear: float, max_angular: float) -> None:
     for name, value, limit in (("linear", drive.linear, max_linear), ("angular", drive.angular, max_angular)):
         if not (math.isfinite(value) and abs(value) <= limit):
-            raise RefusedError(Cause.OUT_OF_RANGE, f"{name} is at most {limit:g} either way", drive.id)
+            raise RefusedMessageError(Cause.OUT_OF_RANGE, f"{name} is at most {limit:g} either way", drive.id)

@@ -15,7 +15,7 @@ _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 _CROSS: Final = frozenset({"cross-site", "same-site"})
 
 
-class Place(NamedTuple):
+class SiteAddress(NamedTuple):
     """Where we are to be found.
 
     Attributes:

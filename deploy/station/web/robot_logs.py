@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from segway_ecc.deploy.station.views import FleetView
+from segway_ecc.deploy.station.web.interfaces import Archive
 from segway_ecc.deploy.station.web.log_pages import RobotLogs
-from segway_ecc.deploy.station.web.seams import Archive
 from segway_ecc.deploy.support.log_folder import LogFile
 from segway_ecc.node.errors import NodeError
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TypeAlias
 
-from segway_ecc.deploy.station.web.seams import Robots
-from segway_ecc.deploy.station.web.server import Server, Settings
+from segway_ecc.deploy.station.web.interfaces import Robots
+from segway_ecc.deploy.station.web.server import Server, ServerSettings
 
 Stoppable: TypeAlias = Callable[[Callable[[str], None]], AbstractContextManager[None]]
 """Given what ends us, a context in which signals do."""
@@ -17,7 +17,7 @@ Stoppable: TypeAlias = Callable[[Callable[[str], None]], AbstractContextManager[
 def serve(
     robots: Robots,
     sockets: Sequence[socket.socket],
-    settings: Settings,
+    settings: ServerSettings,
     stoppable: Stoppable,
     ready: Callable[[], None],
 ) -> Mapping[str, object]:

@@ -15,23 +15,23 @@ from aiohttp import web
 
 from segway_ecc.deploy.station.web.access import Access
 from segway_ecc.deploy.station.web.app import Site
-from segway_ecc.deploy.station.web.audit import Audit, Entry
-from segway_ecc.deploy.station.web.browser import Desk
-from segway_ecc.deploy.station.web.crowd import Crowd
-from segway_ecc.deploy.station.web.door import Door
-from segway_ecc.deploy.station.web.downloads import Downloads, Means
-from segway_ecc.deploy.station.web.gate import Gate
+from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
+from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
+from segway_ecc.deploy.station.web.browser import SharedServices
+from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
+from segway_ecc.deploy.station.web.downloads import Downloads, DownloadSources
+from segway_ecc.deploy.station.web.interfaces import Archive, Bundle, Robots
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.station.web.refusals import Cause, Refusals
-from segway_ecc.deploy.station.web.seams import Archive, Bundle, Robots
+from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
 _KEPT_ALIVE_S: Final = 15.0
 _TOLD_WITHIN_S: Final = 2.0
 _http_logger = logging.getLogger(f"{__name__}.http")
 
 
-class Settings(NamedTuple):
+class ServerSettings(NamedTuple):
     """How a station is served.
 
     Attributes:
@@ -48,7 +48,7 @@ class Settings(NamedTuple):
         wall_ns: ns since the Unix epoch.
     """
 
-    place: Place
+    place: SiteAddress
     folder: Path
     logs: Path
     version: str
@@ -64,17 +64,21 @@ class Settings(NamedTuple):
 class Server:
     """Serves while its context lasts."""
 
-    def __init__(self, robots: Robots, sockets: Sequence[socket.socket], settings: Settings) -> None:
+    def __init__(self, robots: Robots, sockets: Sequence[socket.socket], settings: ServerSettings) -> None:
         """Serve on sockets that are bound; they are ours from now on."""
         self.refusals = Refusals()
         self._robots = robots
         self._sockets = sockets
         self._settings = settings
-        self.audit = Audit(settings.folder, settings.wall_ns)
-        desk = Desk(robots, self.audit, self.refusals, settings.limits, settings.clock_ns)
-        self.crowd = Crowd(robots, settings.limits, self.refusals, settings.clock_ns, settings.version)
-        self._gate = Gate(settings.place, settings.access, settings.limits, self.audit, settings.clock_ns)
-        downloads = Downloads(Means(settings.logs, settings.bundle, settings.archive), robots.fleet, settings.clock_ns)
+        self.audit = AuditLog(settings.folder, settings.wall_ns)
+        desk = SharedServices(robots, self.audit, self.refusals, settings.limits, settings.clock_ns)
+        self.crowd = WebSocketHub(robots, settings.limits, self.refusals, settings.clock_ns, settings.version)
+        self._gate = AuthenticationMiddleware(
+            settings.place, settings.access, settings.limits, self.audit, settings.clock_ns
+        )
+        downloads = Downloads(
+            DownloadSources(settings.logs, settings.bundle, settings.archive), robots.fleet, settings.clock_ns
+        )
         self._site = Site(desk, self.crowd, self._gate, downloads)
 
     async def __aenter__(self) -> Self:
@@ -92,12 +96,14 @@ class Server:
         server = self._runner.server
         if server is None:
             raise RuntimeError("aiohttp gave no server")
-        self._door = Door(server, self._settings.limits, self.refusals, self._settings.clock_ns, self._settings.tls)
+        self._door = ConnectionLimiter(
+            server, self._settings.limits, self.refusals, self._settings.clock_ns, self._settings.tls
+        )
         self._site.heard = self._door.heard
         for listening in self._sockets:
             self._door.open(listening)
         self._showing = asyncio.create_task(self.crowd.run(self._sweep))
-        self.audit.add(Entry(act="starts", outcome="done", text=self._settings.version))
+        self.audit.add(AuditEntry(act="starts", outcome="done", text=self._settings.version))
         return self
 
     async def __aexit__(
@@ -115,7 +121,7 @@ class Server:
             await asyncio.to_thread(self._settings.archive.close)
         await self._runner.cleanup()
         _http_logger.removeFilter(self._count_bad_http)
-        self.audit.add(Entry(act="ends", outcome="done"))
+        self.audit.add(AuditEntry(act="ends", outcome="done"))
         await asyncio.to_thread(self.audit.close)
 
     def report(self) -> Mapping[str, object]:

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.desk import Desk
+from segway_ecc.deploy.station.command_handler import CommandHandler
+from segway_ecc.deploy.station.connection import ServiceResponse
 from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heard import ModeHeard, SetpointHeard
 from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.line import Answered
-from segway_ecc.deploy.station.seat import Asked
+from segway_ecc.deploy.station.robot_messages import ModeReport, SetpointReport
+from segway_ecc.deploy.station.robot_tasks import SubmittedCommand
 from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Action, Mode
@@ -25,7 +25,7 @@ from segway_ecc.node.sequence.player import Odometry
 from tests.ros_domains import next_domain
 
 NS_PER_MS = 1_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
 _FAKE = Path(__file__).with_name("fake_robot.py")
 
 
@@ -36,7 +36,7 @@ class NotingLine:
         self.driven: list[tuple[float, float]] = []
         self.said: list[tuple[int, tuple[float, float]]] = []
         self.stands: list[bool] = []
-        self.answered: list[Answered] = []
+        self.answered: list[ServiceResponse] = []
 
     def is_ready(self, _action: Action) -> bool:
         return self.ready
@@ -45,7 +45,7 @@ class NotingLine:
         self.calls.append(action)
         return len(self.calls)
 
-    def answers(self) -> list[Answered]:
+    def answers(self) -> list[ServiceResponse]:
         answered, self.answered = self.answered, []
         return answered
 
@@ -80,17 +80,17 @@ class Bench:
     """A desk with one robot `/a` and a clock that only the test moves."""
 
     def __init__(self, events: EventLog, line: Any, replies: Any) -> None:
-        self.desk = Desk(events, Heartbeats("base"), Setpoint(3.0, 6.0))
+        self.desk = CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0))
         self.line, self.replies = line, replies
         self.now = 0
         self.desk.add("/a", line)
 
-    def hear(self, mode: ModeHeard = ARMED) -> None:
+    def hear(self, mode: ModeReport = ARMED) -> None:
         self.desk.hear("/a", mode, self.now * NS_PER_MS)
 
     def ask(self, who: str, act: Act, robot: str = "/a", manoeuvre: Any = "") -> None:
         command = Command(id=1, robot=robot, act=act, name="one")
-        asked = Asked(who, command, self.replies, self.now * NS_PER_MS, manoeuvre)
+        asked = SubmittedCommand(who, command, self.replies, self.now * NS_PER_MS, manoeuvre)
         (self.desk.stop if act is Act.STOP else self.desk.command)(asked, self.now * NS_PER_MS)
 
     def drive(self, who: str, linear: float, angular: float = 0.0) -> None:
@@ -106,7 +106,7 @@ class Bench:
                 self.desk.hear("/a", Odometry(self.now * NS_PER_MS, 0, 0, 0, 0, 0), self.now * NS_PER_MS)
                 for stamp, setpoint in list(self.line.said):
                     if stamp == self.now * NS_PER_MS:
-                        self.desk.hear("/a", SetpointHeard(stamp, *setpoint), self.now * NS_PER_MS)
+                        self.desk.hear("/a", SetpointReport(stamp, *setpoint), self.now * NS_PER_MS)
             self.desk.step(self.now * NS_PER_MS)
 
     def play(self, who: str) -> None:

@@ -9,14 +9,14 @@ import pytest
 from segway_ecc.deploy.station.discovery import MOST_ROBOTS
 from segway_ecc.deploy.station.events import EventLog
 from segway_ecc.deploy.station.fleet import Fleet
-from segway_ecc.deploy.station.heard import Health, ModeHeard, Pitch, SetpointHeard, Supply
 from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.robot_messages import Health, ModeReport, Pitch, SetpointReport, Supply
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.player import Odometry
 
 S = 1_000_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False)
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False)
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
     for heard in (
         mode,
         Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0),
-        SetpointHeard(5, 6.0, 7.0),
+        SetpointReport(5, 6.0, 7.0),
         Pitch(8.0),
         Supply(9.0),
         health,
@@ -90,7 +90,7 @@ def test_only_its_mode_keeps_a_robot_alive(fleet: Fleet) -> None:
 
 def test_what_was_heard_too_long_ago_is_not_known_any_more(fleet: Fleet) -> None:
     fleet.hear("/a", ARMED, 0)
-    for heard in (Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), SetpointHeard(5, 6.0, 7.0), Pitch(8.0), Supply(9.0)):
+    for heard in (Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), SetpointReport(5, 6.0, 7.0), Pitch(8.0), Supply(9.0)):
         fleet.hear("/a", heard, 0)
     fleet.hear("/a", Health({"rate": "ok"}, {}, {}), 0)
     for now in (1.0, 2.0, 5.0, 6.0, 10.0, 11.0):
@@ -103,7 +103,7 @@ def test_what_was_heard_too_long_ago_is_not_known_any_more(fleet: Fleet) -> None
 
 def test_a_setpoint_is_shown_only_while_one_is_in_force(fleet: Fleet) -> None:
     fleet.hear("/a", ARMED, 0)
-    fleet.hear("/a", SetpointHeard(5, 6.0, 7.0), 0)
+    fleet.hear("/a", SetpointReport(5, 6.0, 7.0), 0)
     fleet.hear("/a", ARMED._replace(mode=Mode.HOLD), 1)
     assert (view(fleet, 0.1).linear_setpoint, view(fleet, 0.1).angular_setpoint) == (0.0, 0.0)
     fleet.hear("/a", ARMED._replace(mode=Mode.DISARMED), 2)
@@ -112,7 +112,7 @@ def test_a_setpoint_is_shown_only_while_one_is_in_force(fleet: Fleet) -> None:
 
 def test_numbers_that_are_none_are_not_shown(fleet: Fleet) -> None:
     fleet.hear("/a", ARMED, 0)
-    for heard in (Pitch(math.nan), Supply(math.inf), SetpointHeard(1, math.nan, 2.0)):
+    for heard in (Pitch(math.nan), Supply(math.inf), SetpointReport(1, math.nan, 2.0)):
         fleet.hear("/a", heard, 0)
     seen = view(fleet, 0.1)
     assert (seen.pitch, seen.supply_v, seen.linear_setpoint, seen.angular_setpoint) == (None, None, None, 2.0)

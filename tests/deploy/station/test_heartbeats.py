@@ -1,14 +1,14 @@
 import pytest
 
-from segway_ecc.deploy.station.heard import ModeHeard
 from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.safety.modes import Mode
 
 MS = 1_000_000
 
 
-def echo(beat_ns: int, station: str = "base", age_ns: int = 0) -> ModeHeard:
-    return ModeHeard("a", Mode.ARMED, "", station=station, beat_ns=beat_ns, beat_age_ns=age_ns)
+def echo(beat_ns: int, station: str = "base", age_ns: int = 0) -> ModeReport:
+    return ModeReport("a", Mode.ARMED, "", station=station, beat_ns=beat_ns, beat_age_ns=age_ns)
 
 
 def test_ten_a_second() -> None:
@@ -17,7 +17,7 @@ def test_ten_a_second() -> None:
     assert [stamp // MS for stamp in sent if stamp is not None] == [1000, 1100, 1200, 1300, 1400, 1500]
 
 
-def heard(beats: Heartbeats, told: ModeHeard, at_ns: int, robot: str = "/a") -> float | None:
+def heard(beats: Heartbeats, told: ModeReport, at_ns: int, robot: str = "/a") -> float | None:
     beats.hear(robot, told, at_ns)
     return beats.round_trip_s(robot, at_ns)
 
@@ -34,7 +34,7 @@ def test_the_round_trip_is_without_the_time_the_robot_kept_it() -> None:
     [echo(1000 * MS, station="other"), echo(999 * MS), echo(0, station=""), echo(1000 * MS, age_ns=1001 * MS)],
     ids=["of another station", "never sent", "none", "it hears us no more"],
 )
-def test_what_is_no_echo_of_ours_gives_no_round_trip(told: ModeHeard) -> None:
+def test_what_is_no_echo_of_ours_gives_no_round_trip(told: ModeReport) -> None:
     beats = Heartbeats("base")
     beats.due(1000 * MS)
     assert heard(beats, told, 1010 * MS) is None

@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.line import Answered, once
+from segway_ecc.deploy.station.connection import ServiceResponse, once
 from segway_ecc.deploy.station.requests import Requests
 from segway_ecc.node.safety.modes import Action
 
@@ -19,7 +19,7 @@ def test_the_robots_own_words_come_back(requests: Requests, line: Any, replies: 
     requests.ask(Action.ARM, replies, 0)
     assert line.calls == [Action.ARM]
     assert requests.is_pending
-    requests.take(Answered(Action.ARM, 1, accepted, "tilt: too much"))
+    requests.take(ServiceResponse(Action.ARM, 1, accepted, "tilt: too much"))
     assert replies == [(accepted, "tilt: too much")]
     assert not requests.is_pending
 
@@ -30,7 +30,7 @@ def test_one_that_is_not_answered_fails_after_two_seconds_and_once(requests: Req
     assert not replies
     requests.step(2 * S + 1)
     requests.step(3 * S)
-    requests.take(Answered(Action.ARM, 1, accepted=True, message="too late"))
+    requests.take(ServiceResponse(Action.ARM, 1, accepted=True, message="too late"))
     assert replies == [(False, "no answer within 2 s")]
     assert line.calls == [Action.ARM]
 
@@ -59,10 +59,10 @@ def test_the_answer_to_an_earlier_request_is_not_taken_for_this_one(
     requests.ask(Action.ARM, replies, 0)
     requests.step(3 * S)
     requests.ask(Action.ARM, replies, 3 * S)
-    requests.take(Answered(Action.ARM, 1, accepted=True, message="of the first"))
+    requests.take(ServiceResponse(Action.ARM, 1, accepted=True, message="of the first"))
     assert len(line.calls) == 2
     assert replies == [(False, "no answer within 2 s")]
-    requests.take(Answered(Action.ARM, 2, accepted=True, message="of the second"))
+    requests.take(ServiceResponse(Action.ARM, 2, accepted=True, message="of the second"))
     assert replies[1:] == [(True, "of the second")]
 
 

@@ -2,8 +2,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.heard import SetpointHeard
-from segway_ecc.deploy.station.sequences import Playing, read_sequence
+from segway_ecc.deploy.station.robot_messages import SetpointReport
+from segway_ecc.deploy.station.sequences import SequencePlayback, read_sequence
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError
@@ -22,27 +22,29 @@ def at(now_ms: int) -> Odometry:
 
 
 @pytest.fixture
-def playing(replies: Any) -> Playing:
-    return Playing(read_sequence(ONE, "one", LIMITS), "one", replies, 0)
+def playing(replies: Any) -> SequencePlayback:
+    return SequencePlayback(read_sequence(ONE, "one", LIMITS), "one", replies, 0)
 
 
-def play(playing: Playing, line: Any, until_ms: int, *, follows_until_ms: int = 99_999, start_ms: int = 0) -> None:
+def play(
+    playing: SequencePlayback, line: Any, until_ms: int, *, follows_until_ms: int = 99_999, start_ms: int = 0
+) -> None:
     """Let time pass, the robot bringing each set-point into force at its time."""
     for now in range(start_ms, until_ms, 50):
         for stamp, setpoint in list(line.said):
             if stamp == START + now * MS and now < follows_until_ms:
-                playing.hear(SetpointHeard(stamp, *setpoint), now * MS)
+                playing.hear(SetpointReport(stamp, *setpoint), now * MS)
         playing.step(line, at(now), now * MS)
 
 
-def test_set_points_are_stamped_half_a_second_ahead_in_the_robots_time(playing: Playing, line: Any) -> None:
+def test_set_points_are_stamped_half_a_second_ahead_in_the_robots_time(playing: SequencePlayback, line: Any) -> None:
     playing.step(line, at(0), 0)
     assert line.said == [(START + 500 * MS, (1.0, 0.0))]
     playing.step(line, at(100), 100 * MS)
     assert line.said[1:] == [(START + 600 * MS, (1.0, 0.0))]
 
 
-def test_it_is_played_to_its_end(playing: Playing, line: Any, replies: Any) -> None:
+def test_it_is_played_to_its_end(playing: SequencePlayback, line: Any, replies: Any) -> None:
     assert playing.view == SequenceView(name="one", fraction=0.0, state="waiting")
     play(playing, line, 500)
     assert not replies
@@ -56,7 +58,7 @@ def test_it_is_played_to_its_end(playing: Playing, line: Any, replies: Any) -> N
     assert len(replies) == 1
 
 
-def test_a_robot_that_does_not_take_it_up_makes_it_fail(playing: Playing, line: Any, replies: Any) -> None:
+def test_a_robot_that_does_not_take_it_up_makes_it_fail(playing: SequencePlayback, line: Any, replies: Any) -> None:
     play(playing, line, 2051, follows_until_ms=0)
     text = "the robot does not follow: none of the set-points came into force"
     assert replies == [(False, f"sequence one: failed: {text}")]
@@ -64,7 +66,9 @@ def test_a_robot_that_does_not_take_it_up_makes_it_fail(playing: Playing, line: 
 
 
 def test_a_robot_that_follows_no_more_makes_it_fail(replies: Any, line: Any) -> None:
-    playing = Playing(read_sequence(ONE.replace("duration: 1.0", "duration: 60"), "long", LIMITS), "", replies, 0)
+    playing = SequencePlayback(
+        read_sequence(ONE.replace("duration: 1.0", "duration: 60"), "long", LIMITS), "", replies, 0
+    )
     play(playing, line, 2501, follows_until_ms=1001)
     assert playing.view.state == "running"
     play(playing, line, 2601, follows_until_ms=1001, start_ms=2550)
@@ -72,7 +76,7 @@ def test_a_robot_that_follows_no_more_makes_it_fail(replies: Any, line: Any) -> 
     assert line.said[-1][1] == (0.0, 0.0)
 
 
-def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: Playing, line: Any, replies: Any) -> None:
+def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: SequencePlayback, line: Any, replies: Any) -> None:
     playing.step(line, None, 2 * S)
     assert playing.view.state == "waiting"
     playing.step(line, None, 2 * S + 1)
@@ -81,14 +85,14 @@ def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: Playing, line: An
     assert replies[0][0] is False
 
 
-def test_an_earlier_set_point_is_none_of_ours(playing: Playing, line: Any, replies: Any) -> None:
-    playing.hear(SetpointHeard(START, 1.0, 0.0), 0)
+def test_an_earlier_set_point_is_none_of_ours(playing: SequencePlayback, line: Any, replies: Any) -> None:
+    playing.hear(SetpointReport(START, 1.0, 0.0), 0)
     playing.step(line, at(0), 0)
-    playing.hear(SetpointHeard(START + 499 * MS, 1.0, 0.0), 0)
+    playing.hear(SetpointReport(START + 499 * MS, 1.0, 0.0), 0)
     assert not replies
 
 
-def test_breaking_off_replaces_what_was_sent_ahead(playing: Playing, line: Any, replies: Any) -> None:
+def test_breaking_off_replaces_what_was_sent_ahead(playing: SequencePlayback, line: Any, replies: Any) -> None:
     play(playing, line, 701)
     ahead = {stamp for stamp, _ in line.said if stamp >= START + 700 * MS}
     line.said.clear()
@@ -104,7 +108,7 @@ def test_breaking_off_replaces_what_was_sent_ahead(playing: Playing, line: Any, 
     assert replies == [(True, "one is being played")]
 
 
-def test_one_that_is_broken_off_before_it_began_has_failed(playing: Playing, line: Any, replies: Any) -> None:
+def test_one_that_is_broken_off_before_it_began_has_failed(playing: SequencePlayback, line: Any, replies: Any) -> None:
     playing.break_off(line, "ann pressed stop")
     assert not line.said
     assert replies == [(False, "sequence one: broken off: ann pressed stop")]

@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import Act, Command
-from tests.deploy.station.operated import PATIENCE_S, Operated
+from tests.deploy.station.operated_station import PATIENCE_S, Operated
 
 over_ros = pytest.mark.ros
 

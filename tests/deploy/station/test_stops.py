@@ -4,15 +4,15 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.heard import ModeHeard
-from segway_ecc.deploy.station.line import Answered
+from segway_ecc.deploy.station.connection import ServiceResponse
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.stops import Stop, StopState
 from segway_ecc.node.safety.modes import Action, Mode
 
 MS = 1_000_000
 S = 1_000_000_000
-ARMED = ModeHeard("a", Mode.ARMED, "asked to arm", "on", is_zero=False)
-ON = ModeHeard("a", Mode.FAULT, "stop was pressed", "on", is_zero=False)
+ARMED = ModeReport("a", Mode.ARMED, "asked to arm", "on", is_zero=False)
+ON = ModeReport("a", Mode.FAULT, "stop was pressed", "on", is_zero=False)
 OFF = ON._replace(drives="off")
 
 
@@ -31,7 +31,7 @@ def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
 ) -> None:
     stop.ask(replies, 1000 * MS, 1001 * MS)
     assert line.calls == [Action.STOP]
-    stop.take(Answered(Action.STOP, 1, accepted=True, message="FAULT: stop was pressed"))
+    stop.take(ServiceResponse(Action.STOP, 1, accepted=True, message="FAULT: stop was pressed"))
     stop.hear(ARMED, 1005 * MS)
     stop.hear(ON, 1010 * MS)
     assert (stop.state, list(replies)) == (StopState.ASKED, [])
@@ -97,7 +97,7 @@ def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
 )
 def test_why_it_failed(stop: Stop, replies: Any, text: str, *, accepted: bool) -> None:
     stop.ask(replies, 0, 0)
-    stop.take(Answered(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
+    stop.take(ServiceResponse(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
     stop.hear(ON, S)
     stop.step(2 * S + 1)
     assert replies == [(False, text)]
@@ -108,7 +108,7 @@ def test_it_is_latched_until_the_robot_leaves_its_fault(stop: Stop, replies: Any
     stop.hear(OFF, 1)
     stop.hear(OFF._replace(reason="tilt"), 2)
     assert stop.state is StopState.CONFIRMED
-    stop.hear(ModeHeard("a", Mode.DISARMED, "fault cleared", "off"), 3)
+    stop.hear(ModeReport("a", Mode.DISARMED, "fault cleared", "off"), 3)
     assert (stop.state, stop.after_s) == (StopState.NONE, None)
     assert told[-1] == ("the stop is over: DISARMED: fault cleared", "warning")
 

@@ -17,7 +17,7 @@ from segway_ecc.hil.drill import trace
 from segway_ecc.hil.processes import Command as Process
 from segway_ecc.hil.processes import command
 from segway_ecc.node.config import read_text
-from tests.deploy.station.operated import PATIENCE_S, Operated
+from tests.deploy.station.operated_station import PATIENCE_S, Operated
 
 pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 

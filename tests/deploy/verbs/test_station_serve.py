@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.web.listening import bind, place_of, url
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.listening import bind, site_address_of, url
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.verbs import station_serve
 from tests.command import Outcome
 
@@ -96,18 +96,18 @@ def test_loopback_is_known_by_every_name_of_it_and_a_network_by_this_machine_s()
     (loopback,) = bind("127.0.0.1", 0)
     (everywhere,) = bind("0.0.0.0", 0)  # noqa: S104 - what is tested
     with loopback, everywhere:
-        place = place_of([loopback], "http", [])
+        place = site_address_of([loopback], "http", [])
         assert (place.is_loopback, place.port, place.names) == (True, loopback.getsockname()[1], frozenset())
-        place = place_of([everywhere], "https", ["Base.Example."])
+        place = site_address_of([everywhere], "https", ["Base.Example."])
         assert not place.is_loopback
         assert {"base.example", socket.gethostname().lower()} <= place.names
-        assert not place_of([loopback, everywhere], "http", []).is_loopback
+        assert not site_address_of([loopback, everywhere], "http", []).is_loopback
 
 
 def test_what_to_open() -> None:
-    assert url("127.0.0.1", Place("http", 8700)) == "http://127.0.0.1:8700/"
-    assert url("::1", Place("https", 1)) == "https://[::1]:1/"
-    assert url("0.0.0.0", Place("http", 1)) == f"http://{socket.gethostname()}:1/"  # noqa: S104 - a text
+    assert url("127.0.0.1", SiteAddress("http", 8700)) == "http://127.0.0.1:8700/"
+    assert url("::1", SiteAddress("https", 1)) == "https://[::1]:1/"
+    assert url("0.0.0.0", SiteAddress("http", 1)) == f"http://{socket.gethostname()}:1/"  # noqa: S104 - a text
 
 
 class Running:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.deploy.station.heard import mode_heard
+from segway_ecc.deploy.station.robot_messages import decode_mode
 from segway_ecc.node.cycle.seams import Heartbeat, Report
 from segway_ecc.node.ros.mode import make_mode_publisher
 from segway_ecc.node.safety.modes import Mode
@@ -152,11 +152,11 @@ def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
         heartbeat_age_ns=5 * MS,
     )
     listener.publish(fault)
-    heard = mode_heard(listener.head[1], listener.heard[0])
+    heard = decode_mode(listener.head[1], listener.heard[0])
     assert heard is not None
     assert heard.is_stopped
     listener.publish(replace(fault, drives="unconfirmed"))
-    unconfirmed = mode_heard(listener.head[1], listener.heard[1])
+    unconfirmed = decode_mode(listener.head[1], listener.heard[1])
     assert unconfirmed == heard._replace(drives="unconfirmed")
     assert not unconfirmed.is_stopped
     assert heard == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, 1.0)

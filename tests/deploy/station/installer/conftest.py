@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.node.cli.main import main
 
 COMMAND = "/opt/venv/bin/segway-ecc"
@@ -42,7 +42,7 @@ class Fake:
             (self.root / name).mkdir(parents=True)
         (self.root / "etc/passwd").write_text("root:x:0:0:root:/root:/bin/bash\n")
         (self.root / COMMAND[1:]).write_text("")
-        self.machine = Machine(self.root)
+        self.machine = TargetMachine(self.root)
         self.bin = folder / "bin"
         self.bin.mkdir()
         self.fake("systemctl", "systemd-sysusers", "nft")

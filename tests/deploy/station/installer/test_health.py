@@ -9,7 +9,7 @@ from typing import ClassVar
 import pytest
 
 from segway_ecc.deploy.station.installer.health import wait_until_healthy
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.web.listening import bind, tls_context
 from segway_ecc.node.errors import NodeError
 
@@ -42,7 +42,7 @@ def port() -> Iterator[int]:
         thread.join()
 
 
-def wait(settings: Settings) -> None:
+def wait(settings: InstallSettings) -> None:
     """Five attempts: each look at the clock is a second later."""
     seconds = count()
     wait_until_healthy(settings, 3_500_000_000, lambda: next(seconds) * 1_000_000_000, lambda _seconds: None)
@@ -51,7 +51,7 @@ def wait(settings: Settings) -> None:
 def test_it_asks_until_the_station_is_well(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("http_proxy", "http://192.0.2.1:1")  # nobody's, and not to be used
     _Handler.answers.extend([(503, b""), (200, b"ok\n")])
-    wait(Settings(address="0.0.0.0", port=port))  # noqa: S104 - a text
+    wait(InstallSettings(address="0.0.0.0", port=port))  # noqa: S104 - a text
     assert _Handler.paths == ["/health"] * 2
 
 
@@ -61,7 +61,7 @@ def test_it_asks_until_the_station_is_well(port: int, monkeypatch: pytest.Monkey
 def test_what_does_not_get_well_is_told_with_its_last_answer(port: int, answer: tuple[int, bytes], said: str) -> None:
     _Handler.answers.append(answer)
     with pytest.raises(NodeError, match=rf"within 3\.5 s that it is well \({said}\); see journalctl --unit segway-ecc"):
-        wait(Settings(port=port))
+        wait(InstallSettings(port=port))
     assert len(_Handler.paths) == 4  # at 1, 2, 3 and 4 s: the last one after the time-out
 
 
@@ -74,7 +74,7 @@ def test_a_certificate_for_the_name_of_browsers_does_not_matter(tmp_path: Path) 
         server.socket = tls_context(tmp_path / "c.pem", tmp_path / "k.pem").wrap_socket(server.socket, server_side=True)
         thread = threading.Thread(target=server.handle_request)
         thread.start()
-        wait(Settings(port=server.server_address[1], certificate=tmp_path / "c.pem", key=tmp_path / "k.pem"))
+        wait(InstallSettings(port=server.server_address[1], certificate=tmp_path / "c.pem", key=tmp_path / "k.pem"))
         thread.join()
 
 
@@ -83,4 +83,4 @@ def test_nobody_there_is_told() -> None:
     port = bound.getsockname()[1]
     bound.close()
     with pytest.raises(NodeError, match="Connection refused"):
-        wait(Settings(port=port))
+        wait(InstallSettings(port=port))

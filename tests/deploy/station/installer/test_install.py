@@ -8,9 +8,9 @@ import pytest
 
 from segway_ecc.deploy.station.installer.checks import check_rules
 from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.rendering import ENVIRONMENT, FIREWALL, RULES, STATION, SYSUSERS, UNITS
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.listening import bind
 from segway_ecc.node.errors import ConfigurationError, NodeError
@@ -23,7 +23,7 @@ FREE = 8799
 
 
 def planned(fake: Fake, **settings: Any) -> Plan:
-    return plan(fake.machine, Settings(**{"port": FREE, **settings}), COMMAND)
+    return plan(fake.machine, InstallSettings(**{"port": FREE, **settings}), COMMAND)
 
 
 def do(made: Plan, *, new_tokens: bool = False) -> tuple[list[str], list[Mapping[Role, str]]]:
@@ -94,7 +94,7 @@ def test_what_was_interrupted_goes_on(fake: Fake) -> None:
 def test_a_service_that_did_not_get_well_is_started_anew_the_next_time(
     fake: Fake, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def ill(_settings: Settings, _timeout_ns: int) -> None:
+    def ill(_settings: InstallSettings, _timeout_ns: int) -> None:
         raise NodeError("ill")
 
     with monkeypatch.context() as patch:
@@ -125,8 +125,8 @@ def test_an_image_gets_the_same_files_and_links_in_place_of_systemctl(fake: Fake
     text = fake.text(UNIT)
     fake.machine.path(UNIT).unlink()
     fake.calls()
-    machine = Machine(fake.root, is_live=False)
-    made = plan(machine, Settings(firewall="eth0"), COMMAND)
+    machine = TargetMachine(fake.root, is_live=False)
+    made = plan(machine, InstallSettings(firewall="eth0"), COMMAND)
     assert commands(made) == []
     for _ in range(2):
         do(made)
@@ -134,7 +134,7 @@ def test_an_image_gets_the_same_files_and_links_in_place_of_systemctl(fake: Fake
     assert fake.calls() == []
     links = {path.name: str(path.readlink()) for path in machine.path(LINKS).iterdir()}
     assert links == {name: f"{UNITS}/{name}" for name in (STATION, FIREWALL)}
-    do(plan(machine, Settings(), COMMAND))
+    do(plan(machine, InstallSettings(), COMMAND))
     assert [path.name for path in machine.path(LINKS).iterdir()] == [STATION]
     assert not machine.path(RULES).exists()
 

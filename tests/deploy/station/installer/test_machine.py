@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.station.installer.machine import Machine, Owner, acting_as
+from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine, acting_as
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from tests.deploy.station.installer.conftest import Fake
 
 
 def test_a_file_is_written_whole_for_everybody_to_read_and_only_where_it_differs(tmp_path: Path) -> None:
-    machine = Machine(tmp_path, is_live=False)
+    machine = TargetMachine(tmp_path, is_live=False)
     old = os.umask(0o077)
     try:
         assert machine.write("/etc/a/b", "one\n")
@@ -35,7 +35,7 @@ def test_a_link_in_the_place_of_a_file_is_replaced_and_not_followed(tmp_path: Pa
     (tmp_path / "target").write_text("text")
     (tmp_path / "etc").mkdir()
     (tmp_path / "etc/x").symlink_to(tmp_path / "target")
-    assert Machine(tmp_path, is_live=False).write("/etc/x", "text")
+    assert TargetMachine(tmp_path, is_live=False).write("/etc/x", "text")
     assert not (tmp_path / "etc/x").is_symlink()
     assert (tmp_path / "target").read_text() == "text"
 
@@ -44,14 +44,14 @@ def test_a_link_does_not_lead_out_of_a_root_file_system(tmp_path: Path) -> None:
     (tmp_path / "root").mkdir()
     (tmp_path / "root/etc").symlink_to(tmp_path)
     with pytest.raises(ConfigurationError, match="leads out of"):
-        Machine(tmp_path / "root", is_live=False).write("/etc/x", "text")
+        TargetMachine(tmp_path / "root", is_live=False).write("/etc/x", "text")
     assert not (tmp_path / "x").exists()
 
 
 def test_what_cannot_be_written_or_deleted_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
-    machine = Machine(tmp_path, is_live=False)
+    machine = TargetMachine(tmp_path, is_live=False)
     with pytest.raises(NodeError, match="cannot be written: Not a directory"):
         machine.write("/file/x", "text")
     with pytest.raises(NodeError, match="cannot be deleted: Is a directory"):
@@ -59,13 +59,13 @@ def test_what_cannot_be_written_or_deleted_is_told(tmp_path: Path) -> None:
 
 
 def test_deleting_tells_whether_it_was_there(tmp_path: Path) -> None:
-    machine = Machine(tmp_path, is_live=False)
+    machine = TargetMachine(tmp_path, is_live=False)
     machine.write("/etc/x", "")
     assert [machine.delete("/etc/x"), machine.delete("/etc/x"), machine.delete("/no/x")] == [True, False, False]
 
 
 def test_the_user_is_that_of_the_machine_s_own_list(tmp_path: Path) -> None:
-    machine = Machine(tmp_path)
+    machine = TargetMachine(tmp_path)
     assert machine.owner() is None
     (tmp_path / "etc").mkdir()
     (tmp_path / "etc/passwd").write_text("root:x:0:0:r:/root:/bin/sh\nsegwayfan:x:1:1:::\nsegway:x:998:997::/:/x\n")

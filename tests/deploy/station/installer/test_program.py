@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.deploy.station.installer import program
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.program import check_environment, command_for, obstacle_to, ros_variables
 from segway_ecc.deploy.station.installer.rendering import RELEASE
 from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
@@ -25,7 +25,7 @@ def test_the_program_is_that_of_this_environment(tmp_path: Path, monkeypatch: py
     put(tmp_path, "/venv/bin/segway-ecc")
     # The one beside the interpreter, whose own link is not followed: it would lead out of the environment.
     monkeypatch.setattr(sys, "executable", str(tmp_path / "venv/bin/python"))
-    machine = Machine(Path("/"))
+    machine = TargetMachine(Path("/"))
     assert command_for(machine, None) == str(tmp_path / "venv/bin/segway-ecc")
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "venv/bin/segway-ecc")])
@@ -38,11 +38,11 @@ def test_the_program_is_that_of_this_environment(tmp_path: Path, monkeypatch: py
 def test_of_a_release_the_link_that_outlives_it_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/opt/segway-ecc/releases/0.1.0-3f9a12bc/venv/bin/python")
     monkeypatch.setattr(sys, "argv", ["/opt/segway-ecc/releases/0.1.0-3f9a12bc/venv/bin/segway-ecc"])
-    assert command_for(Machine(Path("/")), None) == RELEASE
+    assert command_for(TargetMachine(Path("/")), None) == RELEASE
 
 
 def test_in_a_root_file_system_it_is_the_release_or_what_is_installed_there(tmp_path: Path) -> None:
-    machine = Machine(tmp_path, is_live=False)
+    machine = TargetMachine(tmp_path, is_live=False)
     with pytest.raises(ConfigurationError, match="there is no segway-ecc in --root"):
         command_for(machine, None)
     assert command_for(machine, put(tmp_path, "/opt/mine/segway-ecc")) == "/opt/mine/segway-ecc"

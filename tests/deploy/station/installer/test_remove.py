@@ -1,10 +1,10 @@
 import pytest
 
 from segway_ecc.deploy.station.installer.install import install, plan
-from segway_ecc.deploy.station.installer.machine import Machine
+from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.remove import remove
 from segway_ecc.deploy.station.installer.rendering import ALL_FILES, FIREWALL, PENDING, STATION
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.installer.tokens import ACCESS, FOLDER
 from tests.deploy.station.installer.conftest import COMMAND, Fake
 
@@ -18,8 +18,10 @@ def names(fake: Fake) -> set[str]:
 @pytest.mark.parametrize("is_live", [True, False])
 def test_all_goes_but_the_logs(fake: Fake, *, is_live: bool) -> None:
     before = names(fake) | ({"/etc/passwd"} if is_live else set())
-    machine = Machine(fake.root, is_live=is_live)
-    install(plan(machine, Settings(port=8799, firewall="eth0"), COMMAND), new_tokens=False, show=lambda _tokens: None)
+    machine = TargetMachine(fake.root, is_live=is_live)
+    install(
+        plan(machine, InstallSettings(port=8799, firewall="eth0"), COMMAND), new_tokens=False, show=lambda _tokens: None
+    )
     for name in LOGS:
         machine.write(name, "a log")
     fake.calls()
@@ -38,6 +40,6 @@ def test_all_goes_but_the_logs(fake: Fake, *, is_live: bool) -> None:
 
 def test_what_a_robot_on_the_same_machine_has_stays(fake: Fake) -> None:
     fake.machine.write("/etc/segway-ecc/robot.yaml", "a robot")
-    install(plan(fake.machine, Settings(port=8799), COMMAND), new_tokens=False, show=lambda _tokens: None)
+    install(plan(fake.machine, InstallSettings(port=8799), COMMAND), new_tokens=False, show=lambda _tokens: None)
     remove(fake.machine)
     assert fake.text("/etc/segway-ecc/robot.yaml") == "a robot"

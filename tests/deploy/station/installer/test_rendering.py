@@ -17,12 +17,12 @@ from segway_ecc.deploy.station.installer.rendering import (
     UNITS,
     files,
 )
-from segway_ecc.deploy.station.installer.settings import Settings
+from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.station.installer.conftest import COMMAND
 
 SHIPPED = Path(deploy.__file__).parent
-OPEN = Settings(domain=7, port=9000, firewall="eth0")
+OPEN = InstallSettings(domain=7, port=9000, firewall="eth0")
 
 
 def settings_of(text: str) -> list[str]:
@@ -30,14 +30,14 @@ def settings_of(text: str) -> list[str]:
 
 
 def test_without_a_firewall_there_is_none() -> None:
-    made = files(Settings(), COMMAND, {})
+    made = files(InstallSettings(), COMMAND, {})
     assert set(made) == {SYSUSERS, ENVIRONMENT, f"{UNITS}/{STATION}"}
     assert set(files(OPEN, COMMAND, {})) == set(ALL_FILES) - {PENDING}
 
 
 def test_the_unit_is_the_shipped_one_with_our_program_and_our_variables_after_the_robot_s() -> None:
     shipped = settings_of((SHIPPED / "systemd" / STATION).read_text())
-    made = settings_of(files(Settings(), COMMAND, {})[f"{UNITS}/{STATION}"])
+    made = settings_of(files(InstallSettings(), COMMAND, {})[f"{UNITS}/{STATION}"])
     assert [line for line in made if line not in shipped] == [
         line
         for line in made
@@ -55,9 +55,9 @@ def test_the_unit_is_the_shipped_one_with_our_program_and_our_variables_after_th
 
 
 def test_a_new_version_of_ours_is_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = files(Settings(), COMMAND, {})[f"{UNITS}/{STATION}"]
+    before = files(InstallSettings(), COMMAND, {})[f"{UNITS}/{STATION}"]
     monkeypatch.setattr("importlib.metadata.version", lambda _name: "99.0")
-    assert files(Settings(), COMMAND, {})[f"{UNITS}/{STATION}"] != before
+    assert files(InstallSettings(), COMMAND, {})[f"{UNITS}/{STATION}"] != before
 
 
 def test_the_firewall_closes_the_ports_of_the_domain_and_of_the_page_but_for_one_interface() -> None:
@@ -68,7 +68,7 @@ def test_the_firewall_closes_the_ports_of_the_domain_and_of_the_page_but_for_one
     assert "wg-robots" not in rules
     assert "42" not in rules
     shipped = (SHIPPED / "station" / "installer" / "base-station.nft").read_text()
-    as_shipped = files(Settings(domain=42, firewall="wg-robots"), COMMAND, {})[RULES]
+    as_shipped = files(InstallSettings(domain=42, firewall="wg-robots"), COMMAND, {})[RULES]
     assert settings_of(as_shipped) == settings_of(shipped)
 
 
@@ -90,7 +90,7 @@ def test_the_firewall_is_closed_before_a_network_is_up() -> None:
 def test_a_shipped_file_that_is_not_as_expected_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.deploy.station.installer.rendering._shipped", lambda _folder, _name: "[Service]\n")
     with pytest.raises(ConfigurationError, match="ExecStart="):
-        files(Settings(), COMMAND, {})
+        files(InstallSettings(), COMMAND, {})
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze")

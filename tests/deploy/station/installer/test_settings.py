@@ -5,19 +5,19 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.installer.settings import Settings, check, environment
+from segway_ecc.deploy.station.installer.settings import InstallSettings, check, environment
 from segway_ecc.node.errors import ConfigurationError
 
 
-def variables(settings: Settings, **ros: str) -> dict[str, str]:
+def variables(settings: InstallSettings, **ros: str) -> dict[str, str]:
     """As a shell reads the file, and systemd's EnvironmentFile."""
     words = shlex.split(environment(settings, ros), comments=True)
     return {key: value for key, _, value in (word.partition("=") for word in words)}
 
 
 def test_alone_it_finds_robots_on_the_whole_network_and_serves_this_machine_only() -> None:
-    check(Settings())
-    assert variables(Settings()) == {
+    check(InstallSettings())
+    assert variables(InstallSettings()) == {
         "ROS_DOMAIN_ID": "0",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
         "ROS_STATIC_PEERS": "",  # said, so that a robot's own settings on this machine do not count
@@ -26,7 +26,7 @@ def test_alone_it_finds_robots_on_the_whole_network_and_serves_this_machine_only
 
 
 def test_with_peers_it_asks_them_only() -> None:
-    settings = Settings(domain=42, peers=("alice", "10.42.0.12"))
+    settings = InstallSettings(domain=42, peers=("alice", "10.42.0.12"))
     check(settings)
     found = variables(settings)
     assert found["ROS_DOMAIN_ID"] == "42"
@@ -36,7 +36,7 @@ def test_with_peers_it_asks_them_only() -> None:
 
 
 def test_each_option_of_the_page_is_handed_on() -> None:
-    settings = Settings(
+    settings = InstallSettings(
         address="0.0.0.0",  # noqa: S104 - a text
         port=9000,
         hosts=("base.example", "base"),
@@ -51,7 +51,7 @@ def test_each_option_of_the_page_is_handed_on() -> None:
 
 
 def test_a_sourced_ros_is_told() -> None:
-    assert variables(Settings(), AMENT_PREFIX_PATH="/opt/ros/jazzy")["AMENT_PREFIX_PATH"] == "/opt/ros/jazzy"
+    assert variables(InstallSettings(), AMENT_PREFIX_PATH="/opt/ros/jazzy")["AMENT_PREFIX_PATH"] == "/opt/ros/jazzy"
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_a_sourced_ros_is_told() -> None:
 )
 def test_what_no_service_could_use_is_refused_with_the_option_s_name(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigurationError) as told:
-        check(dataclasses.replace(Settings(), **changes))
+        check(dataclasses.replace(InstallSettings(), **changes))
     assert said in str(told.value)
     assert "\n" not in str(told.value)
 
@@ -114,16 +114,18 @@ def test_what_no_service_could_use_is_refused_with_the_option_s_name(changes: di
     ],
 )
 def test_what_is_fine_is_taken(changes: dict[str, Any]) -> None:
-    check(dataclasses.replace(Settings(), **changes))
+    check(dataclasses.replace(InstallSettings(), **changes))
 
 
 def test_the_ports_of_a_domain_end_where_ports_end() -> None:
     # DDSI-RTPS 2.2, 9.6.1.1: PB = 7400, DG = 250.
-    assert Settings(domain=0).dds_ports == (7400, 7649)
-    assert Settings(domain=42).dds_ports == (17900, 18149)
-    assert Settings(domain=232).dds_ports == (65400, 65535)
+    assert InstallSettings(domain=0).dds_ports == (7400, 7649)
+    assert InstallSettings(domain=42).dds_ports == (17900, 18149)
+    assert InstallSettings(domain=232).dds_ports == (65400, 65535)
 
 
 def test_what_is_only_for_this_machine() -> None:
-    assert all(Settings(address=address).is_loopback for address in ("127.0.0.1", "127.9.9.9", "::1", "localhost"))
-    assert not any(Settings(address=address).is_loopback for address in ("0.0.0.0", "::", "base"))  # noqa: S104 - texts
+    assert all(
+        InstallSettings(address=address).is_loopback for address in ("127.0.0.1", "127.9.9.9", "::1", "localhost")
+    )
+    assert not any(InstallSettings(address=address).is_loopback for address in ("0.0.0.0", "::", "base"))  # noqa: S104 - texts

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.station.installer.machine import Machine, Owner
+from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine
 from segway_ecc.deploy.station.installer.tokens import delete_tokens, has_tokens, make_tokens
 from segway_ecc.deploy.station.web.access import Role, load_access
 from segway_ecc.node.errors import ConfigurationError, NodeError
@@ -16,7 +16,7 @@ ME = Owner(os.geteuid(), os.getegid())
 
 @pytest.mark.parametrize("is_live", [True, False])
 def test_tokens_are_made_once_and_only_their_hashes_are_kept(tmp_path: Path, *, is_live: bool) -> None:
-    machine = Machine(tmp_path, is_live=is_live)
+    machine = TargetMachine(tmp_path, is_live=is_live)
     assert not has_tokens(machine)
     tokens = make_tokens(machine, ME, anew=False)
     path = tmp_path / ACCESS
@@ -35,7 +35,7 @@ def test_tokens_are_made_once_and_only_their_hashes_are_kept(tmp_path: Path, *, 
 
 
 def test_a_file_that_is_none_of_ours_is_told_and_replaced_when_asked(tmp_path: Path) -> None:
-    machine = Machine(tmp_path)
+    machine = TargetMachine(tmp_path)
     make_tokens(machine, ME, anew=False)
     (tmp_path / ACCESS).write_text("nonsense")
     with pytest.raises(ConfigurationError, match="--new-tokens"):
@@ -46,7 +46,7 @@ def test_a_file_that_is_none_of_ours_is_told_and_replaced_when_asked(tmp_path: P
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "var").write_text("")
     with pytest.raises(NodeError, match="cannot be made ready: Not a directory"):
-        make_tokens(Machine(tmp_path), ME, anew=False)
+        make_tokens(TargetMachine(tmp_path), ME, anew=False)
 
 
 def test_a_link_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_a_link_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir(mode=0o755)
     (tmp_path / "var/lib/segway-ecc/station").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(ConfigurationError, match="is a link"):
-        make_tokens(Machine(tmp_path), ME, anew=False)
+        make_tokens(TargetMachine(tmp_path), ME, anew=False)
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
@@ -63,7 +63,7 @@ def test_a_link_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_root_makes_files_of_the_service_s_user(*, is_live: bool) -> None:
     with tempfile.TemporaryDirectory() as name:
         Path(name).chmod(0o755)
-        make_tokens(Machine(Path(name), is_live=is_live), Owner(4242, 4243), anew=False)
+        make_tokens(TargetMachine(Path(name), is_live=is_live), Owner(4242, 4243), anew=False)
         path = Path(name) / ACCESS
         owners = [(each.stat().st_uid, each.stat().st_gid) for each in (path, path.parent, path.parent.parent)]
         assert owners == [(4242, 4243)] * 3
@@ -74,7 +74,7 @@ def test_root_is_not_led_by_the_service_s_user_to_files_of_its_own() -> None:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         root.chmod(0o755)
-        machine = Machine(root)
+        machine = TargetMachine(root)
         make_tokens(machine, Owner(4242, 4243), anew=False)
         (root / "secret").write_text("root's")
         (root / "secret").chmod(0o640)
@@ -88,7 +88,7 @@ def test_root_is_not_led_by_the_service_s_user_to_files_of_its_own() -> None:
 
 
 def test_deleting_them_tells_whether_there_were_any(tmp_path: Path) -> None:
-    machine = Machine(tmp_path)
+    machine = TargetMachine(tmp_path)
     (tmp_path / "etc").mkdir()
     (tmp_path / "etc/passwd").write_text(f"segway:x:{ME.uid}:{ME.gid}::/:/x\n")
     make_tokens(machine, ME, anew=False)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import there
-from tests.deploy.station.page.told import armed
+from tests.deploy.station.page.page_waits import there
+from tests.deploy.station.page.robot_states import armed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, ConsoleMessage, Page

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import shows
-from tests.deploy.station.page.told import CHECKS, armed
+from tests.deploy.station.page.page_waits import shows
+from tests.deploy.station.page.robot_states import CHECKS, armed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -8,7 +8,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import gone, press, shows, there
+from tests.deploy.station.page.page_waits import gone, press, shows, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

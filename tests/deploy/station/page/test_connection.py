@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import gone, shows, tells, there
+from tests.deploy.station.page.page_waits import gone, shows, tells, there
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -8,8 +8,8 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import shows, there
-from tests.deploy.station.page.told import armed, lost
+from tests.deploy.station.page.page_waits import shows, there
+from tests.deploy.station.page.robot_states import armed, lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

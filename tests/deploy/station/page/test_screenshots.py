@@ -8,8 +8,8 @@ import pytest
 
 from segway_ecc.deploy.station.views import EventView, SequenceView
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import there
-from tests.deploy.station.page.told import CHECKS, armed, lost
+from tests.deploy.station.page.page_waits import there
+from tests.deploy.station.page.robot_states import CHECKS, armed, lost
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -7,8 +7,8 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act, Command
 from tests.deploy.station.page.fake_station import FakeStation
-from tests.deploy.station.page.looking import gone, shows, there
-from tests.deploy.station.page.told import armed
+from tests.deploy.station.page.page_waits import gone, shows, there
+from tests.deploy.station.page.robot_states import armed
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

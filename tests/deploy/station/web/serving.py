@@ -10,9 +10,9 @@ import aiohttp
 import msgspec
 
 from segway_ecc.deploy.station.web.access import Access, Role, new_access
-from segway_ecc.deploy.station.web.listening import bind, place_of
-from segway_ecc.deploy.station.web.seams import Bundle
-from segway_ecc.deploy.station.web.server import Server, Settings
+from segway_ecc.deploy.station.web.interfaces import Bundle
+from segway_ecc.deploy.station.web.listening import bind, site_address_of
+from segway_ecc.deploy.station.web.server import Server, ServerSettings
 from tests.deploy.station.web.scripted_station import ScriptedStation
 
 HEARTBEAT_S = 0.05
@@ -54,14 +54,14 @@ async def served(
     station = station or ScriptedStation()
     sockets = bind("127.0.0.1", 0)
     scheme = "https" if more.get("tls") else "http"
-    place = more.pop("place", None) or place_of(sockets, scheme, [])
+    place = more.pop("place", None) or site_address_of(sockets, scheme, [])
     access: Access | None = None
     shown: Mapping[Role, str] = {}
     if tokens:
         access, shown = new_access()
     logs = folder / "logs"
     logs.mkdir(exist_ok=True)
-    settings = Settings(
+    settings = ServerSettings(
         place._replace(port=sockets[0].getsockname()[1]), folder, logs, "0", access, bundle=bundle, **more
     )
     async with Server(station, sockets, settings) as server:

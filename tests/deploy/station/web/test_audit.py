@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.web.audit import Audit, Entry
+from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 
 
 def lines(folder: Path, name: str = "audit.jsonl") -> list[dict[str, Any]]:
@@ -16,9 +16,11 @@ def lines(folder: Path, name: str = "audit.jsonl") -> list[dict[str, Any]]:
 
 
 def test_entries_stand_in_their_order_with_their_time(tmp_path: Path) -> None:
-    audit = Audit(tmp_path, lambda: 1_600_000_000_123_456_789)
-    audit.add(Entry(who="ann", role="operator", address="192.0.2.1", act="arm", robot="/a", number=3, outcome="asked"))
-    audit.add(Entry(outcome="done", act="ends", text="x" * 1000))
+    audit = AuditLog(tmp_path, lambda: 1_600_000_000_123_456_789)
+    audit.add(
+        AuditEntry(who="ann", role="operator", address="192.0.2.1", act="arm", robot="/a", number=3, outcome="asked")
+    )
+    audit.add(AuditEntry(outcome="done", act="ends", text="x" * 1000))
     audit.close()
     first, second = lines(tmp_path)
     assert first == {
@@ -37,23 +39,23 @@ def test_entries_stand_in_their_order_with_their_time(tmp_path: Path) -> None:
 
 def test_a_new_station_appends(tmp_path: Path) -> None:
     for act in ("one", "two"):
-        audit = Audit(tmp_path, lambda: 0)
-        audit.add(Entry(act=act, outcome="done"))
+        audit = AuditLog(tmp_path, lambda: 0)
+        audit.add(AuditEntry(act=act, outcome="done"))
         audit.close()
     assert [line["act"] for line in lines(tmp_path)] == ["one", "two"]
 
 
 def test_a_text_cannot_forge_a_line(tmp_path: Path) -> None:
-    audit = Audit(tmp_path, lambda: 0)
-    audit.add(Entry(outcome="done", act="login", text='"}\n{"who": "ann", "act": "arm"}'))
+    audit = AuditLog(tmp_path, lambda: 0)
+    audit.add(AuditEntry(outcome="done", act="login", text='"}\n{"who": "ann", "act": "arm"}'))
     audit.close()
     assert [line["act"] for line in lines(tmp_path)] == ["login"]
 
 
 def test_it_is_bounded_and_the_newest_stay(tmp_path: Path) -> None:
-    audit = Audit(tmp_path, lambda: 0, most_bytes=1000, kept=2)
+    audit = AuditLog(tmp_path, lambda: 0, most_bytes=1000, kept=2)
     for number in range(200):
-        audit.add(Entry(outcome="done", act="arm", number=number + 1))
+        audit.add(AuditEntry(outcome="done", act="arm", number=number + 1))
     audit.close()
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["audit.1.jsonl", "audit.2.jsonl", "audit.jsonl"]
@@ -71,13 +73,13 @@ def test_a_full_disk_is_told_once_and_stops_nothing(tmp_path: Path, caplog: pyte
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return os.write(file, content)
 
-    audit = Audit(tmp_path, lambda: 0, write=write)
+    audit = AuditLog(tmp_path, lambda: 0, write=write)
     with caplog.at_level(logging.ERROR):
         for _ in range(5):
-            audit.add(Entry(outcome="done", act="lost"))
+            audit.add(AuditEntry(outcome="done", act="lost"))
         _wait(audit, 5)
         is_full = False
-        audit.add(Entry(outcome="done", act="kept"))
+        audit.add(AuditEntry(outcome="done", act="kept"))
         audit.close()
     assert [line["act"] for line in lines(tmp_path)] == ["kept"]
     (said,) = [record.getMessage() for record in caplog.records]
@@ -90,9 +92,9 @@ def test_a_line_that_was_torn_off_spoils_no_other(tmp_path: Path) -> None:
     def write(file: int, content: bytes) -> int:
         return os.write(file, content[: room.pop()] if room else content)
 
-    audit = Audit(tmp_path, lambda: 0, write=write)
-    audit.add(Entry(outcome="done", act="torn"))
-    audit.add(Entry(outcome="done", act="whole"))
+    audit = AuditLog(tmp_path, lambda: 0, write=write)
+    audit.add(AuditEntry(outcome="done", act="torn"))
+    audit.add(AuditEntry(outcome="done", act="whole"))
     audit.close()
     torn, whole = (tmp_path / "audit.jsonl").read_text().splitlines()
     assert len(torn) == 10
@@ -102,9 +104,9 @@ def test_a_line_that_was_torn_off_spoils_no_other(tmp_path: Path) -> None:
 
 def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
     hangs = threading.Event()
-    audit = Audit(tmp_path, lambda: 0, write=lambda _, content: len(content) if hangs.wait(30.0) else 0)
+    audit = AuditLog(tmp_path, lambda: 0, write=lambda _, content: len(content) if hangs.wait(30.0) else 0)
     for _ in range(10_100):
-        audit.add(Entry(outcome="done", act="arm"))
+        audit.add(AuditEntry(outcome="done", act="arm"))
     assert 90 <= audit.lost <= 100
     hangs.set()
     audit.close()
@@ -113,14 +115,14 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
 def test_the_log_is_no_link_to_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").touch()
     (tmp_path / "audit.jsonl").symlink_to(tmp_path / "elsewhere")
-    audit = Audit(tmp_path, lambda: 0)
-    audit.add(Entry(outcome="done", act="arm"))
+    audit = AuditLog(tmp_path, lambda: 0)
+    audit.add(AuditEntry(outcome="done", act="arm"))
     audit.close()
     assert audit.lost == 1
     assert (tmp_path / "elsewhere").read_text() == ""
 
 
-def _wait(audit: Audit, lost: int) -> None:
+def _wait(audit: AuditLog, lost: int) -> None:
     for _ in range(1000):
         if audit.lost == lost:
             return

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from segway_ecc.deploy.station.views import Act, Command, Drive
-from segway_ecc.deploy.station.web.messages import RefusedError, decode
+from segway_ecc.deploy.station.web.messages import RefusedMessageError, decode
 from segway_ecc.deploy.station.web.refusals import Cause
 
 MAX = (1.0, 2.0)
@@ -16,7 +16,7 @@ DRIVE = {"kind": "drive", "id": 1, "robot": "/alice", "linear": 0.5, "angular": 
 
 
 def refusal(message: str) -> Cause:
-    with pytest.raises(RefusedError) as refused:
+    with pytest.raises(RefusedMessageError) as refused:
         decode(message, *MAX)
     return refused.value.cause
 
@@ -98,7 +98,7 @@ def _holds(message: str) -> None:
     """Decoding gives what the robots may be given, or its one error."""
     try:
         decoded = decode(message, *MAX)
-    except RefusedError:
+    except RefusedMessageError:
         return
     assert 0 < decoded.id < 2**53
     assert len(decoded.robot) <= 256

@@ -1,9 +1,9 @@
 import pytest
 
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.origins import SiteAddress
 
-LOOPBACK = Place("http", 8700)
-LAN = Place("https", 8700, frozenset({"base", "base.local"}), is_loopback=False)
+LOOPBACK = SiteAddress("http", 8700)
+LAN = SiteAddress("https", 8700, frozenset({"base", "base.local"}), is_loopback=False)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8700", "localhost:8700", "LOCALHOST:8700", "[::1]:8700", "127.0.0.9:8700"])
@@ -43,7 +43,7 @@ def test_elsewhere_it_is_known_by_any_address_and_by_its_names() -> None:
 
 
 def test_a_port_that_is_not_said_is_the_scheme_s() -> None:
-    assert Place("https", 443, frozenset({"base"}), is_loopback=False).is_ours("base")
+    assert SiteAddress("https", 443, frozenset({"base"}), is_loopback=False).is_ours("base")
     assert not LAN.is_ours("base")
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from yarl import URL
 
-from tests.deploy.station.web.asking import logs, raw, still_answers
 from tests.deploy.station.web.attempts import ATTEMPTS, Attempt
+from tests.deploy.station.web.raw_requests import logs, raw, still_answers
 from tests.deploy.station.web.serving import Served, browser, served
 
 Tried = Callable[[str, str], None]

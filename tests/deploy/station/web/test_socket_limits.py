@@ -12,7 +12,7 @@ from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.limits import Limits, Rate
 from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import Served, browser, closed, command, drive, receive, served
-from tests.deploy.station.web.talking import asked, reader_of, until, upgrade
+from tests.deploy.station.web.socket_helpers import asked, reader_of, until, upgrade
 
 Tried = Callable[[str, str], None]
 OPERATOR, VIEWER = Role.OPERATOR, Role.VIEWER

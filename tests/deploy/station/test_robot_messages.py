@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.deploy.station.heard import ModeHeard, finite, health_of, mode_heard
+from segway_ecc.deploy.station.robot_messages import ModeReport, decode_health, decode_mode, finite
 from segway_ecc.node.safety.modes import Mode
 
 TOLD = {
@@ -20,7 +20,7 @@ TOLD = {
 
 
 def test_a_whole_message() -> None:
-    expected = ModeHeard(
+    expected = ModeReport(
         name="alice",
         mode=Mode.HOLD,
         reason="no set-point arrives any more",
@@ -31,12 +31,12 @@ def test_a_whole_message() -> None:
         beat_age_ns=12_500_000,
         stand=0.0,
     )
-    assert mode_heard("alice: mode", TOLD) == expected
+    assert decode_mode("alice: mode", TOLD) == expected
 
 
 def test_what_a_robot_does_not_tell_is_not_known() -> None:
-    told = mode_heard("alice: mode", {"mode": "ARMED"})
-    assert told == ModeHeard("alice", Mode.ARMED, "")
+    told = decode_mode("alice: mode", {"mode": "ARMED"})
+    assert told == ModeReport("alice", Mode.ARMED, "")
     assert told.is_zero is None
 
 
@@ -44,21 +44,21 @@ def test_what_a_robot_does_not_tell_is_not_known() -> None:
     ("name", "mode"), [("alice: timing", "ARMED"), ("alice: mode", "DANCING"), ("alice: mode", "")]
 )
 def test_a_status_that_is_no_mode_is_refused(name: str, mode: str) -> None:
-    assert mode_heard(name, {"mode": mode}) is None
+    assert decode_mode(name, {"mode": mode}) is None
 
 
 @pytest.mark.parametrize(
     "beat", ["", "base", "base x", "base -1", " 5", "base " + "9" * 21, "base \N{SUPERSCRIPT TWO}"]
 )
 def test_an_echo_that_is_none(beat: str) -> None:
-    told = mode_heard("a: mode", {**TOLD, "heartbeat": beat})
+    told = decode_mode("a: mode", {**TOLD, "heartbeat": beat})
     assert told is not None
     assert (told.station, told.beat_ns) == ("", 0)
 
 
 @pytest.mark.parametrize("age", ["nan", "inf", "-1", "soon", ""])
 def test_an_age_that_is_none(age: str) -> None:
-    told = mode_heard("a: mode", {**TOLD, "heartbeat_age_ms": age})
+    told = decode_mode("a: mode", {**TOLD, "heartbeat_age_ms": age})
     assert told is not None
     assert told.beat_age_ns == 0
 
@@ -82,20 +82,20 @@ def test_an_age_that_is_none(age: str) -> None:
 def test_stopped_is_what_the_drive_does_and_not_the_mode_alone(
     mode: str, drives: str, zero: str, *, stopped: bool
 ) -> None:
-    told = mode_heard("a: mode", {"mode": mode, "drives": drives, "zero": zero})
+    told = decode_mode("a: mode", {"mode": mode, "drives": drives, "zero": zero})
     assert told is not None
     assert told.is_stopped is stopped
 
 
 @pytest.mark.parametrize("drives", ["on", "off", "none", "unconfirmed"])
 def test_what_the_drives_do_is_kept_whole(drives: str) -> None:
-    told = mode_heard("a: mode", {**TOLD, "drives": drives})
+    told = decode_mode("a: mode", {**TOLD, "drives": drives})
     assert told is not None
     assert told.drives == drives
 
 
 def test_another_word_for_what_they_do_is_none() -> None:
-    told = mode_heard("a: mode", {**TOLD, "drives": "of course"})
+    told = decode_mode("a: mode", {**TOLD, "drives": "of course"})
     assert told is not None
     assert told.drives == ""
 
@@ -103,13 +103,13 @@ def test_another_word_for_what_they_do_is_none() -> None:
 @given(st.text(), st.dictionaries(st.sampled_from(sorted(TOLD)), st.text() | st.sampled_from(list(TOLD.values()))))
 def test_no_message_of_the_network_raises(name: str, values: dict[str, str]) -> None:
     for who in (name, f"{name}: mode"):
-        told = mode_heard(who, values)
+        told = decode_mode(who, values)
         assert told is None or len(told.reason) <= 500
-    health_of([(f"x: {part}", values) for part in ("mode", "timing", "hardware")])
+    decode_health([(f"x: {part}", values) for part in ("mode", "timing", "hardware")])
 
 
 def test_diagnostics_of_a_robot_with_two_lines() -> None:
-    health = health_of(
+    health = decode_health(
         [
             ("a: mode", {"mode": "ARMED", "check.rate": "ok: 100 Hz", "check.tilt": "refused: 1.0 rad"}),
             ("a: timing", {"rate_hz": "100.0"}),
@@ -137,7 +137,7 @@ def test_diagnostics_of_a_robot_with_two_lines() -> None:
 
 
 def test_no_more_is_kept_of_diagnostics_than_fits() -> None:
-    health = health_of([("a: timing", {f"{index}" + "k" * 900: "v" * 900 for index in range(999)})])
+    health = decode_health([("a: timing", {f"{index}" + "k" * 900: "v" * 900 for index in range(999)})])
     assert len(health.timing) == 200
     assert all(len(key) == len(value) == 500 for key, value in health.timing.items())
 

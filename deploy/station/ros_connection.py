@@ -8,19 +8,19 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
+from segway_ecc.deploy.station.connection import ServiceResponse
 from segway_ecc.deploy.station.discovery import MODE_TOPIC, MODE_TYPE, topic
-from segway_ecc.deploy.station.heard import (
-    Health,
-    Heard,
-    ModeHeard,
-    Pitch,
-    SetpointHeard,
-    Supply,
-    health_of,
-    mode_heard,
-)
-from segway_ecc.deploy.station.line import Answered
 from segway_ecc.deploy.station.odometry import read_odometry
+from segway_ecc.deploy.station.robot_messages import (
+    Health,
+    ModeReport,
+    Pitch,
+    RobotMessage,
+    SetpointReport,
+    Supply,
+    decode_health,
+    decode_mode,
+)
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stamp_ns
 from segway_ecc.node.ros.untyped import RosObject
@@ -33,15 +33,15 @@ _SENT_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 
 
-class Taken(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """What was heard and when it reached this machine, ns since the Unix epoch."""
 
-    heard: Heard
+    heard: RobotMessage
     wall_ns: int
 
 
-class RobotLine:
-    """See `Line`; besides, hears the robot.
+class RosRobotConnection:
+    """See `RobotConnection`; besides, hears the robot.
 
     Attributes:
         model_node: The name of the robot's node, whose services are asked.
@@ -79,7 +79,7 @@ class RobotLine:
             for action in Action
         }
 
-    def hear_mode(self) -> Iterator[Taken]:
+    def hear_mode(self) -> Iterator[ReceivedMessage]:
         """Every word on the topic `mode` that has come."""
         for _ in range(_ALL):
             taken = self._mode.handle.take_message(self._mode.msg_type, False)  # noqa: FBT003 - rclpy's form: not raw
@@ -87,7 +87,7 @@ class RobotLine:
                 return
             yield from self._as_heard(_mode(taken[0]), taken)
 
-    def hear(self) -> Iterator[Taken]:
+    def hear(self) -> Iterator[ReceivedMessage]:
         """The newest of everything else that has come."""
         taken = self._odometry.handle.take_message(self._odometry.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
         if taken is not None:
@@ -110,30 +110,30 @@ class RobotLine:
         self._beat.publish(message)
 
     def is_ready(self, action: Action) -> bool:
-        """See `Line.is_ready`."""
+        """See `RobotConnection.is_ready`."""
         return bool(self._clients[action].service_is_ready())
 
     def call(self, action: Action) -> int:
-        """See `Line.call`."""
+        """See `RobotConnection.call`."""
         return int(self._clients[action].handle.send_request(self._request))
 
-    def answers(self) -> Iterable[Answered]:
-        """See `Line.answers`."""
+    def answers(self) -> Iterable[ServiceResponse]:
+        """See `RobotConnection.answers`."""
         for action, client in self._clients.items():
             for _ in range(_ALL):
                 header, response = client.handle.take_response(self._response)
                 if header is None:
                     break
-                yield Answered(action, header.request_id.sequence_number, response.success, response.message)
+                yield ServiceResponse(action, header.request_id.sequence_number, response.success, response.message)
 
     def drive(self, setpoint: Setpoint) -> None:
-        """See `Line.drive`."""
+        """See `RobotConnection.drive`."""
         message = self._drive.msg_type()
         message.linear.x, message.angular.z = setpoint
         self._drive.publish(message)
 
     def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
-        """See `Line.say`."""
+        """See `RobotConnection.say`."""
         message = self._say.msg_type()
         set_stamp(message.header, stamp_ns)
         message.twist.linear.x, message.twist.angular.z = setpoint
@@ -145,14 +145,14 @@ class RobotLine:
             publisher.wait_for_all_acked(duration(within_ns * 1e-9))
 
     def stand(self, *, up: bool) -> None:
-        """See `Line.stand`."""
+        """See `RobotConnection.stand`."""
         self._stand.publish(self._stand.msg_type(data=1.0 if up else 0.0))
 
-    def _as_heard(self, heard: Heard | None, taken: RosObject) -> Iterator[Taken]:
+    def _as_heard(self, heard: RobotMessage | None, taken: RosObject) -> Iterator[ReceivedMessage]:
         if heard is None:
             self.refused += 1
         else:
-            yield Taken(heard, taken[1]["received_timestamp"] or time.time_ns())
+            yield ReceivedMessage(heard, taken[1]["received_timestamp"] or time.time_ns())
 
     def _subscribe(self, type_name: str, name: str, depth: int) -> RosObject:
         return self._node.create_subscription(message_type(type_name), topic(self._robot, name), _never_called, depth)
@@ -169,12 +169,12 @@ def _values(message: RosObject) -> Mapping[str, str]:
     return {pair.key: pair.value for pair in message.values}
 
 
-def _mode(message: RosObject) -> ModeHeard | None:
-    return mode_heard(message.name, _values(message))
+def _mode(message: RosObject) -> ModeReport | None:
+    return decode_mode(message.name, _values(message))
 
 
-def _setpoint(message: RosObject) -> SetpointHeard:
-    return SetpointHeard(stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z)
+def _setpoint(message: RosObject) -> SetpointReport:
+    return SetpointReport(stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z)
 
 
 def _pitch(message: RosObject) -> Pitch:
@@ -186,4 +186,4 @@ def _battery(message: RosObject) -> Supply:
 
 
 def _diagnostics(message: RosObject) -> Health:
-    return health_of((status.name, _values(status)) for status in message.status)
+    return decode_health((status.name, _values(status)) for status in message.status)

@@ -2,17 +2,17 @@
 
 from typing import Final
 
-from segway_ecc.deploy.station.heard import ModeHeard
-from segway_ecc.deploy.station.line import Line, Reply
+from segway_ecc.deploy.station.connection import Reply, RobotConnection
 from segway_ecc.deploy.station.requests import WITHIN_NS
+from segway_ecc.deploy.station.robot_messages import ModeReport
 
 _AGAIN_NS: Final = 100_000_000
 
 
-class Stand:
+class PostureRequest:
     """What one robot was told last of standing and sitting."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: RobotConnection) -> None:
         """Tell it over `line`."""
         self._line = line
         self._reply: Reply | None = None
@@ -31,7 +31,7 @@ class Stand:
         self._asked_ns, self._told_ns = now_ns, now_ns
         self._line.stand(up=up)
 
-    def hear(self, mode: ModeHeard) -> None:
+    def hear(self, mode: ModeReport) -> None:
         """Take the robot's word."""
         if mode.stand == float(self._up):
             self._end(f"the robot has taken it: {'stand up' if self._up else 'sit down'}", accepted=True)

@@ -5,17 +5,17 @@ from typing import Any
 
 import pytest
 
+from segway_ecc.deploy.station.connection import ServiceResponse
 from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heard import ModeHeard
-from segway_ecc.deploy.station.line import Answered
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
 S = 1_000_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
-OFF = ModeHeard("alice", Mode.FAULT, "stop was pressed", "off")
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+OFF = ModeReport("alice", Mode.FAULT, "stop was pressed", "off")
 
 
 @pytest.mark.parametrize("act", list(Act))
@@ -32,7 +32,7 @@ def test_a_robot_that_nobody_knows(bench: Any, act: Act) -> None:
 def test_a_request_is_answered_by_the_robot_and_logged(bench: Any, events: EventLog, act: Act, action: Action) -> None:
     bench.ask("ann", act)
     assert bench.line.calls == [action]
-    bench.line.answered = [Answered(action, 1, accepted=False, message="tilt: too much")]
+    bench.line.answered = [ServiceResponse(action, 1, accepted=False, message="tilt: too much")]
     bench.desk.hear_answers("/a")
     assert bench.replies == [(False, "tilt: too much")]
     last = events.after(0)[-1]

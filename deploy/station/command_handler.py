@@ -7,17 +7,17 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.deploy.station.connection import Reply, RobotConnection
 from segway_ecc.deploy.station.control import Control
 from segway_ecc.deploy.station.deadman import DeadMan, fitted
 from segway_ecc.deploy.station.events import EventLog
 from segway_ecc.deploy.station.fleet import Fleet, Robot
-from segway_ecc.deploy.station.heard import Heard, ModeHeard, SetpointHeard
 from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.line import Line, Reply
+from segway_ecc.deploy.station.posture import PostureRequest
 from segway_ecc.deploy.station.requests import Requests
-from segway_ecc.deploy.station.seat import Asked, Seat
-from segway_ecc.deploy.station.sequences import Playing
-from segway_ecc.deploy.station.stand import Stand
+from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage, SetpointReport
+from segway_ecc.deploy.station.robot_tasks import RobotTasks, SubmittedCommand
+from segway_ecc.deploy.station.sequences import SequencePlayback
 from segway_ecc.deploy.station.stops import Stop, StopState
 from segway_ecc.deploy.station.views import Act, Drive, FleetView, RobotView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -35,7 +35,7 @@ _OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, 
 _logger = logging.getLogger(__name__)
 
 
-class Desk:
+class CommandHandler:
     """Carries out commands and driving on robots that are heard.
 
     Attributes:
@@ -53,26 +53,26 @@ class Desk:
         self._beats = beats
         self._limits = limits
         self._dead_man = DeadMan()
-        self._seats: dict[str, Seat] = {}
+        self._seats: dict[str, RobotTasks] = {}
 
-    def add(self, name: str, line: Line) -> None:
+    def add(self, name: str, line: RobotConnection) -> None:
         """A robot can be spoken to over `line` from now on."""
-        self._seats[name] = Seat(line, Requests(line), Stop(line, self._teller(name)), Stand(line))
+        self._seats[name] = RobotTasks(line, Requests(line), Stop(line, self._teller(name)), PostureRequest(line))
 
     def is_waiting_for(self, name: str) -> bool:
         """Whether a robot's word is waited for."""
         seat = self._seats.get(name)
         return seat is not None and (seat.requests.is_pending or seat.stop.is_pending or seat.stand.is_pending)
 
-    def hear(self, name: str, heard: Heard, at_ns: int) -> None:
+    def hear(self, name: str, heard: RobotMessage, at_ns: int) -> None:
         """Take what a robot said at `at_ns`, monotonic."""
         self.fleet.hear(name, heard, at_ns)
         seat = self._seats[name]
-        if isinstance(heard, ModeHeard):
+        if isinstance(heard, ModeReport):
             seat.stop.hear(heard, at_ns)
             seat.stand.hear(heard)
             self._beats.hear(name, heard, at_ns)
-        elif isinstance(heard, SetpointHeard) and seat.playing is not None:
+        elif isinstance(heard, SetpointReport) and seat.playing is not None:
             seat.playing.hear(heard, at_ns)
 
     def hear_answers(self, name: str) -> None:
@@ -103,7 +103,7 @@ class Desk:
         robots = [self._view(self.fleet.robots[name], now_ns) for name in sorted(self.fleet.robots)]
         return FleetView(time_s=now_ns * 1e-9, robots=robots)
 
-    def stop(self, asked: Asked, now_ns: int) -> None:
+    def stop(self, asked: SubmittedCommand, now_ns: int) -> None:
         """Stop a robot, whoever asks, before anything else is done."""
         name, reply = asked.command.robot, self._logged(asked)
         seat = self._seats.get(name)
@@ -115,7 +115,7 @@ class Desk:
         if seat.break_off(f"{asked.who} pressed stop"):
             self._tell_outcome(name, seat)
 
-    def command(self, asked: Asked, now_ns: int) -> None:
+    def command(self, asked: SubmittedCommand, now_ns: int) -> None:
         """Carry out a command other than a stop."""
         name, act, reply = asked.command.robot, asked.command.act, self._logged(asked)
         robot, seat = self.fleet.robots.get(name), self._seats.get(name)
@@ -176,7 +176,7 @@ class Desk:
             seat.stand.fail("the station ends")
             seat.stop.drop("the station ends")
 
-    def _refusal(self, asked: Asked, robot: Robot, seat: Seat, now_ns: int) -> tuple[str, str] | None:
+    def _refusal(self, asked: SubmittedCommand, robot: Robot, seat: RobotTasks, now_ns: int) -> tuple[str, str] | None:
         """The cause and the text of why a command is not even tried."""
         act = asked.command.act
         needs_robot = act not in _OURS or act is Act.CLEAR_FAULT
@@ -206,7 +206,7 @@ class Desk:
             return "stopped"
         return None if robot.is_active else "not armed"
 
-    def _do(self, asked: Asked, robot: Robot, seat: Seat, reply: Reply, now_ns: int) -> None:
+    def _do(self, asked: SubmittedCommand, robot: Robot, seat: RobotTasks, reply: Reply, now_ns: int) -> None:
         """What no service of the robot answers, or what is the station's own."""
         name, who = robot.robot, asked.who
         match asked.command.act:
@@ -231,15 +231,15 @@ class Desk:
             case Act.PLAY:
                 self._play(asked, seat, reply, now_ns)
 
-    def _play(self, asked: Asked, seat: Seat, reply: Reply, now_ns: int) -> None:
+    def _play(self, asked: SubmittedCommand, seat: RobotTasks, reply: Reply, now_ns: int) -> None:
         name = asked.command.robot
         if seat.break_off("another sequence was started"):
             self._tell_outcome(name, seat)
         self._dead_man.release(name, now_ns)
         if isinstance(asked.manoeuvre, Manoeuvre):
-            seat.playing = Playing(asked.manoeuvre, asked.command.name, reply, now_ns)
+            seat.playing = SequencePlayback(asked.manoeuvre, asked.command.name, reply, now_ns)
 
-    def _play_on(self, name: str, seat: Seat, now_ns: int) -> None:
+    def _play_on(self, name: str, seat: RobotTasks, now_ns: int) -> None:
         robot, playing = self.fleet.robots[name], seat.playing
         if playing is None:
             return
@@ -259,7 +259,7 @@ class Desk:
         if seat.break_off(reason):
             self._tell_outcome(name, seat)
 
-    def _tell_outcome(self, name: str, seat: Seat) -> None:
+    def _tell_outcome(self, name: str, seat: RobotTasks) -> None:
         if seat.playing is not None:
             level = "info" if seat.playing.view.state == "done" else "warning"
             self._events.add(name, seat.playing.outcome, level=level)
@@ -278,7 +278,7 @@ class Desk:
         self.refused[f"command: {cause}"] += 1
         reply(False, text)  # noqa: FBT003 - the contract's form
 
-    def _logged(self, asked: Asked) -> Reply:
+    def _logged(self, asked: SubmittedCommand) -> Reply:
         """Tells the operator and the event log what came of a command."""
         act = asked.command.act
 

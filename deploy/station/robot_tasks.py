@@ -2,24 +2,24 @@
 
 from dataclasses import dataclass
 
-from segway_ecc.deploy.station.line import Line, Reply
+from segway_ecc.deploy.station.connection import Reply, RobotConnection
+from segway_ecc.deploy.station.posture import PostureRequest
 from segway_ecc.deploy.station.requests import Requests
-from segway_ecc.deploy.station.sequences import Playing
-from segway_ecc.deploy.station.stand import Stand
+from segway_ecc.deploy.station.sequences import SequencePlayback
 from segway_ecc.deploy.station.stops import Stop
 from segway_ecc.deploy.station.views import Command
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 
 @dataclass(slots=True)
-class Seat:
+class RobotTasks:
     """What is under way with one robot."""
 
-    line: Line
+    line: RobotConnection
     requests: Requests
     stop: Stop
-    stand: Stand
-    playing: Playing | None = None
+    stand: PostureRequest
+    playing: SequencePlayback | None = None
 
     @property
     def is_playing(self) -> bool:
@@ -35,7 +35,7 @@ class Seat:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class SubmittedCommand:
     """A command as it came in.
 
     Attributes:

@@ -10,9 +10,9 @@ from typing import IO
 import pytest
 
 from segway_ecc.deploy.station.views import RobotView
-from segway_ecc.deploy.station.web.origins import Place
-from tests.deploy.station.web.asking import login, logs, raw, still_answers
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from tests.deploy.station.web.attempts import OPERATOR, VIEWER
+from tests.deploy.station.web.raw_requests import login, logs, raw, still_answers
 from tests.deploy.station.web.scripted_station import ScriptedStation
 from tests.deploy.station.web.serving import browser, served
 
@@ -150,7 +150,7 @@ def test_health_tells_a_station_whose_pictures_stand_still(tmp_path: Path) -> No
 
 def test_a_station_for_a_network_asks_who_comes(tmp_path: Path) -> None:
     async def scenario() -> None:
-        place = Place("http", 0, frozenset({"base.local"}), is_loopback=False)
+        place = SiteAddress("http", 0, frozenset({"base.local"}), is_loopback=False)
         async with served(tmp_path, tokens=True, place=place) as here, browser(here) as client:
             async with client.get("/session") as answer:
                 assert await answer.json() == {"login": True, "who": "", "role": ""}

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.heard import ModeHeard
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 MS = 1_000_000
-ARMED = ModeHeard("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
-OFF = ModeHeard("alice", Mode.FAULT, "stop was pressed", "off")
+ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, stand=1.0)
+OFF = ModeReport("alice", Mode.FAULT, "stop was pressed", "off")
 
 
 def test_a_sequence_is_played(bench: Any, texts: Callable[[], list[str]]) -> None:

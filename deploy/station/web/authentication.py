@@ -9,11 +9,11 @@ import msgspec
 from aiohttp import web
 
 from segway_ecc.deploy.station.web.access import Access, Role
-from segway_ecc.deploy.station.web.answers import RefusedRequestError
-from segway_ecc.deploy.station.web.audit import Audit, Entry
+from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
-from segway_ecc.deploy.station.web.origins import Place
+from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.responses import RefusedRequestError
 from segway_ecc.deploy.station.web.sessions import LONGEST_S, Session, Sessions, UsedKeys
 
 _BODY_S: Final = 5.0
@@ -24,11 +24,11 @@ class _Login(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     token: str = ""
 
 
-class Gate:
+class AuthenticationMiddleware:
     """Lets in who belongs here."""
 
     def __init__(
-        self, place: Place, access: Access | None, limits: Limits, audit: Audit, clock_ns: Callable[[], int]
+        self, place: SiteAddress, access: Access | None, limits: Limits, audit: AuditLog, clock_ns: Callable[[], int]
     ) -> None:
         """Guard a place; without `access` everybody who reaches it is an operator."""
         self.sessions = Sessions(limits)
@@ -151,7 +151,9 @@ class Gate:
         self, request: web.Request, act: str, session: Session | None = None, outcome: str = "done", text: str = ""
     ) -> None:
         who, role = ("", "") if session is None else (session.who, session.role.value)
-        self._audit.add(Entry(who=who, role=role, address=address_of(request), act=act, outcome=outcome, text=text))
+        self._audit.add(
+            AuditEntry(who=who, role=role, address=address_of(request), act=act, outcome=outcome, text=text)
+        )
 
     async def _body(self, request: web.Request) -> _Login:
         # Another site's form cannot send this type without asking first, which nobody here answers.

@@ -4,21 +4,21 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.heard import ModeHeard
-from segway_ecc.deploy.station.stand import Stand
+from segway_ecc.deploy.station.posture import PostureRequest
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.safety.modes import Mode
 
 MS = 1_000_000
-STANDS = ModeHeard("alice", Mode.ARMED, "", stand=1.0)
+STANDS = ModeReport("alice", Mode.ARMED, "", stand=1.0)
 SITS = STANDS._replace(stand=0.0)
 
 
 @pytest.fixture
-def stand(line: Any) -> Stand:
-    return Stand(line)
+def stand(line: Any) -> PostureRequest:
+    return PostureRequest(line)
 
 
-def test_it_is_confirmed_once_by_the_value_in_force(stand: Stand, line: Any, replies: Any) -> None:
+def test_it_is_confirmed_once_by_the_value_in_force(stand: PostureRequest, line: Any, replies: Any) -> None:
     stand.ask(replies, 0, up=False)
     stand.hear(STANDS)
     assert (line.stands, replies, stand.is_pending) == ([False], [], True)
@@ -29,7 +29,9 @@ def test_it_is_confirmed_once_by_the_value_in_force(stand: Stand, line: Any, rep
     assert replies == [(True, "the robot has taken it: sit down")]
 
 
-def test_it_is_told_again_until_then_and_given_up_after_two_seconds(stand: Stand, line: Any, replies: Any) -> None:
+def test_it_is_told_again_until_then_and_given_up_after_two_seconds(
+    stand: PostureRequest, line: Any, replies: Any
+) -> None:
     stand.ask(replies, 0, up=True)
     for now in range(0, 2001, 20):
         stand.hear(SITS)
@@ -41,7 +43,7 @@ def test_it_is_told_again_until_then_and_given_up_after_two_seconds(stand: Stand
     assert len(line.stands) == 21
 
 
-def test_what_is_said_last_counts(stand: Stand, line: Any, replies: Any) -> None:
+def test_what_is_said_last_counts(stand: PostureRequest, line: Any, replies: Any) -> None:
     stand.ask(replies, 0, up=True)
     stand.ask(replies, 10 * MS, up=False)
     assert replies == [(False, "it was told otherwise before it had taken this")]
@@ -51,7 +53,7 @@ def test_what_is_said_last_counts(stand: Stand, line: Any, replies: Any) -> None
     assert (line.stands, replies[1]) == ([True, False], (True, "the robot has taken it: sit down"))
 
 
-def test_the_end_of_the_station_answers_it(stand: Stand, replies: Any) -> None:
+def test_the_end_of_the_station_answers_it(stand: PostureRequest, replies: Any) -> None:
     stand.fail("nobody asked")
     stand.ask(replies, 0, up=True)
     stand.fail("the station ends")

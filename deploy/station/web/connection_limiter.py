@@ -29,7 +29,7 @@ class _Connection:
     has_spoken: bool = False
 
 
-class Door:
+class ConnectionLimiter:
     """Accepts what the limits allow, and hands it to a protocol."""
 
     def __init__(

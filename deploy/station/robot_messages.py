@@ -21,7 +21,7 @@ _MOST_LINKS: Final = 8
 _NS_PER_MS: Final = 1e6
 
 
-class ModeHeard(NamedTuple):
+class ModeReport(NamedTuple):
     """The robot's word on the topic `mode`.
 
     Attributes:
@@ -57,7 +57,7 @@ class ModeHeard(NamedTuple):
         return self.mode is Mode.FAULT and (self.drives == "off" or (self.drives == "none" and self.is_zero is True))
 
 
-class SetpointHeard(NamedTuple):
+class SetpointReport(NamedTuple):
     """A set-point that came into force: stamp, ns since the Unix epoch; m/s; rad/s."""
 
     stamp_ns: int
@@ -86,10 +86,10 @@ class Health:
     timing: Mapping[str, str]
 
 
-Heard: TypeAlias = ModeHeard | Odometry | SetpointHeard | Pitch | Supply | Health
+RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | Pitch | Supply | Health
 
 
-def mode_heard(name: str, values: Mapping[str, str]) -> ModeHeard | None:
+def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:
     """Decode a message of the topic `mode`.
 
     Args:
@@ -101,7 +101,7 @@ def mode_heard(name: str, values: Mapping[str, str]) -> ModeHeard | None:
         return None
     drives = values.get("drives", "")
     station, beat_ns = _beat(values.get("heartbeat", ""))
-    return ModeHeard(
+    return ModeReport(
         name=clipped(name.removesuffix(MODE_SUFFIX)),
         mode=Mode(mode),
         reason=clipped(values.get("reason", "")),
@@ -114,7 +114,7 @@ def mode_heard(name: str, values: Mapping[str, str]) -> ModeHeard | None:
     )
 
 
-def health_of(statuses: Iterable[tuple[str, Mapping[str, str]]]) -> Health:
+def decode_health(statuses: Iterable[tuple[str, Mapping[str, str]]]) -> Health:
     """Decode diagnostics: the names of the statuses, `<robot>: <part>`, and their values."""
     checklist: dict[str, str] = {}
     links: dict[str, dict[str, str]] = {}

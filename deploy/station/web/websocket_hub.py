@@ -11,9 +11,9 @@ from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import EventView, FleetView, HelloView
 from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.interfaces import Robots
 from segway_ecc.deploy.station.web.limits import Limits, site_of
 from segway_ecc.deploy.station.web.refusals import Cause, Refusals
-from segway_ecc.deploy.station.web.seams import Robots
 
 DRIVE_PERIOD_S: Final = 0.1
 _LOOK_S: Final = 0.01
@@ -24,7 +24,7 @@ _OLD_EVENTS: Final = 200
 _logger = logging.getLogger(__name__)
 
 
-class Crowd:
+class WebSocketHub:
     """Shows what happens to everybody who looks."""
 
     def __init__(

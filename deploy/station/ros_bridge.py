@@ -4,11 +4,11 @@ import itertools
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from segway_ecc.deploy.station.desk import Desk
+from segway_ecc.deploy.station.command_handler import CommandHandler
 from segway_ecc.deploy.station.discovery import MODE_TOPIC, MOST_ROBOTS, robots_in, topic
 from segway_ecc.deploy.station.events import EventLog
 from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.robot_line import RobotLine, Taken
+from segway_ecc.deploy.station.ros_connection import ReceivedMessage, RosRobotConnection
 from segway_ecc.node.ros.untyped import RosObject
 
 _LOOK_EVERY_NS: Final = 500_000_000
@@ -17,7 +17,7 @@ _UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
 """What the graph says of a node of which only a topic was discovered yet."""
 
 
-class Radio:
+class RosBridge:
     """Belongs to the thread that speaks ROS.
 
     Attributes:
@@ -26,14 +26,14 @@ class Radio:
 
     def __init__(
         self,
-        desk: Desk,
+        desk: CommandHandler,
         beats: Heartbeats | None,
         clock_ns: Callable[[], int],
         wall_ns: Callable[[], int],
         events: EventLog,
     ) -> None:
         """Bring what is heard to `desk`; send `beats`, or none where it only looks."""
-        self.lines: dict[str, RobotLine] = {}
+        self.lines: dict[str, RosRobotConnection] = {}
         self._desk = desk
         self._beats = beats
         self._clock_ns = clock_ns
@@ -111,7 +111,7 @@ class Radio:
             if line.model_node not in nodes:
                 line.serve_by(nodes[0])
         elif len(self.lines) < MOST_ROBOTS:
-            self.lines[name] = line = RobotLine(self._node, name, nodes[0])
+            self.lines[name] = line = RosRobotConnection(self._node, name, nodes[0])
             self._desk.add(name, line)
         elif not self._is_full:
             self._is_full = True
@@ -126,6 +126,6 @@ class Radio:
         elif count == 1:
             self._shared.discard(name)
 
-    def _heard_ns(self, taken: Taken, now_ns: int, wall_ns: int) -> int:
+    def _heard_ns(self, taken: ReceivedMessage, now_ns: int, wall_ns: int) -> int:
         """When a message reached us by the monotonic clock: after we last listened, whatever the wall clock did."""
         return now_ns - min(max(wall_ns - taken.wall_ns, 0), now_ns - self._listened_ns)

@@ -28,7 +28,7 @@ def once(reply: Reply) -> Reply:
     return called
 
 
-class Answered(NamedTuple):
+class ServiceResponse(NamedTuple):
     """A robot's answer to a request."""
 
     action: Action
@@ -37,7 +37,7 @@ class Answered(NamedTuple):
     message: str
 
 
-class Line(Protocol):
+class RobotConnection(Protocol):
     """Sends to a robot; nothing of it waits."""
 
     def is_ready(self, action: Action) -> bool:
@@ -46,7 +46,7 @@ class Line(Protocol):
     def call(self, action: Action) -> int:
         """Send a request; return its number."""
 
-    def answers(self) -> Iterable[Answered]:
+    def answers(self) -> Iterable[ServiceResponse]:
         """The answers that have come."""
 
     def drive(self, setpoint: Setpoint) -> None:
