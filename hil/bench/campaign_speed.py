@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.campaign.campaign import run_campaign, trials_of
+from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 
 CAMPAIGN_WANTED: Final = 10.0
@@ -39,7 +39,7 @@ class CampaignSpeed:
 
 def campaign_speed(sample: int = _SAMPLE) -> CampaignSpeed:
     """Run every n-th trial of the campaign on all cores."""
-    trials = trials_of(list(load_all([])))
+    trials = runs_of(list(load_all([])))
     jobs = len(os.sched_getaffinity(0))
     chosen = trials[:: max(len(trials) // (sample + jobs * _BEGIN), 1)]
     first = jobs * _BEGIN

@@ -1,1 +1,1 @@
-"""Declared scenarios run in lock step, one or many side by side, and judged by what was declared."""
+"""Declared scenarios run in lock step, one or many side by side, and judged by what was expected."""

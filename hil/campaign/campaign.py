@@ -11,9 +11,9 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.run import run_scenario
-from segway_ecc.hil.campaign.scenario import Scenario, Trial
+from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.node.replay.replay import replay
 
@@ -22,7 +22,7 @@ REPLAY: Final = "replay: "
 _CHUNK: Final = 4
 
 
-def trials_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = None) -> list[Trial]:
+def runs_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = None) -> list[ScenarioRun]:
     """Every run of some scenarios.
 
     Args:
@@ -30,7 +30,7 @@ def trials_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = Non
         seeds: How many seeds to run of each, from 0 on; None for the scenarios' own.
     """
     return [
-        Trial(source, scenario, robot, seed, parameters)
+        ScenarioRun(source, scenario, robot, seed, parameters)
         for source, scenario in scenarios
         for robot in scenario.robots
         for parameters in scenario.parameters
@@ -39,8 +39,8 @@ def trials_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = Non
 
 
 def run_campaign(
-    trials: Sequence[Trial], jobs: int, on_progress: OnProgress, *, replayed: bool = False
-) -> list[Result]:
+    trials: Sequence[ScenarioRun], jobs: int, on_progress: OnProgress, *, replayed: bool = False
+) -> list[ScenarioResult]:
     """Run trials; the results are in their order, and the same bits whatever `jobs` is.
 
     Args:
@@ -54,7 +54,7 @@ def run_campaign(
         ModelError: A parameter is unknown.
     """
     results = []
-    with _runs(run_and_replay if replayed else run_trial, trials, jobs) as runs:
+    with _runs(run_and_replay if replayed else run_quietly, trials, jobs) as runs:
         for result in runs:
             results.append(result)
             on_progress(len(results), len(trials))
@@ -62,7 +62,9 @@ def run_campaign(
 
 
 @contextlib.contextmanager
-def _runs(run: Callable[[Trial], Result], trials: Sequence[Trial], jobs: int) -> Iterator[Iterator[Result]]:
+def _runs(
+    run: Callable[[ScenarioRun], ScenarioResult], trials: Sequence[ScenarioRun], jobs: int
+) -> Iterator[Iterator[ScenarioResult]]:
     if jobs == 1:
         yield map(run, trials)
         return
@@ -75,7 +77,7 @@ def _leave_ctrl_c_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def run_trial(trial: Trial, log: Path | None = None) -> Result:
+def run_quietly(trial: ScenarioRun, log: Path | None = None) -> ScenarioResult:
     """Run one trial, with its log where one is wanted; what the node would tell people meanwhile is not told."""
     logger = logging.getLogger("segway_ecc.node")
     level = logger.level
@@ -86,11 +88,11 @@ def run_trial(trial: Trial, log: Path | None = None) -> Result:
         logger.setLevel(level)
 
 
-def run_and_replay(trial: Trial) -> Result:
-    """Run one trial, record it, and replay the log; a replay that is not identical is not as declared."""
+def run_and_replay(trial: ScenarioRun) -> ScenarioResult:
+    """Run one trial, record it, and replay the log; a replay that is not identical is not as expected."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
-        result = run_trial(trial, log)
+        result = run_quietly(trial, log)
         outcome = replay(log)
     if outcome.is_identical and outcome.gap is None:
         return result

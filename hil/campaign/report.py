@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
-from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.table import HEAD, cells, verdict
 from segway_ecc.hil.page import page, pairs, section, wide
 
@@ -16,8 +16,8 @@ _INTRODUCTION: Final = (
 )
 
 
-def render(results: Sequence[Result], facts: Mapping[str, str]) -> str:
-    """Render the results of a campaign, those that are not as declared first.
+def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
+    """Render the results of a campaign, those that are not as expected first.
 
     Args:
         results: What came of each run.
@@ -26,28 +26,28 @@ def render(results: Sequence[Result], facts: Mapping[str, str]) -> str:
     Returns:
         A complete HTML page.
     """
-    bad = [result for result in results if not result.is_as_declared]
-    good = [result for result in results if result.is_as_declared]
+    bad = [result for result in results if not result.is_as_expected]
+    good = [result for result in results if result.is_as_expected]
     sections = (
         section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
-        section("Not as declared", _table(bad)) if bad else "",
-        section("As declared", _table(good)) if good else "",
+        section("Not as expected", _table(bad)) if bad else "",
+        section("As expected", _table(good)) if good else "",
         section("Facts of this campaign", pairs(facts)),
     )
     return page(_TITLE, _INTRODUCTION, sections)
 
 
-def _table(results: Sequence[Result]) -> str:
+def _table(results: Sequence[ScenarioResult]) -> str:
     names = "".join(f'<th scope="col">{escape(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
     rows = "".join(_row(result) for result in results)
     return wide("Runs", f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
 
 
-def _row(result: Result) -> str:
+def _row(result: ScenarioResult) -> str:
     name, *others = cells(result)
     data = "".join(f"<td>{escape(text)}</td>" for text in others)
     parts = (*result.why_not, result.reason)
     said = "".join(f"<span>{escape(part)}</span><br>" for part in parts if part)
     last = f"<td>{said}<code>{escape(result.command)}</code></td>"
-    kind = "" if result.is_as_declared else ' class="bad"'
+    kind = "" if result.is_as_expected else ' class="bad"'
     return f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'

@@ -1,4 +1,4 @@
-"""What came of one run, and whether it is what was declared."""
+"""What came of one run, and whether it is what was expected."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ import msgspec
 from segway_ecc.hil.campaign.scenario import Expectation
 
 
-class Result(msgspec.Struct, frozen=True, kw_only=True):
+class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one run.
 
     Attributes:
@@ -27,7 +27,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         switches: The reasons for passing to another line.
         simulated_s: Length of the run in simulated time.
         digest: Of everything that the drives gave, and all truth.
-        why_not: How it differs from what was declared; empty where it does not.
+        why_not: How it differs from what was expected; empty where it does not.
     """
 
     source: str
@@ -47,8 +47,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     why_not: tuple[str, ...] = ()
 
     @property
-    def is_as_declared(self) -> bool:
-        """Whether it came as declared."""
+    def is_as_expected(self) -> bool:
+        """Whether it came as expected."""
         return not self.why_not
 
     @property
@@ -59,12 +59,12 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         return shlex.join([*words, *sets])
 
 
-def judged(result: Result, expect: Expectation) -> Result:
-    """A result with what differs from what was declared."""
+def judged(result: ScenarioResult, expect: Expectation) -> ScenarioResult:
+    """A result with what differs from what was expected."""
     return msgspec.structs.replace(result, why_not=tuple(_differences(result, expect)))
 
 
-def _differences(result: Result, expect: Expectation) -> Iterator[str]:
+def _differences(result: ScenarioResult, expect: Expectation) -> Iterator[str]:
     if result.outcome != expect.outcome:
         yield f"outcome {result.outcome}, not {expect.outcome}"
     if expect.reason is not None and expect.reason not in result.reason:

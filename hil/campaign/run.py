@@ -15,8 +15,8 @@ from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.campaign.commander import Commander
 from segway_ecc.hil.campaign.disk import FailingRecorder
-from segway_ecc.hil.campaign.result import Result, judged
-from segway_ecc.hil.campaign.scenario import MODEL, PLANT, Trial
+from segway_ecc.hil.campaign.result import ScenarioResult, judged
+from segway_ecc.hil.campaign.scenario import MODEL, PLANT, ScenarioRun
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
 from segway_ecc.hil.faults.clock import DisturbedClock, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault
@@ -65,7 +65,7 @@ class _Seen:
     ended_ns: int
 
 
-def run_scenario(trial: Trial, log: Path | None = None) -> Result:
+def run_scenario(trial: ScenarioRun, log: Path | None = None) -> ScenarioResult:
     """Run a scenario once, and judge it.
 
     Args:
@@ -97,12 +97,12 @@ def _undisturbed(job: _Job) -> list[Place]:
     return _Bench(job).run().drive.way
 
 
-def _result(trial: Trial, job: _Job, seen: _Seen, way: list[Place]) -> Result:
+def _result(trial: ScenarioRun, job: _Job, seen: _Seen, way: list[Place]) -> ScenarioResult:
     fault_ns = seen.injections.first_ns or 0
     after = [change for change in seen.node.changes if change.at_ns >= fault_ns] if job.faults else []
     reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
     quiet_ns = None if seen.drive.is_pushing else max(seen.drive.last_push_ns - fault_ns, 0)
-    return Result(
+    return ScenarioResult(
         source=trial.source,
         scenario=trial.scenario.name,
         robot=job.robot,

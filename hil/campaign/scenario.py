@@ -97,7 +97,7 @@ class Scenario(Section, frozen=True, kw_only=True):
         return sum(segment.duration for segment in self.segments)
 
 
-class Trial(NamedTuple):
+class ScenarioRun(NamedTuple):
     """One run to be made.
 
     Attributes:

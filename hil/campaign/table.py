@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.result import ScenarioResult
 
 HEAD: Final = (
     "scenario",
@@ -18,7 +18,7 @@ HEAD: Final = (
 )
 
 
-def cells(result: Result) -> tuple[str, ...]:
+def cells(result: ScenarioResult) -> tuple[str, ...]:
     """One row, in the order of `HEAD`."""
     tilt = "" if result.max_tilt_rad is None else f"{result.max_tilt_rad:.3f}"
     return (
@@ -30,28 +30,28 @@ def cells(result: Result) -> tuple[str, ...]:
         _ms(result.safe_s),
         tilt,
         f"{result.max_distance_m:.3f}",
-        "as declared" if result.is_as_declared else "NOT AS DECLARED",
+        "as expected" if result.is_as_expected else "NOT AS EXPECTED",
     )
 
 
-def table(results: Sequence[Result]) -> str:
-    """All results, and under each that is not as declared why, and how to see it again."""
+def table(results: Sequence[ScenarioResult]) -> str:
+    """All results, and under each that is not as expected why, and how to see it again."""
     widths = [max(map(len, column)) for column in zip(HEAD, *map(cells, results), strict=True)]
     lines = [_line(HEAD, widths)]
     for result in results:
         lines.append(_line(cells(result), widths))
-        if not result.is_as_declared:
+        if not result.is_as_expected:
             lines += [f"    {text}" for text in (*result.why_not, result.command)]
     return "".join(f"{line}\n" for line in (*lines, verdict(results)))
 
 
-def verdict(results: Sequence[Result]) -> str:
-    """How many are as declared, in one line."""
-    good = sum(result.is_as_declared for result in results)
-    return f"{good} of {len(results)} runs as declared"
+def verdict(results: Sequence[ScenarioResult]) -> str:
+    """How many are as expected, in one line."""
+    good = sum(result.is_as_expected for result in results)
+    return f"{good} of {len(results)} runs as expected"
 
 
-def details(result: Result) -> Mapping[str, str]:
+def details(result: ScenarioResult) -> Mapping[str, str]:
     """One result, name by name."""
     named = dict(zip(HEAD, cells(result), strict=True))
     extra = {

@@ -58,7 +58,7 @@ class SdoAbortError(Exception):
 
 
 @dataclass(slots=True)
-class Entry:
+class ObjectEntry:
     """An object: its value as an unsigned number of `size` bytes, and what may be done with it."""
 
     size: int
@@ -80,12 +80,12 @@ class Entry:
 class ObjectDictionary:
     """Objects by index and sub-index, and what reads and writes of them over the bus come to."""
 
-    def __init__(self, defaults: Mapping[Key, Entry]) -> None:
+    def __init__(self, defaults: Mapping[Key, ObjectEntry]) -> None:
         """Begin with the defaults."""
         self._defaults = defaults
         self._objects = {key: replace(entry) for key, entry in defaults.items()}
 
-    def __getitem__(self, key: Key) -> Entry:
+    def __getitem__(self, key: Key) -> ObjectEntry:
         """An object that is there."""
         return self._objects[key]
 
@@ -95,7 +95,7 @@ class ObjectDictionary:
             if key[0] < _PROFILE or not communication_only:
                 self._objects[key] = replace(entry)
 
-    def mapped(self, index: int) -> list[Entry]:
+    def mapped(self, index: int) -> list[ObjectEntry]:
         """The objects that the mapping at `index` names."""
         count = self._objects[index, 0].value
         keys = (self._objects[index, place].value for place in range(1, count + 1))
@@ -122,13 +122,13 @@ class ObjectDictionary:
             return Sdo(_WRITTEN, *key)
         raise SdoAbortError(Abort.COMMAND)
 
-    def _entry(self, key: Key) -> Entry:
+    def _entry(self, key: Key) -> ObjectEntry:
         entry = self._objects.get(key)
         if entry is None:
             raise SdoAbortError(Abort.NO_SUBINDEX if (key[0], 0) in self._objects else Abort.NO_OBJECT)
         return entry
 
-    def _write(self, key: Key, entry: Entry, data: bytes) -> None:
+    def _write(self, key: Key, entry: ObjectEntry, data: bytes) -> None:
         if "w" not in entry.access:
             raise SdoAbortError(Abort.READ_ONLY)
         if len(data) != entry.size:

@@ -24,9 +24,9 @@ from segway_ecc.hil.devices._canopen_objects import (
     RPDO_MAPPING,
     TPDO,
     TPDO_MAPPING,
-    Entry,
     Key,
     ObjectDictionary,
+    ObjectEntry,
 )
 
 _SYNCHRONOUS: Final = range(241)
@@ -48,7 +48,7 @@ class CanopenSlave:
     """
 
     def __init__(
-        self, link: Link, node_id: int, defaults: Mapping[Key, Entry], on_host_lost: Callable[[], None]
+        self, link: Link, node_id: int, defaults: Mapping[Key, ObjectEntry], on_host_lost: Callable[[], None]
     ) -> None:
         """Switch a node on.
 
@@ -216,22 +216,22 @@ class CanopenSlave:
         self._link.send(Frame(service + self.node_id, data))
 
 
-def _communication_defaults(node_id: int) -> dict[Key, Entry]:
+def _communication_defaults(node_id: int) -> dict[Key, ObjectEntry]:
     """The objects of CiA 301 that are used; PDOs exist, switched off and mapped to nothing."""
     objects = {
-        (0x1005, 0): Entry(4, 0x80),
-        (0x1006, 0): Entry(4),
-        (0x1016, 0): Entry(1, 1, "r"),
-        (0x1016, 1): Entry(4),
-        (0x1017, 0): Entry(2),
-        (0x1029, 0): Entry(1, 1, "r"),
-        (0x1029, 1): Entry(1),
+        (0x1005, 0): ObjectEntry(4, 0x80),
+        (0x1006, 0): ObjectEntry(4),
+        (0x1016, 0): ObjectEntry(1, 1, "r"),
+        (0x1016, 1): ObjectEntry(4),
+        (0x1017, 0): ObjectEntry(2),
+        (0x1029, 0): ObjectEntry(1, 1, "r"),
+        (0x1029, 1): ObjectEntry(1),
     }
     for number in range(PDOS):
         for base, service in ((RPDO, Service.RPDO1), (TPDO, Service.TPDO1)):
             index = base + number
-            objects[index, 0] = Entry(1, 2, "r")
-            objects[index, 1] = Entry(4, NOT_VALID | (service + 0x100 * number + node_id))
-            objects[index, 2] = Entry(1, 255)
-            objects |= {(index + 0x200, place): Entry(4 if place else 1) for place in range(MAX_MAPPED + 1)}
+            objects[index, 0] = ObjectEntry(1, 2, "r")
+            objects[index, 1] = ObjectEntry(4, NOT_VALID | (service + 0x100 * number + node_id))
+            objects[index, 2] = ObjectEntry(1, 255)
+            objects |= {(index + 0x200, place): ObjectEntry(4 if place else 1) for place in range(MAX_MAPPED + 1)}
     return objects

@@ -47,7 +47,7 @@ _BRAKING: Final = frozenset(command for command in _SET if "BRAKE" in command.na
 _FLAGS: Final = mask_of(("flags",))
 
 
-class Fault(enum.IntEnum):
+class VescFault(enum.IntEnum):
     """Faults that a test can call up; the numbers are the firmware's."""
 
     NONE = 0
@@ -91,7 +91,7 @@ class Controller:
         self.firmware = firmware
         self.controller_id = settings.controller_id
         self.current = 0.0
-        self.fault = Fault.NONE
+        self.fault = VescFault.NONE
         self.bus_voltage = SUPPLY_VOLTAGE
         self.has_timed_out = False
         self._settings = settings
@@ -110,7 +110,7 @@ class Controller:
         self._angle = self._settings.drivetrain.motor(angle)
         self._velocity = self._settings.drivetrain.motor(velocity)
 
-    def fail(self, fault: Fault) -> None:
+    def fail(self, fault: VescFault) -> None:
         """Report a fault for half a second from the next pass on, with the motor free."""
         self.fault, self._fault_until_ns = fault, None
 
@@ -160,7 +160,7 @@ class Controller:
         if self.fault and self._fault_until_ns is None:
             self._fault_until_ns = now_ns + _FAULT_NS
         if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
-            self.fault, self._fault_until_ns = Fault.NONE, None
+            self.fault, self._fault_until_ns = VescFault.NONE, None
 
     def _wanted_current(self) -> float:
         """The motor current that the mode asks for, A."""

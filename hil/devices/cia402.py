@@ -9,7 +9,7 @@ from segway_ecc.firmware_io.drives.cia402.states import DriveState
 from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._canopen_objects import Entry, Key
+from segway_ecc.hil.devices._canopen_objects import Key, ObjectEntry
 from segway_ecc.hil.devices._canopen_slave import CanopenSlave
 from segway_ecc.hil.devices.device import supply_voltage
 
@@ -185,23 +185,23 @@ class SimulatedCia402:
         self.right.tell(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
 
 
-def _objects() -> dict[Key, Entry]:
+def _objects() -> dict[Key, ObjectEntry]:
     """The objects of the profile, as after power-on."""
     return {
-        (0x1000, 0): Entry(4, 0x0002_0192, "r"),
-        (0x1001, 0): Entry(1, 0, "r"),
-        (0x6007, 0): Entry(2, 1),
-        (0x6040, 0): Entry(2, 0, mappable=True),
-        (0x6041, 0): Entry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
-        (0x605A, 0): Entry(2, 2),
-        (0x6060, 0): Entry(1, 0, mappable=True),
-        (0x6061, 0): Entry(1, 0, "r", mappable=True),
-        (0x6064, 0): Entry(4, 0, "r", mappable=True),
-        (0x606C, 0): Entry(4, 0, "r", mappable=True),
-        (0x6071, 0): Entry(2, 0, mappable=True),
-        (0x6072, 0): Entry(2, MAX_TORQUE_PERMILLE),
-        (0x6076, 0): Entry(4, RATED_TORQUE_MNM, "r"),
-        (0x6077, 0): Entry(2, 0, "r", mappable=True),
-        (_DC_LINK, 0): Entry(4, 0, "r", mappable=True),
-        (0x6502, 0): Entry(4, 0x0200, "r"),
+        (0x1000, 0): ObjectEntry(4, 0x0002_0192, "r"),
+        (0x1001, 0): ObjectEntry(1, 0, "r"),
+        (0x6007, 0): ObjectEntry(2, 1),
+        (0x6040, 0): ObjectEntry(2, 0, mappable=True),
+        (0x6041, 0): ObjectEntry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
+        (0x605A, 0): ObjectEntry(2, 2),
+        (0x6060, 0): ObjectEntry(1, 0, mappable=True),
+        (0x6061, 0): ObjectEntry(1, 0, "r", mappable=True),
+        (0x6064, 0): ObjectEntry(4, 0, "r", mappable=True),
+        (0x606C, 0): ObjectEntry(4, 0, "r", mappable=True),
+        (0x6071, 0): ObjectEntry(2, 0, mappable=True),
+        (0x6072, 0): ObjectEntry(2, MAX_TORQUE_PERMILLE),
+        (0x6076, 0): ObjectEntry(4, RATED_TORQUE_MNM, "r"),
+        (0x6077, 0): ObjectEntry(2, 0, "r", mappable=True),
+        (_DC_LINK, 0): ObjectEntry(4, 0, "r", mappable=True),
+        (0x6502, 0): ObjectEntry(4, 0x0200, "r"),
     }

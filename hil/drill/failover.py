@@ -41,7 +41,7 @@ Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class FailoverResult:
     """One loss of the bus.
 
     Attributes:
@@ -86,7 +86,7 @@ class Failover:
         self._robot = robot
         self._folder = folder
 
-    def run(self, cause: str) -> Trial:
+    def run(self, cause: str) -> FailoverResult:
         """Drive once, and lose the bus in the middle by one of `CAUSES`."""
         name = cause.replace(" ", "_")
         truth, can = self._folder / f"{name}.truth.csv", self._hardware.can
@@ -156,11 +156,11 @@ class _Drive(NoRecorder):
             if self._active == self._break_at:
                 self._break_bus()
 
-    def trial(self, cause: str, off_course_m: float) -> Trial:
+    def trial(self, cause: str, off_course_m: float) -> FailoverResult:
         """What came of it."""
         switch = self._switch()
         steps = [math.dist(a, b) for a, b in zip(self._way, self._way[1:], strict=False)]
-        return Trial(
+        return FailoverResult(
             cause=cause,
             seen_as=None if switch is None else switch.reason,
             telemetry_gap_s=None if switch is None else _seconds(switch.telemetry_gap_ns),

@@ -29,7 +29,7 @@ _FILLING: Final = bytes(1 << 16)
 
 
 @enum.unique
-class Outcome(enum.StrEnum):
+class DrillOutcome(enum.StrEnum):
     """What is to come of a fault."""
 
     ENDS = "torque ends"
@@ -41,7 +41,7 @@ Harm = Callable[[Parts, ExitStack], int]
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class DrillFault:
     """One way to harm a robot.
 
     Attributes:
@@ -57,7 +57,7 @@ class Fault:
     """
 
     name: str
-    expected: Outcome
+    expected: DrillOutcome
     harm: Harm
     within_s: float = LIMIT_S
     guard: bool = False
@@ -163,19 +163,19 @@ def _fill(path: Path) -> None:
 FAULTS: Final = {
     fault.name: fault
     for fault in (
-        Fault("node killed", Outcome.ENDS, _kill(_node)),
-        Fault("node stopped", Outcome.ENDS, _stop(_node)),
-        Fault("guard killed", Outcome.DRIVES_ON, _kill(_guard), guard=True),
-        Fault("guard stopped", Outcome.DRIVES_ON, _stop(_guard), guard=True),
-        Fault("recorder killed", Outcome.DRIVES_ON, _kill(_recorder)),
-        Fault("recorder stopped", Outcome.DRIVES_ON, _stop(_recorder)),
-        Fault("drives mute", Outcome.ENDS, _tell("mute")),
-        Fault("bus down", Outcome.ENDS, _set_down, interface=True),
-        Fault("cable cut", Outcome.ENDS, _tell("cut")),
-        Fault("cable cut with serial line", Outcome.DRIVES_ON, _tell("cut"), serial=True),
-        Fault("left sensor frozen", Outcome.ENDS, _tell("freeze left"), within_s=_FROZEN_LIMIT_S),
-        Fault("clock an hour ahead", Outcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
-        Fault("clock an hour back", Outcome.DRIVES_ON, _step_clock(BACK), stepped=True),
-        Fault("disk full", Outcome.DRIVES_ON, _fill_disk, disk=True),
+        DrillFault("node killed", DrillOutcome.ENDS, _kill(_node)),
+        DrillFault("node stopped", DrillOutcome.ENDS, _stop(_node)),
+        DrillFault("guard killed", DrillOutcome.DRIVES_ON, _kill(_guard), guard=True),
+        DrillFault("guard stopped", DrillOutcome.DRIVES_ON, _stop(_guard), guard=True),
+        DrillFault("recorder killed", DrillOutcome.DRIVES_ON, _kill(_recorder)),
+        DrillFault("recorder stopped", DrillOutcome.DRIVES_ON, _stop(_recorder)),
+        DrillFault("drives mute", DrillOutcome.ENDS, _tell("mute")),
+        DrillFault("bus down", DrillOutcome.ENDS, _set_down, interface=True),
+        DrillFault("cable cut", DrillOutcome.ENDS, _tell("cut")),
+        DrillFault("cable cut with serial line", DrillOutcome.DRIVES_ON, _tell("cut"), serial=True),
+        DrillFault("left sensor frozen", DrillOutcome.ENDS, _tell("freeze left"), within_s=_FROZEN_LIMIT_S),
+        DrillFault("clock an hour ahead", DrillOutcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
+        DrillFault("clock an hour back", DrillOutcome.DRIVES_ON, _step_clock(BACK), stepped=True),
+        DrillFault("disk full", DrillOutcome.DRIVES_ON, _fill_disk, disk=True),
     )
 }

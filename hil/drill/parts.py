@@ -29,7 +29,7 @@ _POLL_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class DrillSetup:
     """What is started.
 
     Attributes:
@@ -72,7 +72,7 @@ class Setup:
 class Parts:
     """What runs."""
 
-    setup: Setup
+    setup: DrillSetup
     plant: Command
     guard: Command | None
     node: Command
@@ -101,7 +101,7 @@ class Parts:
 
 
 @contextlib.contextmanager
-def running(setup: Setup) -> Iterator[Parts]:
+def running(setup: DrillSetup) -> Iterator[Parts]:
     """Start everything; leave it when the context ends, stopped processes included."""
     setup.log_folder.mkdir(exist_ok=True)
     module = STEPPED if setup.stepped else _COMMAND
@@ -163,19 +163,19 @@ def _succeeds(words: Sequence[str]) -> bool:
         return False
 
 
-def _lines(setup: Setup) -> list[str]:
+def _lines(setup: DrillSetup) -> list[str]:
     return [setup.robot, *setup.bus, *(["--serial", str(setup.folder / "serial")] if setup.serial else [])]
 
 
-def _plant(setup: Setup) -> list[str]:
+def _plant(setup: DrillSetup) -> list[str]:
     return ["plant", *_lines(setup), "--control", "--trace", str(setup.trace)]
 
 
-def _guard(setup: Setup) -> list[str]:
+def _guard(setup: DrillSetup) -> list[str]:
     return ["guard", *_lines(setup)]
 
 
-def _node(setup: Setup) -> list[str]:
+def _node(setup: DrillSetup) -> list[str]:
     sequence = setup.folder / "sequence.yaml"
     sequence.write_bytes(msgspec.yaml.encode(Manoeuvre(segments=_SEGMENTS * _TIMES)))
     log = setup.log_folder / "run.mcap"

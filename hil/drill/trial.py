@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from segway_ecc.hil.drill import trace
-from segway_ecc.hil.drill.faults import LIMIT_S, Fault, Outcome
-from segway_ecc.hil.drill.parts import Parts, Setup, running, small_disk, wait_until_driven
+from segway_ecc.hil.drill.faults import LIMIT_S, DrillFault, DrillOutcome
+from segway_ecc.hil.drill.parts import DrillSetup, Parts, running, small_disk, wait_until_driven
 from segway_ecc.hil.drill.trace import Torque
 from segway_ecc.hil.processes import ProcessFailedError
 
@@ -22,7 +22,7 @@ _DISK_BYTES: Final = 4 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class DrillResult:
     """What came of a fault.
 
     Attributes:
@@ -36,7 +36,7 @@ class Trial:
     """
 
     fault: str
-    expected: Outcome
+    expected: DrillOutcome
     guard: bool
     torque: Torque | None
     said: Sequence[str]
@@ -48,7 +48,7 @@ class Trial:
         """Whether the robot did what it must."""
         if self.torque is None:
             return False
-        if self.expected is Outcome.ENDS:
+        if self.expected is DrillOutcome.ENDS:
             return self.torque.zero_s is not None and self.torque.last_s <= self.within_s
         return self.torque.zero_s is None and self.torque.gap_s <= GAP_LIMIT_S
 
@@ -57,10 +57,10 @@ class Trial:
         """What happened."""
         if self.torque is None:
             return "failed"
-        return str(Outcome.DRIVES_ON if self.torque.zero_s is None else Outcome.ENDS)
+        return str(DrillOutcome.DRIVES_ON if self.torque.zero_s is None else DrillOutcome.ENDS)
 
 
-def run(fault: Fault, setup: Setup) -> Trial:
+def run(fault: DrillFault, setup: DrillSetup) -> DrillResult:
     """Start the robot, do the harm and look on."""
     try:
         with contextlib.ExitStack() as disk:
@@ -70,11 +70,13 @@ def run(fault: Fault, setup: Setup) -> Trial:
                 wait_until_driven(parts, _DRIVEN_S)
                 torque, said = _harm(fault, parts)
     except ProcessFailedError as error:
-        return Trial(fault.name, fault.expected, setup.guard, None, [], str(error), fault.within_s)
-    return Trial(fault.name, fault.expected, setup.guard, torque, said, _note(fault, is_small=is_small), fault.within_s)
+        return DrillResult(fault.name, fault.expected, setup.guard, None, [], str(error), fault.within_s)
+    return DrillResult(
+        fault.name, fault.expected, setup.guard, torque, said, _note(fault, is_small=is_small), fault.within_s
+    )
 
 
-def _harm(fault: Fault, parts: Parts) -> tuple[Torque, list[str]]:
+def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:
     before = parts.said()
     with contextlib.ExitStack() as undo:
         fault_ns = fault.harm(parts, undo)
@@ -97,7 +99,7 @@ def _new(lines: Sequence[str], before: Sequence[str]) -> list[str]:
     return new
 
 
-def _note(fault: Fault, *, is_small: bool) -> str:
+def _note(fault: DrillFault, *, is_small: bool) -> str:
     if fault.disk:
         return "a tmpfs filled to the last byte" if is_small else "no tmpfs to be had: the recorder's file size limited"
     if fault.stepped:
@@ -105,12 +107,12 @@ def _note(fault: Fault, *, is_small: bool) -> str:
     return ""
 
 
-def worst(trials: Sequence[Trial]) -> Trial:
+def worst(trials: Sequence[DrillResult]) -> DrillResult:
     """The trial that tells most against the robot: one not as expected first, then the longest."""
     return max(trials, key=lambda t: (not t.is_as_expected, t.torque is None, _longest(t)))
 
 
-def _longest(trial: Trial) -> float:
+def _longest(trial: DrillResult) -> float:
     if trial.torque is None:
         return 0.0
-    return trial.torque.last_s if trial.expected is Outcome.ENDS else trial.torque.gap_s
+    return trial.torque.last_s if trial.expected is DrillOutcome.ENDS else trial.torque.gap_s

@@ -20,7 +20,7 @@ _MOST_TRIPS: Final = 20
 """Trips of one seed, after which it drives no more: what fails so often needs no more proof."""
 
 
-class Plan(NamedTuple):
+class EndurancePlan(NamedTuple):
     """What is to be driven.
 
     Attributes:
@@ -40,7 +40,7 @@ class Plan(NamedTuple):
     channel: str | None = None
 
 
-def endure(plan: Plan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
+def endure(plan: EndurancePlan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
     """Drive what is planned; the stretches are in the order of the seeds, and the same whatever `jobs` is.
 
     Raises:
@@ -61,7 +61,7 @@ def endure(plan: Plan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
         return [stretch for end in ends for stretch in end.get()]
 
 
-def drive_seed(plan: Plan, seed: int, on_progress: OnProgress) -> list[Stretch]:
+def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnProgress) -> list[Stretch]:
     """Drive the share of one seed; after each trip a new robot, of another seed, drives on."""
     left_s, stretches = plan.duration_s / plan.seeds, list[Stretch]()
     while left_s > 0.0 and sum(stretch.trip is not None for stretch in stretches) < _MOST_TRIPS:
@@ -82,7 +82,7 @@ def drive_seed(plan: Plan, seed: int, on_progress: OnProgress) -> list[Stretch]:
     return stretches
 
 
-def _one_by_one(plan: Plan, seeds: Sequence[int], on_progress: OnProgress) -> list[Stretch]:
+def _one_by_one(plan: EndurancePlan, seeds: Sequence[int], on_progress: OnProgress) -> list[Stretch]:
     stretches: list[Stretch] = []
     for seed in seeds:
         before_s = sum(stretch.simulated_s for stretch in stretches)
@@ -101,7 +101,7 @@ def _start(told: "SynchronizedArray[float]") -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _drive_in_pool(plan: Plan, seed: int) -> list[Stretch]:
+def _drive_in_pool(plan: EndurancePlan, seed: int) -> list[Stretch]:
     def tell(time_s: float) -> None:
         if _told is not None:
             _told[seed - 1] = time_s

@@ -24,7 +24,7 @@ Type = Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermitt
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
 
 
-class Kind(NamedTuple):
+class FaultKind(NamedTuple):
     """What a type of fault does to a target.
 
     Attributes:
@@ -42,29 +42,29 @@ class Kind(NamedTuple):
     most: float = 1e6
 
 
-def _share(does: str, amount: float) -> Kind:
-    return Kind(does, amount, "probability", 0.0, 1.0)
+def _share(does: str, amount: float) -> FaultKind:
+    return FaultKind(does, amount, "probability", 0.0, 1.0)
 
 
-def _time(does: str, amount: float) -> Kind:
-    return Kind(does, amount, "s", 1e-3, 60.0)
+def _time(does: str, amount: float) -> FaultKind:
+    return FaultKind(does, amount, "s", 1e-3, 60.0)
 
 
 _MOTOR: Final = {
-    "off": Kind("gives no torque: an open winding"),
-    "stuck": Kind("gives this all the time", None, "the drive's unit; what it gave last where not given"),
-    "garbage": Kind("gives noise up to this either way", 3.0, "the drive's unit", 0.0),
-    "wrong": Kind("gives this times what the drive gives: -1 backwards, 0.5 weak", -1.0, "factor"),
+    "off": FaultKind("gives no torque: an open winding"),
+    "stuck": FaultKind("gives this all the time", None, "the drive's unit; what it gave last where not given"),
+    "garbage": FaultKind("gives noise up to this either way", 3.0, "the drive's unit", 0.0),
+    "wrong": FaultKind("gives this times what the drive gives: -1 backwards, 0.5 weak", -1.0, "factor"),
     "slow": _time("follows with this time constant", 0.2),
     "delayed": _time("follows this much later", 0.1),
     "intermittent": _share("gives nothing in this share of the plant's steps", 0.5),
 }
-KINDS: Final[Mapping[Target, Mapping[Type, Kind]]] = {
+KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
     "imu": {
-        "off": Kind("sends nothing"),
-        "stuck": Kind("measures the same all the time, and sends it as if it were new"),
-        "garbage": Kind("measures noise up to this either way", 20.0, "rad/s and m/s2", 0.0),
-        "wrong": Kind("measures too much by this; the opposite where not given", None, "rad/s and m/s2"),
+        "off": FaultKind("sends nothing"),
+        "stuck": FaultKind("measures the same all the time, and sends it as if it were new"),
+        "garbage": FaultKind("measures noise up to this either way", 20.0, "rad/s and m/s2", 0.0),
+        "wrong": FaultKind("measures too much by this; the opposite where not given", None, "rad/s and m/s2"),
         "slow": _time("follows with this time constant", 0.2),
         "delayed": _time("measures what was this long ago", 0.1),
         "intermittent": _share("loses this share of its frames", 0.5),
@@ -72,52 +72,58 @@ KINDS: Final[Mapping[Target, Mapping[Type, Kind]]] = {
     "left_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
     "right_motor": _MOTOR,  # type: ignore[dict-item]  # the keys are literals
     "encoder": {
-        "off": Kind("the left wheel's reads zero, and no error"),
-        "stuck": Kind("the left wheel's reads the same all the time"),
-        "garbage": Kind("the left wheel's reads noise up to this either way", 50.0, "rad and rad/s", 0.0),
-        "wrong": Kind("the left wheel's reads too much by this; the opposite where not given", None, "rad and rad/s"),
+        "off": FaultKind("the left wheel's reads zero, and no error"),
+        "stuck": FaultKind("the left wheel's reads the same all the time"),
+        "garbage": FaultKind("the left wheel's reads noise up to this either way", 50.0, "rad and rad/s", 0.0),
+        "wrong": FaultKind(
+            "the left wheel's reads too much by this; the opposite where not given", None, "rad and rad/s"
+        ),
         "slow": _time("the left wheel's follows with this time constant", 0.2),
         "delayed": _time("the left wheel's reads what was this long ago", 0.1),
         "intermittent": _share("the left wheel's reads zero in this share of the plant's steps", 0.5),
     },
     "can": {
-        "off": Kind("nothing passes either way, and nothing says so: a cut cable"),
-        "stuck": Kind("the transmit queue takes nothing; telemetry goes on"),
+        "off": FaultKind("nothing passes either way, and nothing says so: a cut cable"),
+        "stuck": FaultKind("the transmit queue takes nothing; telemetry goes on"),
         "garbage": _share("some bits are wrong in this share of the frames either way", 0.1),
-        "wrong": Kind("after each frame the one of its kind before it arrives once more: a counter that goes back"),
+        "wrong": FaultKind(
+            "after each frame the one of its kind before it arrives once more: a counter that goes back"
+        ),
         "delayed": _time("every frame arrives this much later", 0.02),
         "intermittent": _share("this share of the frames is lost either way", 0.1),
     },
     "serial": {
-        "off": Kind("the wires are cut"),
-        "stuck": Kind("the robot's port is gone"),
-        "garbage": Kind("noise arrives at the robot", 1000.0, "bytes/s", 1.0, 1e5),
+        "off": FaultKind("the wires are cut"),
+        "stuck": FaultKind("the robot's port is gone"),
+        "garbage": FaultKind("noise arrives at the robot", 1000.0, "bytes/s", 1.0, 1e5),
     },
     "command_link": {
-        "off": Kind("no set-point arrives"),
-        "stuck": Kind("the newest set-point arrives this often in every cycle: a flood", 100.0, "times", 1.0, 10_000.0),
-        "garbage": Kind("every set-point arrives as not a number, or infinite"),
-        "wrong": Kind("every set-point asks for this much more ahead", 100.0, "m/s"),
+        "off": FaultKind("no set-point arrives"),
+        "stuck": FaultKind(
+            "the newest set-point arrives this often in every cycle: a flood", 100.0, "times", 1.0, 10_000.0
+        ),
+        "garbage": FaultKind("every set-point arrives as not a number, or infinite"),
+        "wrong": FaultKind("every set-point asks for this much more ahead", 100.0, "m/s"),
         "delayed": _time("set-points arrive this much later", 0.2),
         "intermittent": _share("this share of the set-points is lost", 0.5),
     },
     "battery": {
-        "off": Kind("drives and sensors are without supply, for good"),
-        "slow": Kind("sags: the motors give this times what they should", 0.5, "factor", 0.0, 1.0),
+        "off": FaultKind("drives and sensors are without supply, for good"),
+        "slow": FaultKind("sags: the motors give this times what they should", 0.5, "factor", 0.0, 1.0),
         "intermittent": _share("the motors give nothing in this share of the plant's steps", 0.5),
     },
     "clock": {
-        "stuck": Kind("the wall clock stands still"),
-        "wrong": Kind("the wall clock steps by this", 3600.0, "s"),
-        "slow": Kind("the wall clock loses this much every second", 0.01, "s/s", -1.0, 1.0),
+        "stuck": FaultKind("the wall clock stands still"),
+        "wrong": FaultKind("the wall clock steps by this", 3600.0, "s"),
+        "slow": FaultKind("the wall clock loses this much every second", 0.01, "s/s", -1.0, 1.0),
     },
     "process": {
-        "off": Kind("the node is killed: it sends nothing more, and closes nothing"),
+        "off": FaultKind("the node is killed: it sends nothing more, and closes nothing"),
         "stuck": _time("the node stands still for this long, once", 0.2),
         "slow": _time("every cycle begins this much late", 0.005),
     },
     "disk": {
-        "off": Kind("nothing can be recorded: every write fails"),
+        "off": FaultKind("nothing can be recorded: every write fails"),
         "slow": _time("every write takes this long", 0.005),
     },
 }
@@ -160,7 +166,7 @@ class Fault(Section, frozen=True, kw_only=True):
         """The amount, or what it is where none is given."""
         return KINDS[self.target][self.type].amount if self.amount is None else self.amount
 
-    def _check_amount(self, kind: Kind, amount: float) -> None:
+    def _check_amount(self, kind: FaultKind, amount: float) -> None:
         if not kind.unit:
             raise ValueError(f"amount has no meaning where {self.target} is {self.type}: leave it out")
         if not kind.least <= amount <= kind.most:

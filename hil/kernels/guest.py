@@ -41,7 +41,7 @@ class GuestResult:
 
 
 @dataclass(frozen=True)
-class Job:
+class GuestTask:
     """What a guest is to run, and the folder of the host through which it gets it.
 
     Attributes:
@@ -67,7 +67,7 @@ def missing_programs(packages: Mapping[str, str]) -> list[str]:
 
 
 @contextlib.contextmanager
-def prepared_job(  # noqa: PLR0913 - what every guest is told, and all but the first two are named at the call
+def prepared_task(  # noqa: PLR0913 - what every guest is told, and all but the first two are named at the call
     command: Sequence[str],
     cwd: Path,
     *,
@@ -75,7 +75,7 @@ def prepared_job(  # noqa: PLR0913 - what every guest is told, and all but the f
     on_output: Callable[[str], None] | None,
     results: Path | None,
     settings: Mapping[str, str],
-) -> Iterator[Job]:
+) -> Iterator[GuestTask]:
     """Write a job to a folder of its own, which goes when the guest has ended.
 
     Args:
@@ -97,7 +97,7 @@ def prepared_job(  # noqa: PLR0913 - what every guest is told, and all but the f
         (scratch / "job.sh").write_text("".join(lines), encoding="utf-8")
         (scratch / "guest.sh").write_text(script("guest.sh"), encoding="utf-8")
         _write_command(scratch, command, cwd, environment or {})
-        yield Job(scratch, results, Console(token, on_output))
+        yield GuestTask(scratch, results, Console(token, on_output))
 
 
 def script(name: str) -> str:
@@ -120,7 +120,7 @@ def _write_command(scratch: Path, command: Sequence[str], cwd: Path, environment
     (scratch / "command.sh").write_text(text, encoding="utf-8")
 
 
-def run_job(job: Job, kernel: Sequence[str], variables: Mapping[str, str], timeout_s: float) -> GuestResult:
+def run_task(job: GuestTask, kernel: Sequence[str], variables: Mapping[str, str], timeout_s: float) -> GuestResult:
     """Run the program that is the guest's kernel, or emulates its machine, until the guest has switched itself off.
 
     Args:
@@ -164,7 +164,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
-def _exit_status(job: Job) -> int:
+def _exit_status(job: GuestTask) -> int:
     try:
         return int((job.scratch / "status").read_text("ascii"))
     except (FileNotFoundError, ValueError) as error:

@@ -12,7 +12,7 @@ _PROGRAM_INTERPRETER = 3
 """PT_INTERP of elf.h: the segment that a program has which needs the host's libraries."""
 
 
-class Entry(NamedTuple):
+class ArchiveEntry(NamedTuple):
     """A file of the archive: its path, its type and permissions as in `st_mode`, and its content."""
 
     path: str
@@ -20,33 +20,33 @@ class Entry(NamedTuple):
     content: bytes = b""
 
 
-def folder(path: str) -> Entry:
+def folder(path: str) -> ArchiveEntry:
     """A folder that all can read."""
-    return Entry(path, stat.S_IFDIR | 0o755)
+    return ArchiveEntry(path, stat.S_IFDIR | 0o755)
 
 
-def program(path: str, content: bytes) -> Entry:
+def program(path: str, content: bytes) -> ArchiveEntry:
     """A file that all can run."""
-    return Entry(path, stat.S_IFREG | 0o755, content)
+    return ArchiveEntry(path, stat.S_IFREG | 0o755, content)
 
 
-def file(path: str, content: bytes) -> Entry:
+def file(path: str, content: bytes) -> ArchiveEntry:
     """A file that all can read."""
-    return Entry(path, stat.S_IFREG | 0o644, content)
+    return ArchiveEntry(path, stat.S_IFREG | 0o644, content)
 
 
-def symbolic_link(path: str, target: str) -> Entry:
+def symbolic_link(path: str, target: str) -> ArchiveEntry:
     """A symbolic link."""
-    return Entry(path, stat.S_IFLNK | 0o777, target.encode())
+    return ArchiveEntry(path, stat.S_IFLNK | 0o777, target.encode())
 
 
-def archive(entries: Iterable[Entry]) -> bytes:
+def archive(entries: Iterable[ArchiveEntry]) -> bytes:
     """Pack entries as the kernel unpacks them.
 
     The format is the one that the kernel calls newc: its Documentation/driver-api/early-userspace/buffer-format.rst.
     """
     packed = bytearray()
-    for inode, entry in enumerate([*entries, Entry("TRAILER!!!", 0)], start=1):
+    for inode, entry in enumerate([*entries, ArchiveEntry("TRAILER!!!", 0)], start=1):
         name = entry.path.encode() + b"\0"
         # Inode, mode, user, group, links, time, length, four numbers of devices, length of the name, check sum.
         numbers = (inode, entry.mode, 0, 0, 1, 0, len(entry.content), 0, 0, 0, 0, len(name), 0)

@@ -26,11 +26,11 @@ from segway_ecc.hil.kernels import initramfs
 from segway_ecc.hil.kernels.guest import (
     GuestError,
     GuestResult,
-    Job,
+    GuestTask,
     command_line,
     missing_programs,
-    prepared_job,
-    run_job,
+    prepared_task,
+    run_task,
     script,
     search_path,
     to_stdout,
@@ -114,14 +114,14 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
         raise GuestError(f"No guest can run here: {missing}")
     modules = initramfs.modules_in_order(_modules_of(kernel), _NEEDED_MODULES)
     settings = {"GUEST_MODULES": " ".join(path.name for path in modules), "GUEST_BITRATE": str(bitrate)}
-    prepared = prepared_job(
+    prepared = prepared_task(
         command, cwd, environment=environment, on_output=on_output, results=results, settings=settings
     )
     with prepared as job:
         first_files = job.scratch / "initramfs"
         first_files.write_bytes(_first_files(job.scratch, modules))
         words = ["qemu-system-x86_64", *_machine(memory_mib), *_folders(job), *_start(kernel, first_files)]
-        return run_job(job, words, {"PATH": search_path()}, timeout_s)
+        return run_task(job, words, {"PATH": search_path()}, timeout_s)
 
 
 def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
@@ -145,7 +145,7 @@ def _machine(memory_mib: int) -> list[str]:
     return [*computer, "-m", f"{memory_mib}M", *only, "-object", "can-bus,id=bus0", *card, *card]
 
 
-def _folders(job: Job) -> list[str]:
+def _folders(job: GuestTask) -> list[str]:
     words = [*_folder("host", Path("/"), ",readonly=on"), *_folder("scratch", job.scratch)]
     return words if job.results is None else [*words, *_folder("results", job.results)]
 

@@ -19,8 +19,8 @@ from segway_ecc.hil.kernels.guest import (
     GuestResult,
     command_line,
     missing_programs,
-    prepared_job,
-    run_job,
+    prepared_task,
+    run_task,
     script,
     search_path,
     to_stdout,
@@ -80,7 +80,7 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
     if missing is not None:
         raise GuestError(f"No guest can run here: {missing}")
     settings = {"GUEST_INTERFACES": " ".join(interfaces), "GUEST_PYTHON": sys.executable}
-    prepared = prepared_job(
+    prepared = prepared_task(
         command, cwd, environment=environment, on_output=on_output, results=results, settings=settings
     )
     with prepared as job:
@@ -92,7 +92,7 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
             "HOME": str(job.scratch),
             "TMPDIR": str(_memory_folder(memory_mib)),
         }
-        return run_job(job, _kernel(job.scratch, memory_mib), variables, timeout_s)
+        return run_task(job, _kernel(job.scratch, memory_mib), variables, timeout_s)
 
 
 def _kernel(scratch: Path, memory_mib: int) -> list[str]:

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import REPLAY, run_campaign, trials_of
+from segway_ecc.hil.campaign.campaign import REPLAY, run_campaign, runs_of
 from segway_ecc.hil.campaign.report import render
-from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.campaign.table import table
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 
-_NOT_AS_DECLARED = 1
+_NOT_AS_EXPECTED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,17 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the campaign and print the table: 0 where all is as declared, 1 where anything is not."""
+    """Run the campaign and print the table: 0 where all is as expected, 1 where anything is not."""
     for name in ("jobs", "seeds"):
         value = getattr(options, name)
         if value is not None and value < 1:
             raise ConfigurationError(f"--{name} must be at least 1, not {value}")
-    trials = trials_of(list(load_all(options.files)), options.seeds)
+    trials = runs_of(list(load_all(options.files)), options.seeds)
     begun_s = time.monotonic()
     with show_progress("campaign", len(trials)) as on_progress:
         results = run_campaign(trials, min(options.jobs, len(trials)), on_progress, replayed=options.replay)
     took_s = time.monotonic() - begun_s
-    document = {"as_declared": all(r.is_as_declared for r in results), "runs": [_row(result) for result in results]}
+    document = {"as_expected": all(r.is_as_expected for r in results), "runs": [_row(result) for result in results]}
     if options.out is not None:
         _write(options.out, render(results, _facts(results, options.jobs, took_s)), document)
     if options.json:
@@ -54,15 +54,15 @@ def run(options: argparse.Namespace) -> int:
     if options.replay:
         sys.stderr.write(f"segway-ecc: {_identical(results)} of {len(results)} replays are identical to the last bit\n")
     sys.stderr.write(f"segway-ecc: {len(results)} runs in {took_s:.1f} s\n")
-    return 0 if document["as_declared"] else _NOT_AS_DECLARED
+    return 0 if document["as_expected"] else _NOT_AS_EXPECTED
 
 
-def _identical(results: Sequence[Result]) -> int:
+def _identical(results: Sequence[ScenarioResult]) -> int:
     return sum(not any(why.startswith(REPLAY) for why in result.why_not) for result in results)
 
 
-def _row(result: Result) -> dict[str, object]:
-    return {**msgspec.to_builtins(result), "as_declared": result.is_as_declared, "command": result.command}
+def _row(result: ScenarioResult) -> dict[str, object]:
+    return {**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command}
 
 
 def _write(folder: Path, page: str, document: object) -> None:
@@ -77,7 +77,7 @@ def _write(folder: Path, page: str, document: object) -> None:
     sys.stderr.write(f"segway-ecc: report in {folder / 'campaign.html'}\n")
 
 
-def _facts(results: Sequence[Result], jobs: int, took_s: float) -> dict[str, str]:
+def _facts(results: Sequence[ScenarioResult], jobs: int, took_s: float) -> dict[str, str]:
     simulated_s = sum(result.simulated_s for result in results)
     return {
         "Runs": f"{len(results)} of {len({result.scenario for result in results})} scenarios",

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from segway_ecc.hil.endurance.endurance import Stretch
-from segway_ecc.hil.endurance.runs import OnProgress, Plan, endure
+from segway_ecc.hil.endurance.runs import EndurancePlan, OnProgress, endure
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """Drive, and print what was seen: 0 where nothing tripped, 1 where anything did."""
     _check(options)
     file, duration_s = load_robot(options.robot), options.hours * _HOUR_S
-    plan = Plan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
+    plan = EndurancePlan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
     begun_s = time.monotonic()
     with _progress(plan.duration_s) as on_progress:
         stretches = endure(plan, min(options.jobs, options.seeds), on_progress)

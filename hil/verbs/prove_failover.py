@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.links.can_interfaces import resolve
-from segway_ecc.hil.drill.failover import CAUSES, INTERFACE_DOWN, Failover, Trial
+from segway_ecc.hil.drill.failover import CAUSES, INTERFACE_DOWN, Failover, FailoverResult
 from segway_ecc.node.cli.options import add_json, add_robot, print_json, robot_file
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 
@@ -48,7 +48,7 @@ def _causes(file: RobotFile) -> list[str]:
     return [cause for cause in CAUSES if is_kernels or cause != INTERFACE_DOWN]
 
 
-def _table(trials: list[Trial]) -> str:
+def _table(trials: list[FailoverResult]) -> str:
     head = ("cause", "seen as", "telemetry", "torque", "off course", "odometry")
     units = ("", "", "gap, ms", "gap, ms", "m", "step, m")
     rows = [head, units, *(_row(trial) for trial in trials)]
@@ -59,7 +59,7 @@ def _line(row: Sequence[str]) -> str:
     return "  ".join(f"{text:<{width}}" for text, width in zip(row, _WIDTHS, strict=True)).rstrip() + "\n"
 
 
-def _row(trial: Trial) -> tuple[str, ...]:
+def _row(trial: FailoverResult) -> tuple[str, ...]:
     return (
         trial.cause,
         trial.seen_as or f"not at all: {trial.end}",

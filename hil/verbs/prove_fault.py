@@ -1,17 +1,17 @@
-"""`segway-ecc prove fault`: run one declared scenario in lock step, and see whether it comes as declared."""
+"""`segway-ecc prove fault`: run one declared scenario in lock step, and see whether it comes as expected."""
 
 import argparse
 from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import run_trial
-from segway_ecc.hil.campaign.scenario import Scenario, Trial, check_parameter, load_scenario, packaged_scenarios
+from segway_ecc.hil.campaign.campaign import run_quietly
+from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
 from segway_ecc.hil.campaign.table import details
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 
-_NOT_AS_DECLARED = 1
+_NOT_AS_EXPECTED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the scenario and print what came of it: 0 as declared, 1 not."""
+    """Run the scenario and print what came of it: 0 as expected, 1 not."""
     if options.list:
         _print_list(as_json=options.json)
         return 0
@@ -46,12 +46,12 @@ def run(options: argparse.Namespace) -> int:
     seed = scenario.seeds[0] if options.seed is None else options.seed
     parameters = parameters_of(options.set) if options.set else scenario.parameters[0]
     robot = options.robot or scenario.robots[0]
-    result = run_trial(Trial(options.scenario, scenario, robot, seed, parameters), options.log)
+    result = run_quietly(ScenarioRun(options.scenario, scenario, robot, seed, parameters), options.log)
     if options.json:
-        print_json({**msgspec.to_builtins(result), "as_declared": result.is_as_declared, "command": result.command})
+        print_json({**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command})
     else:
         print_table(details(result))
-    return 0 if result.is_as_declared else _NOT_AS_DECLARED
+    return 0 if result.is_as_expected else _NOT_AS_EXPECTED
 
 
 def parameters_of(words: list[str]) -> dict[str, float]:

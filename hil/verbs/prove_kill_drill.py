@@ -11,9 +11,9 @@ from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.hil.drill import interface, trial
-from segway_ecc.hil.drill.faults import FAULTS, Fault, Outcome
-from segway_ecc.hil.drill.parts import Setup
-from segway_ecc.hil.drill.trial import Trial
+from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
+from segway_ecc.hil.drill.parts import DrillSetup
+from segway_ecc.hil.drill.trial import DrillResult
 from segway_ecc.node.cli.options import print_json
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.errors import ConfigurationError
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     if not 1 <= options.repeat <= _MOST:
         raise ConfigurationError(f"--repeat must be 1 to {_MOST}")
     chosen, left_out = _choose(options, load_robot(options.robot))
-    rows: list[list[Trial]] = []
+    rows: list[list[DrillResult]] = []
     with tempfile.TemporaryDirectory(prefix="segway-ecc-drill-") as folder:
         for number, fault in enumerate(chosen):
             sys.stderr.write(f"segway-ecc: {fault.name}\n")
@@ -54,15 +54,15 @@ def run(options: argparse.Namespace) -> int:
     return 0 if all(t.is_as_expected for row in rows for t in row) else _NOT_EXPECTED
 
 
-def _trial(options: argparse.Namespace, fault: Fault, folder: Path) -> Trial:
+def _trial(options: argparse.Namespace, fault: DrillFault, folder: Path) -> DrillResult:
     folder.mkdir()
     channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
     bus = ["--interface", options.interface, "--channel", channel]
-    setup = Setup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
+    setup = DrillSetup(options.robot, bus, fault.serial, not options.no_guard, fault.stepped, folder)
     return trial.run(fault, setup)
 
 
-def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[Fault], dict[str, str]]:
+def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFault], dict[str, str]]:
     """The faults that this robot can have here, and why it cannot have the others."""
     if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
@@ -83,7 +83,7 @@ def _no_interface(options: argparse.Namespace) -> str | None:
     return interface.obstacle(options.channel)
 
 
-def _as_json(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> object:
+def _as_json(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> object:
     told = [
         {
             **dataclasses.asdict(worst := trial.worst(row)),
@@ -97,7 +97,7 @@ def _as_json(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> objec
     return {"faults": told, "left_out": left_out}
 
 
-def _table(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> str:
+def _table(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> str:
     lines = [_HEAD, *(_row(trial.worst(row), len(row)) for row in rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(_HEAD))]
     text = ""
@@ -109,12 +109,12 @@ def _table(rows: Sequence[Sequence[Trial]], left_out: dict[str, str]) -> str:
     return text + "".join(f"{name}: left out, {why}\n" for name, why in left_out.items())
 
 
-def _said(worst: Trial) -> list[str]:
+def _said(worst: DrillResult) -> list[str]:
     note = [f"({worst.note})"] if worst.note else []
     return [*note, *(f"robot: {line}" for line in worst.said)] or ["robot: nothing"]
 
 
-def _row(worst: Trial, repeats: int) -> tuple[str, ...]:
+def _row(worst: DrillResult, repeats: int) -> tuple[str, ...]:
     torque = worst.torque
     ended = torque is not None and torque.zero_s is not None
     return (
@@ -129,8 +129,12 @@ def _row(worst: Trial, repeats: int) -> tuple[str, ...]:
     )
 
 
-def _expected(trial: Trial) -> str:
-    return f"{trial.expected}, {trial.within_s * 1e3:.0f} ms" if trial.expected is Outcome.ENDS else str(trial.expected)
+def _expected(trial: DrillResult) -> str:
+    return (
+        f"{trial.expected}, {trial.within_s * 1e3:.0f} ms"
+        if trial.expected is DrillOutcome.ENDS
+        else str(trial.expected)
+    )
 
 
 def _ms(seconds: float | None) -> str:

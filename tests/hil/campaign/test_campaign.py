@@ -4,10 +4,10 @@ from html.parser import HTMLParser
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import run_campaign, trials_of
+from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
 from segway_ecc.hil.campaign.report import render
-from segway_ecc.hil.campaign.result import Result
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, Trial, load_scenario
+from segway_ecc.hil.campaign.result import ScenarioResult
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun, load_scenario
 from segway_ecc.hil.campaign.table import details, table
 from segway_ecc.node.sequence.manoeuvre import Segment
 
@@ -24,7 +24,7 @@ def test_trials_are_each_robot_with_each_parameter_set_and_each_seed() -> None:
     scenario = msgspec.structs.replace(
         short("can-cut"), robot=("cart-can", "cart-vesc"), seeds=(4, 2), parameters=({}, {"plant.Inertia": 0.003})
     )
-    found = trials_of([("a.yaml", scenario)])
+    found = runs_of([("a.yaml", scenario)])
     assert [(t.robot, dict(t.parameters), t.seed) for t in found] == [
         (robot, parameters, seed)
         for robot in ("cart-can", "cart-vesc")
@@ -32,11 +32,11 @@ def test_trials_are_each_robot_with_each_parameter_set_and_each_seed() -> None:
         for seed in (4, 2)
     ]
     assert {t.source for t in found} == {"a.yaml"}
-    assert [t.seed for t in trials_of([("a.yaml", scenario)], seeds=3)][:3] == [0, 1, 2]
+    assert [t.seed for t in runs_of([("a.yaml", scenario)], seeds=3)][:3] == [0, 1, 2]
 
 
 def test_two_processes_give_the_same_bits_as_one() -> None:
-    trials = trials_of([("l", short("can-loses-some", seeds=(1, 2, 3))), ("c", short("can-cut", seeds=(0, 7)))])
+    trials = runs_of([("l", short("can-loses-some", seeds=(1, 2, 3))), ("c", short("can-cut", seeds=(0, 7)))])
     done: list[tuple[int, int]] = []
     alone = run_campaign(trials, 1, lambda *progress: done.append(progress))
     both = run_campaign(trials, 2, lambda *_progress: None)
@@ -54,11 +54,11 @@ def test_two_processes_give_the_same_bits_as_one() -> None:
     ]
 
 
-def two_results() -> list[Result]:
+def two_results() -> list[ScenarioResult]:
     bad = msgspec.structs.replace(
         short("can-cut"), name="bad", about="", expect=Expectation(outcome="holds", reason="<nothing>")
     )
-    trials = [Trial("can-cut", short("can-cut"), "cart-can", 0, {}), Trial("b", bad, "cart-can", 0, {})]
+    trials = [ScenarioRun("can-cut", short("can-cut"), "cart-can", 0, {}), ScenarioRun("b", bad, "cart-can", 0, {})]
     return run_campaign(trials, 1, lambda *_progress: None)
 
 
@@ -88,16 +88,16 @@ def test_the_report_is_one_page_that_loads_nothing_and_shows_what_is_wrong_first
     assert "url(" not in text
     assert "@import" not in text
     assert page.rows == 4  # two tables, each with a head
-    assert "1 of 2 runs as declared." in page.texts
-    assert page.texts.index("Not as declared") < page.texts.index("bad") < page.texts.index("As declared")
-    assert page.texts.index("As declared") < page.texts.index("can-cut")
+    assert "1 of 2 runs as expected." in page.texts
+    assert page.texts.index("Not as expected") < page.texts.index("bad") < page.texts.index("As expected")
+    assert page.texts.index("As expected") < page.texts.index("can-cut")
     assert results[0].command in page.texts
     assert "2 & more" in page.texts
     assert any("has no '<nothing>'" in text for text in page.texts)
 
 
 def test_a_report_of_what_is_all_right_has_no_table_of_what_is_not() -> None:
-    assert "Not as declared" not in Page(render(two_results()[:1], {})).texts
+    assert "Not as expected" not in Page(render(two_results()[:1], {})).texts
 
 
 def test_the_table_says_what_is_wrong_and_how_to_see_it_again() -> None:
@@ -105,16 +105,16 @@ def test_the_table_says_what_is_wrong_and_how_to_see_it_again() -> None:
     head = "scenario robot seed outcome detected, ms safe, ms tilt, rad distance, m verdict"
     assert lines[0].split() == head.split()
     assert lines[1].split()[:4] == ["can-cut", "cart-can", "0", "faults"]
-    assert lines[1].endswith("as declared")
-    assert lines[2].endswith("NOT AS DECLARED")
+    assert lines[1].endswith("as expected")
+    assert lines[2].endswith("NOT AS EXPECTED")
     assert lines[3].strip() == "outcome faults, not holds"
     assert lines[5].strip() == "segway-ecc prove fault b --robot cart-can --seed 0"
-    assert lines[6] == "1 of 2 runs as declared"
+    assert lines[6] == "1 of 2 runs as expected"
 
 
 def test_one_result_is_told_name_by_name() -> None:
     good, bad = map(details, two_results())
-    assert (good["outcome"], good["verdict"], good["parameters"]) == ("faults", "as declared", "its own")
+    assert (good["outcome"], good["verdict"], good["parameters"]) == ("faults", "as expected", "its own")
     assert "why not" not in good
     assert bad["why not"].startswith("outcome faults, not holds; ")
     assert "tilt, rad" not in good

@@ -1,12 +1,12 @@
-"""A run is judged by what was declared, and by nothing else."""
+"""A run is judged by what was expected, and by nothing else."""
 
 import msgspec
 import pytest
 
-from segway_ecc.hil.campaign.result import Result, judged
+from segway_ecc.hil.campaign.result import ScenarioResult, judged
 from segway_ecc.hil.campaign.scenario import Expectation
 
-RESULT = Result(
+RESULT = ScenarioResult(
     source="can-cut",
     scenario="can-cut",
     robot="cart-can",
@@ -27,8 +27,8 @@ MET = Expectation(
 )
 
 
-def test_what_is_met_to_the_limit_is_as_declared() -> None:
-    assert judged(RESULT, MET).is_as_declared
+def test_what_is_met_to_the_limit_is_as_expected() -> None:
+    assert judged(RESULT, MET).is_as_expected
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_what_is_met_to_the_limit_is_as_declared() -> None:
 def test_each_thing_that_is_not_met_is_said(change: dict[str, object], why: str) -> None:
     result = judged(RESULT, msgspec.structs.replace(MET, **change))
     assert result.why_not == (why,)
-    assert not result.is_as_declared
+    assert not result.is_as_expected
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_what_is_not_declared_is_not_looked_at() -> None:
     worst = msgspec.structs.replace(
         RESULT, reason="", detection_s=None, safe_s=None, max_tilt_rad=None, max_distance_m=1e9
     )
-    assert judged(worst, Expectation(outcome="faults")).is_as_declared
+    assert judged(worst, Expectation(outcome="faults")).is_as_expected
 
 
 def test_the_command_runs_it_again() -> None:

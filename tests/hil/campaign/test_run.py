@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from segway_ecc.hil.campaign.result import Result
+from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.run import run_scenario
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, Trial, load_scenario
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun, load_scenario
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.faults.fault import Fault, Target, Type
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
@@ -27,7 +27,7 @@ def run(
     fallback: bool = False,
     log: Path | None = None,
     **more: float,
-) -> Result:
+) -> ScenarioResult:
     scenario = Scenario(
         name="test",
         robot=robot,
@@ -37,7 +37,7 @@ def run(
         expect=Expectation(outcome="drives_on"),
     )
     parameters: Mapping[str, float] = {name.replace("__", "."): value for name, value in more.items()}
-    return run_scenario(Trial("test", scenario, robot, seed, parameters), log)
+    return run_scenario(ScenarioRun("test", scenario, robot, seed, parameters), log)
 
 
 def fault(
@@ -194,8 +194,8 @@ def test_the_robots_log_is_written(tmp_path: Path) -> None:
         ("serial-noise", "cart-odrive"),
     ],
 )
-def test_a_few_of_the_packages_scenarios_come_as_declared(name: str, robot: str) -> None:
+def test_a_few_of_the_packages_scenarios_come_as_expected(name: str, robot: str) -> None:
     scenario = load_scenario(name)
-    result = run_scenario(Trial(name, scenario, robot, 1, {}))
+    result = run_scenario(ScenarioRun(name, scenario, robot, 1, {}))
     assert result.why_not == ()
     assert msgspec.structs.replace(result, why_not=()) == result

@@ -24,7 +24,7 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
 from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.devices._vesc_controller import Fault, Firmware
+from segway_ecc.hil.devices._vesc_controller import Firmware, VescFault
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
@@ -243,8 +243,8 @@ def test_the_tachometer_wraps(bench: Bench) -> None:
     assert bench.ask("tachometer") == {"tachometer": -(2**31)}
 
 
-@pytest.mark.parametrize("fault", [Fault.OVER_VOLTAGE, Fault.OVER_TEMPERATURE])
-def test_a_fault_frees_the_motor_for_half_a_second(bench: Bench, fault: Fault) -> None:
+@pytest.mark.parametrize("fault", [VescFault.OVER_VOLTAGE, VescFault.OVER_TEMPERATURE])
+def test_a_fault_frees_the_motor_for_half_a_second(bench: Bench, fault: VescFault) -> None:
     bench.vesc.left.fail(fault)
     for tick in range(501):
         bench.send(Command.SET_CURRENT, Current(10.0))

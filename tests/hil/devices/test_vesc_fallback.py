@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkSta
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.serial_link import SerialLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.hil.devices._vesc_controller import Fault
+from segway_ecc.hil.devices._vesc_controller import VescFault
 from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
@@ -145,7 +145,7 @@ def test_a_fault_is_told_over_the_uart_too(bench: Bench) -> None:
     bench.arm()
     bench.plug.is_pulled = True
     bench.cycles(20)
-    bench.vesc.right.fail(Fault.OVER_VOLTAGE)
+    bench.vesc.right.fail(VescFault.OVER_VOLTAGE)
     bench.cycles(3)
     assert bench.sensors.faults == ("the right VESC (id 2) reports over-voltage (fault 1)",)
 

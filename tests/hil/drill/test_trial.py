@@ -7,55 +7,55 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.faults import FAULTS, Outcome
-from segway_ecc.hil.drill.parts import Setup
+from segway_ecc.hil.drill.faults import FAULTS, DrillOutcome
+from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trace import Torque
-from segway_ecc.hil.drill.trial import Trial, worst
+from segway_ecc.hil.drill.trial import DrillResult, worst
 
 pytestmark = pytest.mark.real_time
 
 
-def made(expected: Outcome, torque: Torque | None) -> Trial:
-    return Trial("a fault", expected, guard=True, torque=torque, said=[])
+def made(expected: DrillOutcome, torque: Torque | None) -> DrillResult:
+    return DrillResult("a fault", expected, guard=True, torque=torque, said=[])
 
 
 @pytest.mark.parametrize(
     ("expected", "torque", "is_as_expected", "outcome"),
     [
-        (Outcome.ENDS, Torque(0.05, 0.055, 0.0), True, "torque ends"),
-        (Outcome.ENDS, Torque(0.0501, 0.055, 0.0), False, "torque ends"),
-        (Outcome.ENDS, Torque(0.01, None, 0.0), False, "drives on"),
-        (Outcome.ENDS, None, False, "failed"),
-        (Outcome.DRIVES_ON, Torque(1.0, None, 0.0), True, "drives on"),
-        (Outcome.DRIVES_ON, Torque(1.0, None, 0.1), True, "drives on"),
-        (Outcome.DRIVES_ON, Torque(1.0, None, 0.101), False, "drives on"),
-        (Outcome.DRIVES_ON, Torque(0.9, 0.905, 0.0), False, "torque ends"),
-        (Outcome.DRIVES_ON, None, False, "failed"),
+        (DrillOutcome.ENDS, Torque(0.05, 0.055, 0.0), True, "torque ends"),
+        (DrillOutcome.ENDS, Torque(0.0501, 0.055, 0.0), False, "torque ends"),
+        (DrillOutcome.ENDS, Torque(0.01, None, 0.0), False, "drives on"),
+        (DrillOutcome.ENDS, None, False, "failed"),
+        (DrillOutcome.DRIVES_ON, Torque(1.0, None, 0.0), True, "drives on"),
+        (DrillOutcome.DRIVES_ON, Torque(1.0, None, 0.1), True, "drives on"),
+        (DrillOutcome.DRIVES_ON, Torque(1.0, None, 0.101), False, "drives on"),
+        (DrillOutcome.DRIVES_ON, Torque(0.9, 0.905, 0.0), False, "torque ends"),
+        (DrillOutcome.DRIVES_ON, None, False, "failed"),
     ],
 )
-def test_verdicts(expected: Outcome, torque: Torque | None, *, is_as_expected: bool, outcome: str) -> None:
+def test_verdicts(expected: DrillOutcome, torque: Torque | None, *, is_as_expected: bool, outcome: str) -> None:
     found = made(expected, torque)
     assert (found.is_as_expected, found.outcome) == (is_as_expected, outcome)
 
 
 def test_a_fault_can_have_a_limit_of_its_own() -> None:
-    found = made(Outcome.ENDS, Torque(0.12, 0.125, 0.0))
+    found = made(DrillOutcome.ENDS, Torque(0.12, 0.125, 0.0))
     verdicts = [dataclasses.replace(found, within_s=limit_s).is_as_expected for limit_s in (0.1, 0.15)]
     assert verdicts == [False, True]
     assert {fault.within_s for fault in FAULTS.values() if "frozen" not in fault.name} == {0.05}
 
 
-def ends(*last_s: float) -> list[Trial]:
-    return [made(Outcome.ENDS, Torque(s, s + 0.005, 0.0)) for s in last_s]
+def ends(*last_s: float) -> list[DrillResult]:
+    return [made(DrillOutcome.ENDS, Torque(s, s + 0.005, 0.0)) for s in last_s]
 
 
 def test_the_worst_is_what_was_not_expected_then_the_longest() -> None:
     assert worst(ends(0.01, 0.04, 0.02)) == ends(0.04)[0]
-    goes_on = made(Outcome.ENDS, Torque(0.001, None, 0.0))
+    goes_on = made(DrillOutcome.ENDS, Torque(0.001, None, 0.0))
     assert worst([*ends(0.04), goes_on]) == goes_on
-    failed = made(Outcome.ENDS, None)
+    failed = made(DrillOutcome.ENDS, None)
     assert worst([*ends(0.2), failed, goes_on]) == failed
-    gaps = [made(Outcome.DRIVES_ON, Torque(1.0, None, gap)) for gap in (0.01, 0.03, 0.02)]
+    gaps = [made(DrillOutcome.DRIVES_ON, Torque(1.0, None, gap)) for gap in (0.01, 0.03, 0.02)]
     assert worst(gaps) == gaps[1]
 
 
@@ -74,10 +74,10 @@ def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "_AFTER_S", 0.3)
 
 
-def setup(tmp_path: Path, robot: str = "cart-can", **changes: bool) -> Setup:
+def setup(tmp_path: Path, robot: str = "cart-can", **changes: bool) -> DrillSetup:
     bus = ["--interface", "local", "--channel", f"trial {tmp_path}"]
     options = {"serial": False, "guard": False, "stepped": False, **changes}
-    return Setup(robot, bus, options["serial"], options["guard"], options["stepped"], tmp_path / "drill")
+    return DrillSetup(robot, bus, options["serial"], options["guard"], options["stepped"], tmp_path / "drill")
 
 
 def lines(found: Sequence[str], beginning: str) -> list[str]:

@@ -10,7 +10,7 @@ from segway_ecc.hil.endurance import endurance
 from segway_ecc.hil.endurance import runs as endurance_runs
 from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Piece, programme
 from segway_ecc.hil.endurance.endurance import Stretch, drive
-from segway_ecc.hil.endurance.runs import Plan, drive_seed, endure
+from segway_ecc.hil.endurance.runs import EndurancePlan, drive_seed, endure
 from segway_ecc.hil.endurance.watch import Trip
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.lockstep import LockstepRig
@@ -21,7 +21,7 @@ SEGWAY = load_robot("segway")
 CAN_OFF = Fault(target="can", type="off", at_s=1.0)
 
 
-def whole(plan: Plan, jobs: int) -> tuple[list[Stretch], list[float]]:
+def whole(plan: EndurancePlan, jobs: int) -> tuple[list[Stretch], list[float]]:
     told: list[float] = []
     return endure(plan, jobs, told.append), told
 
@@ -103,7 +103,7 @@ def test_a_robot_that_never_arms_is_a_trip() -> None:
 
 def test_after_a_trip_another_robot_drives_on_until_the_time_is_up() -> None:
     told: list[float] = []
-    plan = Plan(SEGWAY, 10.0, 0.0, 2, (CAN_OFF,))
+    plan = EndurancePlan(SEGWAY, 10.0, 0.0, 2, (CAN_OFF,))
     stretches = drive_seed(plan, 2, told.append)
     assert [stretch.seed for stretch in stretches] == [2, 4, 6]
     assert [stretch.trip is not None for stretch in stretches] == [True] * 3
@@ -116,12 +116,12 @@ def test_one_that_trips_again_and_again_is_given_up(monkeypatch: pytest.MonkeyPa
         return Stretch(seed, 2.0, 400, Trip(2.0, "FAULT", "it always does"), 0.5, 0.0, 0.0, 0, 0, 0)
 
     monkeypatch.setattr(endurance_runs, "drive", trip)
-    stretches = drive_seed(Plan(SEGWAY, 1000.0, 0.0, 1), 1, lambda _: None)
+    stretches = drive_seed(EndurancePlan(SEGWAY, 1000.0, 0.0, 1), 1, lambda _: None)
     assert [stretch.seed for stretch in stretches] == list(range(1, 21))
 
 
 def test_how_many_processes_there_are_changes_nothing() -> None:
-    plan = Plan(SEGWAY, 6.0, 0.02, 2)
+    plan = EndurancePlan(SEGWAY, 6.0, 0.02, 2)
     alone, told_alone = whole(plan, 1)
     both, told_both = whole(plan, 2)
     assert alone == both
@@ -139,7 +139,7 @@ def test_on_an_interface_both_ends_are_the_kernels_and_the_seeds_take_turns(monk
         return rig.bus.attach("node"), rig.bus.attach("plant")
 
     monkeypatch.setattr(endurance, "kernel_ends", ends)
-    plan = Plan(SEGWAY, 4.0, 0.0, 2, channel="can7")
+    plan = EndurancePlan(SEGWAY, 4.0, 0.0, 2, channel="can7")
     found, told = whole(plan, 2)  # in this process, or the other one would not know our ends
     assert asked == [("can7", "can7")] * 2
     assert found == whole(plan._replace(channel=None), 1)[0]

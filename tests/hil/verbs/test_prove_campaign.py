@@ -24,11 +24,11 @@ def write(folder: Path, name: str, outcome: str) -> str:
     return str(path)
 
 
-def test_a_campaign_as_declared_ends_with_0_and_writes_its_report(segway_ecc: Run, tmp_path: Path) -> None:
+def test_a_campaign_as_expected_ends_with_0_and_writes_its_report(segway_ecc: Run, tmp_path: Path) -> None:
     good, out = write(tmp_path, "good", "faults"), tmp_path / "new" / "out"
     outcome = segway_ecc("prove", "campaign", good, "--jobs", "1", "--seeds", "2", "--out", str(out))
     assert outcome.code == 0
-    assert outcome.out.splitlines()[-1] == "2 of 2 runs as declared"
+    assert outcome.out.splitlines()[-1] == "2 of 2 runs as expected"
     assert outcome.errors[0] == f"segway-ecc: report in {out / 'campaign.html'}"
     assert (out / "campaign.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     runs = json.loads((out / "campaign.json").read_bytes())["runs"]
@@ -36,13 +36,13 @@ def test_a_campaign_as_declared_ends_with_0_and_writes_its_report(segway_ecc: Ru
     assert f"segway-ecc prove fault {good} --robot cart-can --seed 1" == runs[1]["command"]
 
 
-def test_one_run_that_is_not_as_declared_ends_it_with_1(segway_ecc: Run, tmp_path: Path) -> None:
+def test_one_run_that_is_not_as_expected_ends_it_with_1(segway_ecc: Run, tmp_path: Path) -> None:
     files = [write(tmp_path, "good", "faults"), write(tmp_path, "bad", "holds")]
     outcome = segway_ecc("prove", "campaign", *files, "--jobs", "1", "--json")
     document = json.loads(outcome.out)
     assert outcome.code == 1
-    assert document["as_declared"] is False
-    assert [run["as_declared"] for run in document["runs"]] == [True, False]
+    assert document["as_expected"] is False
+    assert [run["as_expected"] for run in document["runs"]] == [True, False]
     assert document["runs"][1]["why_not"] == ["outcome faults, not holds"]
 
 

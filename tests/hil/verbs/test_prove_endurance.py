@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.endurance.endurance import Stretch
-from segway_ecc.hil.endurance.runs import Plan
+from segway_ecc.hil.endurance.runs import EndurancePlan
 from segway_ecc.hil.endurance.watch import Trip
 from segway_ecc.hil.verbs import prove_endurance
 
@@ -16,10 +16,10 @@ GOOD = Stretch(1, 1800.0, 360_000, None, 0.12, 0.05, 0.01, 1000, 10, 0)
 BAD = Stretch(2, 1800.0, 360_000, Trip(7.5, "FAULT", "left.angle is too old"), 0.5, 0.04, 0.02, 1000, 12, 3)
 
 
-def pretend(monkeypatch: pytest.MonkeyPatch, stretches: Sequence[Stretch]) -> list[tuple[Plan, int]]:
+def pretend(monkeypatch: pytest.MonkeyPatch, stretches: Sequence[Stretch]) -> list[tuple[EndurancePlan, int]]:
     asked = []
 
-    def endure(plan: Plan, jobs: int, _on_progress: object) -> list[Stretch]:
+    def endure(plan: EndurancePlan, jobs: int, _on_progress: object) -> list[Stretch]:
         asked.append((plan, jobs))
         return list(stretches)
 

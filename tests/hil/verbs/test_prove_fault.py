@@ -28,13 +28,13 @@ def scenario(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_what_comes_as_declared_ends_with_0(segway_ecc: Run, scenario: str) -> None:
+def test_what_comes_as_expected_ends_with_0(segway_ecc: Run, scenario: str) -> None:
     outcome = segway_ecc("prove", "fault", scenario)
     assert outcome.code == 0
     assert outcome.errors == []
     lines = dict(line.split("  ", 1) for line in outcome.out.splitlines())
     assert lines["outcome"].strip() == "faults"
-    assert lines["verdict"].strip() == "as declared"
+    assert lines["verdict"].strip() == "as expected"
     assert lines["again"].strip() == f"segway-ecc prove fault {scenario} --robot cart-can --seed 3"
 
 
@@ -62,7 +62,7 @@ def test_seed_robot_and_parameters_can_be_given(segway_ecc: Run, scenario: str, 
     outcome = segway_ecc(*words, "--log", str(log))
     result = json.loads(outcome.out)
     assert (result["robot"], result["seed"], result["parameters"]) == ("cart-vesc", 0, {"plant.Inertia": 0.003})
-    assert result["as_declared"] is True
+    assert result["as_expected"] is True
     assert log.exists()
     assert json.loads(segway_ecc(*words).out)["digest"] == result["digest"]
     assert (

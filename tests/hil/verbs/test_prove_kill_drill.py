@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.drill import interface, trial
-from segway_ecc.hil.drill.faults import FAULTS, Fault, Outcome
-from segway_ecc.hil.drill.parts import Setup
+from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
+from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trace import Torque
-from segway_ecc.hil.drill.trial import Trial
+from segway_ecc.hil.drill.trial import DrillResult
 
 Run = Callable[..., Any]
-WELL = {Outcome.ENDS: Torque(0.0312, 0.0362, 0.0), Outcome.DRIVES_ON: Torque(1.5, None, 0.02)}
+WELL = {DrillOutcome.ENDS: Torque(0.0312, 0.0362, 0.0), DrillOutcome.DRIVES_ON: Torque(1.5, None, 0.02)}
 CHOSEN = [name for name in FAULTS if name != "bus down"]
 NO_INTERFACE = "it needs a network interface: --interface socketcan --channel vcan0"
 
@@ -24,13 +24,13 @@ class Trials:
     """Stands in for real trials; the n-th of a fault ends as it is told to, and well where nothing is told."""
 
     def __init__(self) -> None:
-        self.setups: list[tuple[str, Setup]] = []
+        self.setups: list[tuple[str, DrillSetup]] = []
         self.told: dict[str, list[Torque | None]] = {}
 
-    def __call__(self, fault: Fault, setup: Setup) -> Trial:
+    def __call__(self, fault: DrillFault, setup: DrillSetup) -> DrillResult:
         self.setups.append((fault.name, setup))
         torque = self.told[fault.name].pop(0) if self.told.get(fault.name) else WELL[fault.expected]
-        return Trial(fault.name, fault.expected, setup.guard, torque, [f"{fault.name} noticed"], "a note")
+        return DrillResult(fault.name, fault.expected, setup.guard, torque, [f"{fault.name} noticed"], "a note")
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_of_repeats_the_worst_is_told(segway_ecc: Run, trials: Trials) -> None:
 
 @pytest.mark.parametrize("torque", [Torque(0.06, 0.065, 0.0), Torque(1.0, None, 0.0), None])
 def test_one_that_is_not_as_expected_is_exit_code_1(segway_ecc: Run, trials: Trials, torque: Torque | None) -> None:
-    trials.told["node killed"] = [WELL[Outcome.ENDS], torque, WELL[Outcome.ENDS]]
+    trials.told["node killed"] = [WELL[DrillOutcome.ENDS], torque, WELL[DrillOutcome.ENDS]]
     outcome = segway_ecc("prove", "kill-drill", "--fault", "node killed", "--fault", "recorder killed", "--repeat", "3")
 
     assert outcome.code == 1

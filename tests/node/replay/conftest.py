@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.campaign.campaign import run_trial
-from segway_ecc.hil.campaign.scenario import Expectation, Scenario, Trial
+from segway_ecc.hil.campaign.campaign import run_quietly
+from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
@@ -34,7 +34,7 @@ def recorded(tmp_path: Path) -> Record:
             expect=Expectation(outcome="drives_on"),
         )
         log = tmp_path / "run.mcap"
-        run_trial(Trial("test", scenario, robot, 0, {}), log)
+        run_quietly(ScenarioRun("test", scenario, robot, 0, {}), log)
         return log
 
     return record

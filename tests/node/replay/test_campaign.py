@@ -7,22 +7,22 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.campaign.campaign import run_trial, trials_of
-from segway_ecc.hil.campaign.scenario import Trial, load_all
+from segway_ecc.hil.campaign.campaign import run_quietly, runs_of
+from segway_ecc.hil.campaign.scenario import ScenarioRun, load_all
 from segway_ecc.node.replay.replay import replay
 
-_ALL = trials_of(list(load_all([])), seeds=1)
+_ALL = runs_of(list(load_all([])), seeds=1)
 SAMPLE = _ALL[:: max(len(_ALL) // 20, 1)]
 
 
-def named(trial: Trial) -> str:
+def named(trial: ScenarioRun) -> str:
     return f"{trial.scenario.name}-{trial.robot}"
 
 
 @pytest.mark.parametrize("trial", SAMPLE, ids=named)
-def test_the_replay_of_a_run_is_identical(trial: Trial, tmp_path: Path) -> None:
+def test_the_replay_of_a_run_is_identical(trial: ScenarioRun, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    run_trial(trial, log)
+    run_quietly(trial, log)
     outcome = replay(log)
 
     assert (outcome.difference, outcome.gap, outcome.is_cut, outcome.is_other_model) == (None, None, False, False)

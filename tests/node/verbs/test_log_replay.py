@@ -143,7 +143,7 @@ def test_the_campaign_replays_its_runs(segway_ecc: Run, tmp_path: Path) -> None:
     assert outcome.errors[-2] == "segway-ecc: 2 of 2 replays are identical to the last bit"
 
 
-def test_a_replay_that_differs_is_not_as_declared(
+def test_a_replay_that_differs_is_not_as_expected(
     segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write = CycleLog.write
