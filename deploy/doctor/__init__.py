@@ -1,1 +1,1 @@
-"""Is this machine fit to run the robot: what was found, what it means, and how to mend it."""
+"""Is this machine fit to run the robot: what was found, what it means, and how to fix it."""

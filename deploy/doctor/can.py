@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.interface_state import InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
@@ -18,14 +18,14 @@ _GOOD_QUEUE: Final = 16
 _RESTART_MS: Final = 100
 
 
-def check_can(machine: Machine, job: Job) -> Iterator[Finding]:
+def check_can(machine: System, workload: Workload) -> Iterator[Finding]:
     """The robot's interface; where no robot is named, every one that there is."""
     present = socketcan_interfaces(machine.path(_NETWORK))
-    if job.hardware is None:
-        yield from _without_drives(machine, job, present)
+    if workload.hardware is None:
+        yield from _without_drives(machine, workload, present)
         return
-    can = job.hardware.can
-    if not job.needs_socketcan:
+    can = workload.hardware.can
+    if not workload.needs_socketcan:
         yield _not_of_the_kernel(can.interface, can.channel)
     elif can.channel in present:
         yield from _interface(machine, can.channel, can.bitrate)
@@ -41,8 +41,8 @@ def set_up(name: str, bitrate: int | None) -> str:
     return f"sudo ip link set {name} down; sudo ip link set {name} up {settings}"
 
 
-def _without_drives(machine: Machine, job: Job, present: list[str]) -> Iterator[Finding]:
-    if job.robot is not None:
+def _without_drives(machine: System, workload: Workload, present: list[str]) -> Iterator[Finding]:
+    if workload.robot is not None:
         yield good("CAN interface", "this robot is all model and needs none")
     elif not present:
         yield warning(
@@ -51,7 +51,7 @@ def _without_drives(machine: Machine, job: Job, present: list[str]) -> Iterator[
             "a robot with drives on CAN cannot run here",
             "connect an adapter, and see that its driver is loaded: sudo dmesg | grep -i can",
         )
-    for name in present if job.robot is None else []:
+    for name in present if workload.robot is None else []:
         yield from _interface(machine, name, None)
 
 
@@ -74,7 +74,7 @@ def _missing(name: str, present: list[str], bitrate: int) -> Finding:
     )
 
 
-def _interface(machine: Machine, name: str, bitrate: int | None) -> Iterator[Finding]:
+def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Finding]:
     # /sys tells of every interface; what the kernel says of its controller may be nothing.
     flags = int(machine.read(f"{_NETWORK}/{name}/flags") or "0", 16)
     state = machine.probes.interface(name)

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
 
 _INSTALL: Final = "sudo apt-get install systemd-timesyncd (in an image of ours: --package systemd-timesyncd); "
 
 
-def check_clock(machine: Machine, _job: Job) -> Iterator[Finding]:
+def check_clock(machine: System, _workload: Workload) -> Iterator[Finding]:
     """Synchronised or not, as systemd or chrony says; control itself never reads the wall clock."""
     try:
         lines = machine.answer(["timedatectl", "show"]).splitlines()

@@ -16,10 +16,10 @@ from segway_ecc.deploy.doctor.python import check_python
 from segway_ecc.deploy.doctor.ros import check_ros
 from segway_ecc.deploy.doctor.serial import check_serial
 from segway_ecc.deploy.doctor.services import check_services
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.deploy.doctor.timing import check_timing
 
-Check = Callable[[Machine, Job], Iterable[Finding]]
+Check = Callable[[System, Workload], Iterable[Finding]]
 
 CHECKS: Final[Mapping[str, Check]] = {
     "kernel": check_kernel,
@@ -38,16 +38,16 @@ CHECKS: Final[Mapping[str, Check]] = {
 }
 
 
-def examine(machine: Machine, job: Job, checks: Mapping[str, Check] = CHECKS) -> list[Finding]:
+def examine(machine: System, workload: Workload, checks: Mapping[str, Check] = CHECKS) -> list[Finding]:
     """Everything that the checks find, in their order."""
-    return [finding for name, check in checks.items() for finding in _survived(name, check, machine, job)]
+    return [finding for name, check in checks.items() for finding in _survived(name, check, machine, workload)]
 
 
-def _survived(name: str, check: Check, machine: Machine, job: Job) -> list[Finding]:
+def _survived(name: str, check: Check, machine: System, workload: Workload) -> list[Finding]:
     """What a check finds; where it breaks, what it had found until then and that it broke."""
     findings: list[Finding] = []
     try:
-        for finding in check(machine, job):
+        for finding in check(machine, workload):
             findings.append(finding)  # noqa: PERF402 - what came before it broke is kept
     except Exception as error:  # noqa: BLE001 - whatever it is, the other checks are still worth having
         findings.append(_broken(name, error))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -14,13 +14,13 @@ from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSetting
 _CYCLES: Final = 3
 
 
-def check_drives(_machine: Machine, job: Job) -> Iterator[Finding]:
+def check_drives(_machine: System, workload: Workload) -> Iterator[Finding]:
     """How long a drive goes on by itself, how that is made sure, and whether it bears a late cycle."""
-    if job.hardware is None:
-        yield good("drives' watchdogs", "no drives" if job.robot is not None else "no robot is named")
+    if workload.hardware is None:
+        yield good("drives' watchdogs", "no drives" if workload.robot is not None else "no robot is named")
         return
-    seconds, how = _watchdog(job.hardware)
-    period_s = job.period_ns * 1e-9
+    seconds, how = _watchdog(workload.hardware)
+    period_s = workload.period_ns * 1e-9
     found = f"{seconds * 1e3:g} ms, {how}"
     if seconds >= _CYCLES * period_s:
         yield good("drives' watchdogs", found)

@@ -22,19 +22,19 @@ class Finding:
         verdict: Whether it fits.
         found: What is there.
         effect: What that does to the robot; empty only where it is good.
-        mend: The command or the file that changes it; empty only where it is good.
+        remedy: The command or the file that changes it; empty only where it is good.
     """
 
     name: str
     verdict: Verdict
     found: str
     effect: str = ""
-    mend: str = ""
+    remedy: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a reproach that does not say what it does and how it is mended; ValueError."""
-        if self.verdict is not Verdict.GOOD and not (self.effect and self.mend):
-            raise ValueError(f"finding '{self.name}' is {self.verdict} and lacks its effect or how to mend it")
+        """Refuse a defect without its effect or its remedy; ValueError."""
+        if self.verdict is not Verdict.GOOD and not (self.effect and self.remedy):
+            raise ValueError(f"finding '{self.name}' is {self.verdict} and lacks its effect or remedy")
 
 
 def good(name: str, found: str) -> Finding:
@@ -42,14 +42,14 @@ def good(name: str, found: str) -> Finding:
     return Finding(name, Verdict.GOOD, found)
 
 
-def warning(name: str, found: str, effect: str, mend: str) -> Finding:
+def warning(name: str, found: str, effect: str, remedy: str) -> Finding:
     """What the robot runs with, but less well."""
-    return Finding(name, Verdict.WARNING, found, effect, mend)
+    return Finding(name, Verdict.WARNING, found, effect, remedy)
 
 
-def bad(name: str, found: str, effect: str, mend: str) -> Finding:
+def bad(name: str, found: str, effect: str, remedy: str) -> Finding:
     """What the robot must not run with."""
-    return Finding(name, Verdict.BAD, found, effect, mend)
+    return Finding(name, Verdict.BAD, found, effect, remedy)
 
 
 def is_fit(findings: Iterable[Finding]) -> bool:

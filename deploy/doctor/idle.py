@@ -6,7 +6,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, good, warning
 from segway_ecc.deploy.doctor.services import NODE, properties
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.node.cycle.real_time import IDLE_LATENCY
 
 _NAME: Final = "processor idle states"
@@ -24,7 +24,7 @@ _GROUP_WRITES: Final = 0o020
 _ALL_WRITE: Final = 0o002
 
 
-def check_idle(machine: Machine, _job: Job) -> Iterator[Finding]:
+def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
     """The unit's user where there is a unit, since the service is another user than this one."""
     unit = properties(machine, NODE, _UNIT)
     if not machine.path(_FILE).exists():
@@ -34,20 +34,20 @@ def check_idle(machine: Machine, _job: Job) -> Iterator[Finding]:
     elif os.access(machine.path(_FILE), os.W_OK):
         yield good(_NAME, f"this user may write {_FILE}")
     else:
-        mend = f"{_ALLOW}; sudo usermod -aG segway $USER, then log in again"
-        yield warning(_NAME, f"{_FILE} is not writable for this user", _EFFECT, mend)
+        remedy = f"{_ALLOW}; sudo usermod -aG segway $USER, then log in again"
+        yield warning(_NAME, f"{_FILE} is not writable for this user", _EFFECT, remedy)
 
 
-def _of_unit(machine: Machine, unit: Mapping[str, str]) -> Finding:
+def _of_unit(machine: System, unit: Mapping[str, str]) -> Finding:
     if not _may_write(machine, unit):
         return warning(_NAME, f"{_FILE} is not writable for the user of {NODE}", _EFFECT, _ALLOW)
     if unit.get("DevicePolicy", "") not in _OPEN_POLICIES and _FILE not in unit.get("DeviceAllow", "").split():
-        mend = f"DeviceAllow={_FILE} w by: sudo systemctl edit {NODE}"
-        return warning(_NAME, f"the unit of {NODE} does not let it have {_FILE}", _EFFECT, mend)
+        remedy = f"DeviceAllow={_FILE} w by: sudo systemctl edit {NODE}"
+        return warning(_NAME, f"the unit of {NODE} does not let it have {_FILE}", _EFFECT, remedy)
     return good(_NAME, f"{NODE} may write {_FILE}")
 
 
-def _may_write(machine: Machine, unit: Mapping[str, str]) -> bool:
+def _may_write(machine: System, unit: Mapping[str, str]) -> bool:
     """By the file's mode, for the unit's user and groups."""
     user = unit.get("User", "")
     if user in {"", "root"}:
@@ -58,7 +58,7 @@ def _may_write(machine: Machine, unit: Mapping[str, str]) -> bool:
     return bool(state.st_mode & _GROUP_WRITES) and state.st_gid in _groups(machine, user, unit)
 
 
-def _groups(machine: Machine, user: str, unit: Mapping[str, str]) -> set[int]:
+def _groups(machine: System, user: str, unit: Mapping[str, str]) -> set[int]:
     """The numbers of a user's groups (passwd(5), group(5)), and of those that the unit adds."""
     added = unit.get("SupplementaryGroups", "").split()
     own = {fields[3] for fields in _entries(machine, "/etc/passwd", 7) if fields[0] == user}
@@ -68,6 +68,6 @@ def _groups(machine: Machine, user: str, unit: Mapping[str, str]) -> set[int]:
     return {int(number) for number in own | more if number.isdecimal()}
 
 
-def _entries(machine: Machine, path: str, fields: int) -> list[list[str]]:
+def _entries(machine: System, path: str, fields: int) -> list[list[str]]:
     lines = (machine.read(path) or "").splitlines()
     return [found for line in lines if len(found := line.split(":")) == fields]

@@ -6,7 +6,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
 from segway_ecc.deploy.doctor.services import NODE, properties
-from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
 from segway_ecc.node.cycle.real_time import PRIORITY
 
 _TRY: Final = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
@@ -18,31 +18,31 @@ _UNIT: Final = ("CPUSchedulingPolicy", "LimitMEMLOCK", "AmbientCapabilities", "U
 _LIMITS_FILE: Final = "/etc/security/limits.d/segway-ecc.conf"
 
 
-def check_privileges(machine: Machine, job: Job) -> Iterator[Finding]:
+def check_privileges(machine: System, workload: Workload) -> Iterator[Finding]:
     """Real-time scheduling, locked memory, and what the kernel takes of real-time programs."""
     unit = properties(machine, NODE, _UNIT)
-    yield _scheduling(machine, job, unit)
+    yield _scheduling(machine, workload, unit)
     yield _memory_lock(machine, unit)
     yield _throttling(machine)
 
 
-def _scheduling(machine: Machine, job: Job, unit: Mapping[str, str]) -> Finding:
+def _scheduling(machine: System, workload: Workload, unit: Mapping[str, str]) -> Finding:
     """The unit's word where there is one, since the service is another user than this one."""
-    name, grade = "real-time scheduling", warning if job.hardware is None else bad
+    name, grade = "real-time scheduling", warning if workload.hardware is None else bad
     effect = "any other program can hold up the loop"
     if unit:
         if unit.get("CPUSchedulingPolicy") in _FIFO or _may(unit, "cap_sys_nice"):
             return good(name, f"SCHED_FIFO for {NODE}, by its unit")
-        mend = f"CPUSchedulingPolicy=fifo and CPUSchedulingPriority={PRIORITY} by: sudo systemctl edit {NODE}"
-        return grade(name, f"the unit of {NODE} does not ask for SCHED_FIFO", effect, mend)
+        remedy = f"CPUSchedulingPolicy=fifo and CPUSchedulingPriority={PRIORITY} by: sudo systemctl edit {NODE}"
+        return grade(name, f"the unit of {NODE} does not ask for SCHED_FIFO", effect, remedy)
     refusal = _refusal(machine)
     if refusal is None:
         return good(name, f"SCHED_FIFO {PRIORITY} granted to this user")
-    mend = _allow(f"rtprio {PRIORITY}")
-    return grade(name, f"SCHED_FIFO {PRIORITY} refused to this user: {refusal}", effect, mend)
+    remedy = _allow(f"rtprio {PRIORITY}")
+    return grade(name, f"SCHED_FIFO {PRIORITY} refused to this user: {refusal}", effect, remedy)
 
 
-def _refusal(machine: Machine) -> str | None:
+def _refusal(machine: System) -> str | None:
     """Why a child of ours may not have it; None where it may. In a child, so that this process stays as it is."""
     try:
         machine.answer([sys.executable, "-I", "-S", "-c", _TRY])
@@ -56,7 +56,7 @@ def _may(unit: Mapping[str, str], capability: str) -> bool:
     return unit.get("User") in {"", "root"} or capability in unit.get("AmbientCapabilities", "").lower()
 
 
-def _memory_lock(machine: Machine, unit: Mapping[str, str]) -> Finding:
+def _memory_lock(machine: System, unit: Mapping[str, str]) -> Finding:
     name, effect = "memory lock", "where memory runs short, the loop waits for the disk"
     if unit:
         limit = unit.get("LimitMEMLOCK", "")
@@ -78,14 +78,14 @@ def _amount(limit: str) -> str:
     return f"{int(limit) / _MIB:.1f} MiB at most" if limit.isdecimal() else "the limit is not known"
 
 
-def _capabilities(machine: Machine) -> int:
+def _capabilities(machine: System) -> int:
     for line in (machine.read("/proc/self/status") or "").splitlines():
         if line.startswith("CapEff:"):
             return int(line.split()[1], 16)
     return 0
 
 
-def _locked_limit(machine: Machine) -> str:
+def _locked_limit(machine: System) -> str:
     """The soft limit in bytes, or `unlimited`; empty where it is not known."""
     for line in (machine.read("/proc/self/limits") or "").splitlines():
         if line.startswith("Max locked memory"):
@@ -93,7 +93,7 @@ def _locked_limit(machine: Machine) -> str:
     return ""
 
 
-def _throttling(machine: Machine) -> Finding:
+def _throttling(machine: System) -> Finding:
     name = "real-time throttling"
     runtime = machine.read("/proc/sys/kernel/sched_rt_runtime_us")
     period = machine.read("/proc/sys/kernel/sched_rt_period_us")

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from segway_ecc.deploy.doctor.finding import Finding, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 
 
-def check_python(machine: Machine, _job: Job) -> Iterator[Finding]:
+def check_python(machine: System, _workload: Workload) -> Iterator[Finding]:
     """Version, and whether it was built for debugging."""
     if machine.is_debug_python:
         yield warning(

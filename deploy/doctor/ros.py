@@ -6,7 +6,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
 
 SERVICE_ENVIRONMENT: Final = "/etc/segway-ecc/environment"
 _TRY: Final = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
@@ -21,7 +21,7 @@ _RANGES: Final = {"SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"}
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
-def check_ros(machine: Machine, _job: Job) -> Iterator[Finding]:
+def check_ros(machine: System, _workload: Workload) -> Iterator[Finding]:
     """Whether ROS loads, and whom it finds."""
     place, settings = _settings(machine)
     yield _loads(machine, settings if place == SERVICE_ENVIRONMENT else {})
@@ -31,7 +31,7 @@ def check_ros(machine: Machine, _job: Job) -> Iterator[Finding]:
         yield _profiles(machine, settings[_PROFILES], place)
 
 
-def _loads(machine: Machine, own: Mapping[str, str]) -> Finding:
+def _loads(machine: System, own: Mapping[str, str]) -> Finding:
     """Loaded in a child as the service would, which is what tells that all libraries are there and fit."""
     try:
         said = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-c", _TRY]).split()
@@ -46,11 +46,11 @@ def _loads(machine: Machine, own: Mapping[str, str]) -> Finding:
             effect = "the robot runs alone: nobody can watch, command or stop it over the network"
             return warning("ROS 2", found, effect, _INSTALL)
         effect = "the node does not start, unless it is run with --no-ros"
-        return bad("ROS 2", found, effect, f"mend what it names, such as RMW_IMPLEMENTATION; or anew: {_INSTALL}")
+        return bad("ROS 2", found, effect, f"fix what it names, such as RMW_IMPLEMENTATION; or anew: {_INSTALL}")
     return good("ROS 2", f"rclpy loads, with {said[-1] if said else 'an unnamed middleware'}")
 
 
-def _settings(machine: Machine) -> tuple[str, Mapping[str, str]]:
+def _settings(machine: System) -> tuple[str, Mapping[str, str]]:
     """Where the settings are from, and what they are: the service's own where it has a file of them."""
     text = machine.read(SERVICE_ENVIRONMENT)
     if text is None:
@@ -64,12 +64,12 @@ def _domain(settings: Mapping[str, str], place: str) -> Finding:
     name, text = "ROS domain", settings.get("ROS_DOMAIN_ID", "")
     if not text:
         return good(name, "0")
-    mend = f"ROS_DOMAIN_ID=0 to 101, in {place}"
+    remedy = f"ROS_DOMAIN_ID=0 to 101, in {place}"
     if not text.isdecimal() or int(text) not in _DOMAINS:
-        return bad(name, f"ROS_DOMAIN_ID={text} in {place}", "ROS 2 does not start, and the node neither", mend)
+        return bad(name, f"ROS_DOMAIN_ID={text} in {place}", "ROS 2 does not start, and the node neither", remedy)
     if not any(int(text) in clear for clear in _CLEAR_DOMAINS):
         effect = "other programs may have its ports, and then robot and base station do not find each other"
-        return warning(name, f"ROS_DOMAIN_ID={text} in {place}", effect, mend)
+        return warning(name, f"ROS_DOMAIN_ID={text} in {place}", effect, remedy)
     return good(name, f"{text}, of {place}")
 
 
@@ -79,8 +79,8 @@ def _range(settings: Mapping[str, str], place: str) -> Finding:
     hindrance = _hindrance(settings)
     if hindrance is not None:
         setting, effect = hindrance
-        mend = f"in {place}: ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET (and no ROS_LOCALHOST_ONLY), or ROS_STATIC_PEERS"
-        return warning(name, f"{setting} in {place}", effect, mend)
+        remedy = f"in {place}: ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET (and no ROS_LOCALHOST_ONLY), or ROS_STATIC_PEERS"
+        return warning(name, f"{setting} in {place}", effect, remedy)
     if server:
         return good(name, f"by the discovery server {server}, of {place}")
     reach = "this machine" if settings.get(_REACH) == "LOCALHOST" else "the whole subnet"
@@ -102,14 +102,14 @@ def _hindrance(settings: Mapping[str, str]) -> tuple[str, str] | None:
     return None
 
 
-def _profiles(machine: Machine, text: str, place: str) -> Finding:
+def _profiles(machine: System, text: str, place: str) -> Finding:
     name, path = "Fast DDS profiles", machine.path(text)
     effect = "Fast DDS goes on with its own settings, so discovery and transports are not as meant"
-    mend = f"correct {_PROFILES} in {place}, or the file it names"
+    remedy = f"correct {_PROFILES} in {place}, or the file it names"
     try:
         ET.fromstring(path.read_bytes())  # noqa: S314 - a file of this machine, which Fast DDS would read next
     except OSError as error:
-        return warning(name, f"{text}: {error.strerror}", effect, mend)
+        return warning(name, f"{text}: {error.strerror}", effect, remedy)
     except ET.ParseError as error:
-        return warning(name, f"{text} is not XML: {error}", effect, mend)
+        return warning(name, f"{text} is not XML: {error}", effect, remedy)
     return good(name, text)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.firmware_io.links.serial_port import cure
 
@@ -14,9 +14,9 @@ _NUMBERED_AS_FOUND: Final = re.compile(r"/dev/tty(USB|ACM)\d+")
 _TAKEN: Final = (errno.EAGAIN, errno.EBUSY)
 
 
-def check_serial(machine: Machine, job: Job) -> Iterator[Finding]:
+def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
     """Whether the port of the robot file is there, opens, and will have the same name tomorrow."""
-    settings = None if job.hardware is None else serial_of(job.hardware)
+    settings = None if workload.hardware is None else serial_of(workload.hardware)
     if settings is None:
         yield good("serial line", "none is asked for")
         return

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError
+from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
 
 NODE: Final = "segway-ecc-node.service"
 _UNITS: Final = {
@@ -21,13 +21,13 @@ _INSTALLED: Final = ("loaded", "masked")
 _AT_BOOT: Final = {"enabled", "enabled-runtime", "static", "alias", "indirect", "generated", "linked"}
 
 
-def has_systemd(machine: Machine) -> bool:
+def has_systemd(machine: System) -> bool:
     """Whether systemd runs here (sd_booted(3))."""
     return machine.path("/run/systemd/system").is_dir()
 
 
 def properties(
-    machine: Machine, unit: str, names: Sequence[str], states: Sequence[str] = ("loaded",)
+    machine: System, unit: str, names: Sequence[str], states: Sequence[str] = ("loaded",)
 ) -> Mapping[str, str]:
     """Properties of a unit; empty where there is no systemd, or the unit is in none of these load states."""
     if not has_systemd(machine):
@@ -42,7 +42,7 @@ def properties(
     return found if found.get("LoadState") in states else {}
 
 
-def check_services(machine: Machine, _job: Job) -> Iterator[Finding]:
+def check_services(machine: System, _workload: Workload) -> Iterator[Finding]:
     """Whether our units are there, start at boot, and run."""
     if not has_systemd(machine):
         yield warning(

@@ -15,7 +15,7 @@ from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.timing import Summary
 
-__all__ = ["Job", "Machine", "NoAnswerError", "Probes", "WriteSpeed"]
+__all__ = ["NoAnswerError", "Probes", "System", "Workload", "WriteSpeed"]
 
 _PATIENCE_S: Final = 60.0
 """For a program's answer: a small computer that is busy takes half a minute to load ROS."""
@@ -54,7 +54,7 @@ def _patient_answer(words: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Machine:
+class System:
     """What the checks may look at.
 
     Attributes:
@@ -93,7 +93,7 @@ class Machine:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class Workload:
     """What the machine is to do.
 
     Attributes:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.node.safety.deadlines import LATE_FRACTION
 
 _SLOW_CLOCKS: Final = {"acpi_pm", "jiffies", "refined-jiffies", "pit"}
@@ -15,16 +15,16 @@ _NOTED_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.05
 
 
-def check_timing(machine: Machine, job: Job) -> Iterator[Finding]:
+def check_timing(machine: System, workload: Workload) -> Iterator[Finding]:
     """From the clock to the wake-up."""
     yield _clock_source(machine)
     yield _governor(machine)
     yield _isolated(machine)
-    yield _slack(machine, job)
-    yield _wake_ups(machine, job)
+    yield _slack(machine, workload)
+    yield _wake_ups(machine, workload)
 
 
-def _clock_source(machine: Machine) -> Finding:
+def _clock_source(machine: System) -> Finding:
     source = machine.read(f"{_CLOCK}/current_clocksource")
     if source is None:
         return good("clock source", "the kernel does not tell")
@@ -34,14 +34,14 @@ def _clock_source(machine: Machine) -> Finding:
         return good("clock source", source)
     if better:
         now = f"echo {better[0]} | sudo tee {_CLOCK}/current_clocksource"
-        mend = f"{now}; for good: clocksource={better[0]} on the kernel's command line"
+        remedy = f"{now}; for good: clocksource={better[0]} on the kernel's command line"
     else:
-        mend = "see why the kernel takes no better one: sudo dmesg | grep -iE 'clocksource|tsc'"
+        remedy = "see why the kernel takes no better one: sudo dmesg | grep -iE 'clocksource|tsc'"
     effect = "reading the time is slow or coarse, and the loop does it all the time"
-    return warning("clock source", source, effect, mend)
+    return warning("clock source", source, effect, remedy)
 
 
-def _governor(machine: Machine) -> Finding:
+def _governor(machine: System) -> Finding:
     governors = set(machine.read_all(f"{_CPU}/cpu*/cpufreq/scaling_governor").values())
     if not governors:
         return good("processor governor", "the clock rate of the processors is not changed from here")
@@ -56,22 +56,22 @@ def _governor(machine: Machine) -> Finding:
     )
 
 
-def _isolated(machine: Machine) -> Finding:
+def _isolated(machine: System) -> Finding:
     online, isolated, tickless = (_processors(machine, name) for name in ("online", "isolated", "nohz_full"))
     return good("processors", f"online: {online}; isolated: {isolated}; without tick: {tickless}")
 
 
-def _processors(machine: Machine, name: str) -> str:
+def _processors(machine: System, name: str) -> str:
     text = (machine.read(f"{_CPU}/{name}") or "").strip()
     return "none" if text in {"", "(null)"} else text
 
 
-def _slack(machine: Machine, job: Job) -> Finding:
+def _slack(machine: System, workload: Workload) -> Finding:
     text = machine.read("/proc/self/timerslack_ns")
     if text is None:
         return good("timer slack", "the kernel does not tell")
     found = f"{int(text) / 1e3:g} us"
-    if int(text) <= _SLACK_FRACTION * job.period_ns:
+    if int(text) <= _SLACK_FRACTION * workload.period_ns:
         return good("timer slack", found)
     return warning(
         "timer slack",
@@ -81,16 +81,16 @@ def _slack(machine: Machine, job: Job) -> Finding:
     )
 
 
-def _wake_ups(machine: Machine, job: Job) -> Finding:
-    measured = machine.probes.wake_ups(job.period_ns)
-    period_s = job.period_ns * 1e-9
+def _wake_ups(machine: System, workload: Workload) -> Finding:
+    measured = machine.probes.wake_ups(workload.period_ns)
+    period_s = workload.period_ns * 1e-9
     found = (
         f"at {1.0 / period_s:g} Hz p50 {measured.p50_s * 1e6:.0f} us, p99 {measured.p99_s * 1e6:.0f} us, "
         f"max {measured.max_s * 1e6:.0f} us late, of {measured.count}"
     )
-    mend = "see what else runs (top), allow real-time scheduling, take a PREEMPT_RT kernel, or isolate a processor"
+    remedy = "see what else runs (top), allow real-time scheduling, take a PREEMPT_RT kernel, or isolate a processor"
     if measured.p99_s > LATE_FRACTION * period_s:
-        return bad("wake-ups", found, "deadlines are missed all the time: the robot would cut its torque", mend)
+        return bad("wake-ups", found, "deadlines are missed all the time: the robot would cut its torque", remedy)
     if measured.p99_s > _NOTED_FRACTION * period_s or measured.max_s > LATE_FRACTION * period_s:
-        return warning("wake-ups", found, "cycles start late; many in a row cut the torque", mend)
+        return warning("wake-ups", found, "cycles start late; many in a row cut the torque", remedy)
     return good("wake-ups", found)

@@ -11,8 +11,8 @@ from typing import Final
 from segway_ecc.deploy.image import disk, manifest, release, tree
 from segway_ecc.deploy.image.base import base_archive, cache_folder
 from segway_ecc.deploy.image.commands import ImageError, inside, missing
+from segway_ecc.deploy.image.partition_size import partition_content
 from segway_ecc.deploy.image.recipe import Recipe
-from segway_ecc.deploy.image.room import room
 
 _LEAST_FREE_MIB: Final = 4096
 _PLATFORM: Final = "2"
@@ -38,7 +38,7 @@ class Image:
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class BuildOptions:
     """What is wanted besides the recipe.
 
     Attributes:
@@ -56,7 +56,7 @@ class Wishes:
     data_mib: int | None = None
 
 
-def build(recipe: Recipe, folder: Path, wishes: Wishes, tell: Tell) -> Image:
+def build(recipe: Recipe, folder: Path, options: BuildOptions, tell: Tell) -> Image:
     """Build an image into a folder; what was there of an older one is replaced.
 
     Raises:
@@ -71,16 +71,16 @@ def build(recipe: Recipe, folder: Path, wishes: Wishes, tell: Tell) -> Image:
     image = image_in(folder)
     shutil.rmtree(image.root, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix="segway-ecc-image-") as work:
-        wheel = wishes.wheel or release.build_wheel(Path(work), recipe.epoch)
-        wheels = _assemble(recipe, image, wheel, wishes, tell)
+        wheel = options.wheel or release.build_wheel(Path(work), recipe.epoch)
+        wheels = _assemble(recipe, image, wheel, options, tell)
         hashes, wheel_bytes = release.hashes_of(wheels), sum(path.stat().st_size for path in wheels)
-    data_mib = _data_mib(image, wheel_bytes, wishes)
+    data_mib = _data_mib(image, wheel_bytes, options)
     tell("manifest")
     manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), hashes, image.root)
     tell("file systems")
     disk.root_file_system(image.root, image.root_file_system, recipe.epoch)
     disk.data_file_system(image.data_file_system, data_mib, recipe.epoch)
-    if wishes.with_disk:
+    if options.with_disk:
         _disk(image, folder, recipe.epoch)
     return image
 
@@ -90,7 +90,7 @@ def image_in(folder: Path) -> Image:
     return Image(folder / "root", folder / manifest.NAME, folder / "root.ext4", folder / "data.ext4")
 
 
-def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: Tell) -> list[Path]:
+def _assemble(recipe: Recipe, image: Image, wheel: Path, options: BuildOptions, tell: Tell) -> list[Path]:
     version = wheel.name.split("-")[1]
     tell("Debian packages")
     base = base_archive(recipe)
@@ -103,20 +103,20 @@ def _assemble(recipe: Recipe, image: Image, wheel: Path, wishes: Wishes, tell: T
     release.install_wheels(image.root, version, ours)
     release.compile_release(image.root, version)
     release.complete_release(image.root, version, recipe.epoch)
-    tree.furnish(image.root, recipe, wishes.config)
-    if wishes.uml:
+    tree.furnish(image.root, recipe, options.config)
+    if options.uml:
         tree.uml_modules(image.root)
     tree.finish(image.root, recipe.epoch)
     return [wheel, *others]
 
 
-def _data_mib(image: Image, wheel_bytes: int, wishes: Wishes) -> int:
+def _data_mib(image: Image, wheel_bytes: int, options: BuildOptions) -> int:
     """The size of the data partition: what was asked for where it holds what it must, else the least that does."""
     own = (image.root / release.OPT / "current").readlink()
-    needed = room(image.root / release.OPT / own, wheel_bytes, image.root / tree.HELD_VAR, wishes.config)
-    if wishes.data_mib is not None:
-        needed.check(wishes.data_mib)
-    return wishes.data_mib or needed.mib
+    needed = partition_content(image.root / release.OPT / own, wheel_bytes, image.root / tree.HELD_VAR, options.config)
+    if options.data_mib is not None:
+        needed.check(options.data_mib)
+    return options.data_mib or needed.mib
 
 
 def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:

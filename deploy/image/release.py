@@ -14,9 +14,9 @@ from segway_ecc import deploy
 from segway_ecc.deploy.image.base import cache_folder
 from segway_ecc.deploy.image.commands import ImageError, inside, run
 from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.release.agent.environment import write_environment
 from segway_ecc.deploy.release.agent.files import sha256_of
-from segway_ecc.deploy.release.agent.manifest import HEALTHY, Manifest, entries_of
-from segway_ecc.deploy.release.agent.surroundings import write_surroundings
+from segway_ecc.deploy.release.agent.manifest import HEALTHY, ReleaseManifest, entries_of
 
 OPT: Final = "opt/segway-ecc"
 _CHECKOUT: Final = Path(deploy.__file__).parents[2]
@@ -91,9 +91,9 @@ def _compile(root: Path, *folders: str) -> None:
 def complete_release(root: Path, version: str, epoch: int) -> None:
     """Write the release's manifest, and make it the one in use."""
     folder = root / OPT / "releases" / version
-    write_surroundings(folder, Path("/", OPT, "releases", version))
+    write_environment(folder, Path("/", OPT, "releases", version))
     created = dt.datetime.fromtimestamp(epoch, dt.UTC).isoformat()
-    manifest = Manifest(version, version, created, "image", entries_of(folder))
+    manifest = ReleaseManifest(version, version, created, "image", entries_of(folder))
     dataclasses.replace(manifest, state=HEALTHY).write(folder)
     link = root / OPT / "current"
     link.unlink(missing_ok=True)

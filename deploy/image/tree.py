@@ -64,7 +64,7 @@ def pack(root: Path, archive: Path) -> None:
 
 
 def furnish(root: Path, recipe: Recipe, config: Path | None) -> None:
-    """Add the services and their surroundings, and enable them."""
+    """Add the services and their environment, and enable them."""
     _units(root, recipe)
     _settings(root, recipe)
     shutil.rmtree(root / "config", ignore_errors=True)

@@ -77,7 +77,7 @@ def bundle(
         wheels: All that pip collected, ours and pip's among them.
         robot: The robot file and what stands beside it, by path.
         how: How our wheel is installed.
-        held: Manifest entries of files that the robot has already and that belong to the release too.
+        held: ReleaseManifest entries of files that the robot has already and that belong to the release too.
     """
     files = {f"wheels/{path.name}": path for path in sorted(wheels)} | dict(robot)
     entries: dict[str, Mapping[str, Any]] = {

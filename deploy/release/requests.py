@@ -19,7 +19,7 @@ Ros = Literal["auto", "system", "pypi", "none"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RemotePaths:
     """Where everything lies on the robot.
 
     Attributes:
@@ -77,7 +77,7 @@ class Content:
     again: bool = False
 
 
-def push(host: Host, place: Place, trying: Trying, content: Content, on_event: Callable[[Event], None]) -> Event:
+def push(host: Host, place: RemotePaths, trying: Trying, content: Content, on_event: Callable[[Event], None]) -> Event:
     """Put a version onto a robot and have it tried there; the last event tells how it ended."""
     request = _request("push", place) | {"rules": trying.as_request(), "again": content.again}
     if content.wheel is not None:
@@ -97,13 +97,15 @@ def push(host: Host, place: Place, trying: Trying, content: Content, on_event: C
         return host.ask(request | {"release": made.as_request(whoami())}, on_event, made.files)
 
 
-def rollback(host: Host, place: Place, trying: Trying, to: str | None, on_event: Callable[[Event], None]) -> Event:
+def rollback(
+    host: Host, place: RemotePaths, trying: Trying, to: str | None, on_event: Callable[[Event], None]
+) -> Event:
     """Take the robot back to an older release, the newest healthy one unless told otherwise."""
     request = _request("rollback", place) | {"rules": trying.as_request(), "to": to, "by": whoami()}
     return host.ask(request, on_event)
 
 
-def status(host: Host, place: Place, *, verify: bool) -> Event:
+def status(host: Host, place: RemotePaths, *, verify: bool) -> Event:
     """What is on the robot."""
     return host.ask(_request("status", place) | {"verify": verify}, lambda _: None)
 
@@ -113,7 +115,7 @@ def whoami() -> str:
     return f"{getpass.getuser()}@{platform.node()}"
 
 
-def _request(verb: str, place: Place) -> dict[str, Any]:
+def _request(verb: str, place: RemotePaths) -> dict[str, Any]:
     return {"verb": verb, "root": place.root, "config": place.config}
 
 

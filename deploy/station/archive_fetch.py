@@ -15,12 +15,12 @@ from segway_ecc.deploy.support.pieces import (
     LOG,
     MAKE,
     SHA256,
-    Made,
+    FileRequest,
+    FinishedBundle,
     Value,
-    Wanted,
+    finished_bundle_of,
     is_sha256,
-    made_of,
-    name_of,
+    parameter_name,
 )
 from segway_ecc.node.errors import NobodyListensError
 
@@ -92,7 +92,7 @@ def fetch_bundle(line: ArchiveConnection, folder: Path, most_bytes: int) -> Path
     return part
 
 
-def _require(part: Path, made: Made) -> None:
+def _require(part: Path, made: FinishedBundle) -> None:
     if _hashed(part) != made.sha256:
         raise FetchError("the robot's bundle came damaged; try again")
 
@@ -103,7 +103,7 @@ def _download(line: ArchiveConnection, kind: str, name: str, size: int, part: Pa
         here = os.fstat(file).st_size
         line.tell(here, size)
         while here < size:
-            piece = _piece(line, Wanted(kind, name, here))[: size - here]
+            piece = _piece(line, FileRequest(kind, name, here))[: size - here]
             _write(file, piece, here)
             here += len(piece)
             line.tell(here, size)
@@ -118,23 +118,23 @@ def _write(file: int, piece: bytes, at: int) -> None:
         piece, at = piece[count:], at + count
 
 
-def _piece(line: ArchiveConnection, wanted: Wanted) -> bytes:
-    answer = _asked(line, name_of(wanted))
+def _piece(line: ArchiveConnection, wanted: FileRequest) -> bytes:
+    answer = _asked(line, parameter_name(wanted))
     if not isinstance(answer, bytes) or not answer:
         raise FetchError(f"the robot has no more of {wanted.name} at byte {wanted.number}: it is gone, or was cut")
     return answer
 
 
 def _sha256(line: ArchiveConnection, log: LogFile) -> str:
-    answer = _when_done(line, name_of(Wanted(SHA256, log.name, log.size)), "")
+    answer = _when_done(line, parameter_name(FileRequest(SHA256, log.name, log.size)), "")
     if not is_sha256(answer):
         raise FetchError(f"the robot cannot tell the SHA-256 of {log.name}: {answer or 'it is gone'}")
     return answer
 
 
-def _made(line: ArchiveConnection) -> Made:
+def _made(line: ArchiveConnection) -> FinishedBundle:
     answer = _when_done(line, BUNDLE, MAKE)
-    made = made_of(answer)
+    made = finished_bundle_of(answer)
     if made is None:
         raise FetchError(f"the robot made no bundle: {answer.removeprefix(FAILED) or 'it says nothing'}")
     return made

@@ -14,7 +14,7 @@ import msgspec
 from segway_ecc.deploy.station.bundle_part import picture
 from segway_ecc.deploy.station.views import EventView, FleetView
 from segway_ecc.deploy.support.bundle import Collected, Part, Stored, write_parts
-from segway_ecc.deploy.support.machine_bundle import Wish, machine_parts
+from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 
 _NS_PER_S: Final = 1_000_000_000
 
@@ -52,7 +52,7 @@ class StationBundle:
         self._station = station
         self._fetch = fetch
         self._folder = folder
-        self._wish = Wish(logs, log_count=0, station=folder)
+        self._wish = BundleOptions(logs, log_count=0, station=folder)
         self._wall_ns = wall_ns
 
     def __call__(self, robot: str) -> IO[bytes]:

@@ -88,7 +88,7 @@ class PartEntry(msgspec.Struct, frozen=True):
     missing: Sequence[str]
 
 
-class Manifest(msgspec.Struct, frozen=True):
+class BundleManifest(msgspec.Struct, frozen=True):
     """What is in a bundle, and what is not.
 
     Attributes:
@@ -107,7 +107,7 @@ def json_text(value: object) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=2).decode()
 
 
-def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], made: str) -> Manifest:
+def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], made: str) -> BundleManifest:
     """Write a bundle; it is there whole or not at all, and only its owner reads it.
 
     Raises:
@@ -129,10 +129,10 @@ def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], ma
     return manifest
 
 
-def write_parts(stream: IO[bytes], parts: Sequence[Part], about: Mapping[str, str], made: str) -> Manifest:
+def write_parts(stream: IO[bytes], parts: Sequence[Part], about: Mapping[str, str], made: str) -> BundleManifest:
     """Write the parts and the manifest into an open file."""
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        manifest = Manifest(about, made, [_written(archive, part) for part in parts])
+        manifest = BundleManifest(about, made, [_written(archive, part) for part in parts])
         archive.writestr(_info(MANIFEST), json_text(manifest), zipfile.ZIP_DEFLATED)
     return manifest
 

@@ -13,7 +13,7 @@ from segway_ecc.deploy.support.parts.versions import variables, versions
 MOST_LOG_BYTES: Final = 200 * 1024 * 1024
 
 
-class Wish(NamedTuple):
+class BundleOptions(NamedTuple):
     """What a bundle is to have.
 
     Attributes:
@@ -33,9 +33,9 @@ class Wish(NamedTuple):
     robots: Callable[[], Collected] | None = None
 
 
-def machine_parts(wish: Wish) -> list[Part]:
+def machine_parts(options: BundleOptions) -> list[Part]:
     """The parts, the quick ones first."""
-    folders = [wish.logs, *([] if wish.station is None else [wish.station])]
+    folders = [options.logs, *([] if options.station is None else [options.station])]
     parts = [
         Part("versions", versions),
         Part("environment", variables),
@@ -44,12 +44,12 @@ def machine_parts(wish: Wish) -> list[Part]:
         Part("interfaces", can_interfaces),
         Part("messages", journal),
     ]
-    if wish.robots is not None:
-        parts.append(Part("robots", wish.robots))
-    if wish.robot is not None:
-        parts.insert(2, Part("robot file", functools.partial(robot_file, wish.robot)))
-    if wish.station is not None:
-        parts.append(Part("audit log", functools.partial(audit_log, wish.station)))
-    if wish.log_count:
-        parts.append(Part("logs", functools.partial(newest_logs, wish.logs, wish.log_count, wish.most_bytes)))
+    if options.robots is not None:
+        parts.append(Part("robots", options.robots))
+    if options.robot is not None:
+        parts.insert(2, Part("robot file", functools.partial(robot_file, options.robot)))
+    if options.station is not None:
+        parts.append(Part("audit log", functools.partial(audit_log, options.station)))
+    if options.log_count:
+        parts.append(Part("logs", functools.partial(newest_logs, options.logs, options.log_count, options.most_bytes)))
     return parts

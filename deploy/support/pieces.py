@@ -48,7 +48,7 @@ Value: TypeAlias = str | Sequence[str] | bytes | None
 """Of a parameter; None where it is not set, bytes where it is a piece."""
 
 
-class Wanted(NamedTuple):
+class FileRequest(NamedTuple):
     """What a parameter's name asks for, where it is about a file.
 
     Attributes:
@@ -62,7 +62,7 @@ class Wanted(NamedTuple):
     number: int
 
 
-class Made(NamedTuple):
+class FinishedBundle(NamedTuple):
     """A support bundle that can be fetched.
 
     Attributes:
@@ -76,18 +76,18 @@ class Made(NamedTuple):
     sha256: str
 
 
-def name_of(wanted: Wanted) -> str:
+def parameter_name(wanted: FileRequest) -> str:
     """The parameter's name."""
     return f"{wanted.kind}/{wanted.name}/{wanted.number}"
 
 
-def wanted_of(name: str) -> Wanted | None:
+def file_request_of(name: str) -> FileRequest | None:
     """What a parameter's name asks for, or None where it is no such name."""
     kind, _, rest = name.partition("/")
     file, _, number = rest.rpartition("/")
     if kind not in {LOG, SHA256, BUNDLE} or not _is_name(file) or not _is_count(number):
         return None
-    return Wanted(kind, file, int(number))
+    return FileRequest(kind, file, int(number))
 
 
 def words_of(piece: bytes) -> "array.array[int]":
@@ -124,12 +124,12 @@ def logs_of(lines: Sequence[str]) -> list[LogFile]:
     return found
 
 
-def made_of(text: str) -> Made | None:
+def finished_bundle_of(text: str) -> FinishedBundle | None:
     """The bundle that a text tells of, or None."""
     name, size, sha256 = [*text.rsplit(" ", 2), "", ""][:3]
     if not (_is_name(name) and _is_count(size) and is_sha256(sha256)):
         return None
-    return Made(name, int(size), sha256)
+    return FinishedBundle(name, int(size), sha256)
 
 
 def is_sha256(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""`segway-ecc deploy doctor [ROBOT]`: is this machine fit to run the robot, and how to mend what is not.
+"""`segway-ecc deploy doctor [ROBOT]`: is this machine fit to run the robot, and how to fix what is not.
 
 Exit codes besides the general ones: 0 fit, warnings or not; 1 not fit.
 """
@@ -14,7 +14,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.deploy.doctor.finding import Finding, Verdict, is_fit
 from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
 from segway_ecc.node.config import RobotFile, packaged_robots
 from segway_ecc.node.cycle.clock import NS_PER_S
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Look at the machine, and print what was found."""
     file = _robot(options)
-    findings = examine(Machine(RealProbes(_show_progress)), _job(file, options.logs))
+    findings = examine(System(RealProbes(_show_progress)), _workload(file, options.logs))
     _show_progress(1.0)
     name = None if file is None else file.name
     if options.json:
@@ -71,7 +71,7 @@ def _lines(finding: Finding, width: int) -> list[str]:
     found = textwrap.wrap(finding.found, max(_WIDTH - len(margin), 40), break_long_words=False) or [""]
     rest = found[1:]
     if finding.verdict is not Verdict.GOOD:
-        rest += [f"so: {finding.effect}", f"do: {finding.mend}"]
+        rest += [f"so: {finding.effect}", f"do: {finding.remedy}"]
     return [head + found[0], *(margin + line for line in rest)]
 
 
@@ -81,15 +81,15 @@ def _robot(options: argparse.Namespace) -> RobotFile | None:
     return None if options.robot is None else robot_file(options)
 
 
-def _job(file: RobotFile | None, logs: Path | None) -> Job:
+def _workload(file: RobotFile | None, logs: Path | None) -> Workload:
     """What the machine is to do; logs go where the service writes them, where that folder is there."""
     folder = logs or (_INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent)
-    job = Job(folder.absolute(), Bounds().total_bytes, file)
+    workload = Workload(folder.absolute(), Bounds().total_bytes, file)
     if file is None:
-        return job
+        return workload
     section = file.model
     model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    return dataclasses.replace(job, period_ns=round(model.step_size * NS_PER_S))
+    return dataclasses.replace(workload, period_ns=round(model.step_size * NS_PER_S))
 
 
 def _show_progress(fraction: float) -> None:

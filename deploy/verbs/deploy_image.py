@@ -9,7 +9,7 @@ from typing import Final
 
 from segway_ecc.deploy.image import manifest
 from segway_ecc.deploy.image.base import base_archive
-from segway_ecc.deploy.image.build import Wishes, build
+from segway_ecc.deploy.image.build import BuildOptions, build
 from segway_ecc.deploy.image.commands import missing
 from segway_ecc.deploy.image.recipe import KERNELS, Recipe
 from segway_ecc.node.cli.options import add_json, print_json, print_table
@@ -48,7 +48,9 @@ def run(options: argparse.Namespace) -> int:
         return _as_root(recipe)
     if options.config is not None and not options.config.is_dir():
         raise ConfigurationError(f"--config {options.config} is no folder")
-    wishes = Wishes(options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size)
+    wishes = BuildOptions(
+        options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size
+    )
     image = build(recipe, options.folder, wishes, _tell)
     made = manifest.read(image.manifest)
     other = options.like or options.compare

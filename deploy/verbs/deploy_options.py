@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from segway_ecc.deploy.release.errors import UpdateFailedError
 from segway_ecc.deploy.release.host import Event, Host
-from segway_ecc.deploy.release.requests import Place, Trying
+from segway_ecc.deploy.release.requests import RemotePaths, Trying
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 
@@ -26,8 +26,10 @@ def add_host(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("host", help="the robot as ssh knows it: HOST, USER@HOST, or a name of ~/.ssh/config")
     parser.add_argument("--sudo", action="store_true", help="become root there by sudo, which must not ask")
     parser.add_argument("--ssh-config", type=Path, metavar="FILE", help="ssh configuration instead of ~/.ssh/config")
-    parser.add_argument("--root", default=Place().root, help="where releases lie there (default: %(default)s)")
-    parser.add_argument("--config", default=Place().config, help="where robot.yaml lies there (default: %(default)s)")
+    parser.add_argument("--root", default=RemotePaths().root, help="where releases lie there (default: %(default)s)")
+    parser.add_argument(
+        "--config", default=RemotePaths().config, help="where robot.yaml lies there (default: %(default)s)"
+    )
     add_json(parser)
 
 
@@ -44,9 +46,9 @@ def connection(options: argparse.Namespace) -> Host:
     return Host(options.host, config=options.ssh_config, sudo=options.sudo)
 
 
-def place(options: argparse.Namespace) -> Place:
+def place(options: argparse.Namespace) -> RemotePaths:
     """Where releases and the robot file lie on the robot."""
-    return Place(options.root, options.config)
+    return RemotePaths(options.root, options.config)
 
 
 def trial(options: argparse.Namespace) -> Trying:

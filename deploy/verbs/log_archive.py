@@ -13,9 +13,9 @@ from typing import Final
 from segway_ecc.deploy.station.bundle_part import robots
 from segway_ecc.deploy.support.archive_server import ArchiveServer
 from segway_ecc.deploy.support.bundle import write_bundle
-from segway_ecc.deploy.support.machine_bundle import Wish, machine_parts
+from segway_ecc.deploy.support.file_store import FileStore
+from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.deploy.support.pieces import NODE
-from segway_ecc.deploy.support.shelf import Shelf
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_namespace, default_log, stopped_by_signals
 from segway_ecc.node.config import load_robot, packaged_robots, read_text
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     require_ros()
     with contextlib.suppress(OSError):
         os.nice(_NICENESS)
-    wish = Wish(folder, most_bytes=_MOST_LOG_BYTES, robot=text, robots=partial(robots, options.ros_arguments))
+    wish = BundleOptions(folder, most_bytes=_MOST_LOG_BYTES, robot=text, robots=partial(robots, options.ros_arguments))
     ended: list[str] = []
     with (
         messages(),
@@ -59,15 +59,15 @@ def run(options: argparse.Namespace) -> int:
         stopped_by_signals(ended.append),
         ros_node(NODE, options.namespace, options.ros_arguments) as node,
     ):
-        shelf = Shelf(folder, Path(work), lambda place: _made(place, wish, name))
-        server = ArchiveServer(node, shelf.answer, options.rate * _MEGABYTE)
+        file_store = FileStore(folder, Path(work), lambda place: _made(place, wish, name))
+        server = ArchiveServer(node, file_store.answer, options.rate * _MEGABYTE)
         _logger.info("handing out %s as %s, at most %g MB/s", folder, node.get_fully_qualified_name(), options.rate)
         server.run(lambda: bool(ended))
-        shelf.close()
+        file_store.close()
     return 0
 
 
-def _made(place: Path, wish: Wish, name: str) -> Path:
+def _made(place: Path, wish: BundleOptions, name: str) -> Path:
     now = dt.datetime.now(dt.UTC)
     path = place / f"support-{now:%Y%m%dT%H%M%S%f}Z.zip"
     write_bundle(path, machine_parts(wish), {"robot": name}, now.isoformat(timespec="seconds"))

@@ -10,8 +10,8 @@ from typing import Final
 import msgspec
 
 from segway_ecc.deploy.station.bundle_part import robots
-from segway_ecc.deploy.support.bundle import Manifest, PartEntry, write_bundle
-from segway_ecc.deploy.support.machine_bundle import Wish, machine_parts
+from segway_ecc.deploy.support.bundle import BundleManifest, PartEntry, write_bundle
+from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table
 from segway_ecc.node.config import load_robot, packaged_robots, read_text
 from segway_ecc.node.errors import ConfigurationError
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     made = dt.datetime.now(dt.UTC)
     name = "machine" if options.robot is None else _name(options.robot)
     out: Path = options.out or Path(f"segway-ecc-support-{name}-{made:%Y%m%dT%H%M%SZ}.zip")
-    wish = Wish(
+    wish = BundleOptions(
         logs=options.log_folder or default_log("").parent,
         log_count=options.logs,
         robot=text,
@@ -64,7 +64,7 @@ def _name(robot: str) -> str:
     return _NOT_PLAIN.sub("_", name) or "robot"
 
 
-def _show(out: Path, size: int, manifest: Manifest, *, as_json: bool) -> None:
+def _show(out: Path, size: int, manifest: BundleManifest, *, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(out), "bytes": size, **msgspec.to_builtins(manifest)})
         return

@@ -13,7 +13,7 @@ _PART: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+!-]{0,199}")
 _LOCK: Final = ".lock"
 
 
-class RefusedError(Exception):
+class AgentRefusedError(Exception):
     """The robot does not do what it was asked for; nothing was changed."""
 
 
@@ -65,14 +65,14 @@ def locked(root: Path) -> Iterator[None]:
     A child that is forked meanwhile holds the lock too, until it ends.
 
     Raises:
-        RefusedError: Somebody else is.
+        AgentRefusedError: Somebody else is.
     """
     descriptor = os.open(root / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise RefusedError("another update is under way; see: segway-ecc deploy status") from None
+            raise AgentRefusedError("another update is under way; see: segway-ecc deploy status") from None
         yield
     finally:
         os.close(descriptor)

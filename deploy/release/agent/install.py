@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from segway_ecc.deploy.release.agent.files import RefusedError, is_safe, sha256_of, sync_folder
+from segway_ecc.deploy.release.agent.environment import write_environment
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder
 from segway_ecc.deploy.release.agent.journal import stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, NAME, Entry, Manifest, entries_of
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, NAME, FileDigest, ReleaseManifest, entries_of
 from segway_ecc.deploy.release.agent.report import Reporter
 from segway_ecc.deploy.release.agent.store import Store
-from segway_ecc.deploy.release.agent.surroundings import write_surroundings
 
 ROBOT_FILE: Final = "robot/robot.yaml"
 _GROWTH: Final = 4
@@ -29,7 +29,7 @@ _TEST_S: Final = 120.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Wanted:
+class ReleaseSpec:
     """What is pushed.
 
     Attributes:
@@ -46,45 +46,45 @@ class Wanted:
     by: str
     requirement: str
     system_site: bool
-    files: Mapping[str, Entry]
+    files: Mapping[str, FileDigest]
 
 
-def wanted_from(request: Mapping[str, Any]) -> Wanted:
+def release_spec_from(request: Mapping[str, Any]) -> ReleaseSpec:
     """The request's release.
 
     Raises:
-        RefusedError: A path leads elsewhere.
+        AgentRefusedError: A path leads elsewhere.
     """
-    files = {str(path): Entry(str(at["sha256"]), int(at["size"])) for path, at in request["files"].items()}
+    files = {str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in request["files"].items()}
     for path in (*files, str(request["requirement"]).partition("[")[0]):
         if not is_safe(path):
-            raise RefusedError(f"{path!r} is no path within a release")
+            raise AgentRefusedError(f"{path!r} is no path within a release")
     fields = {key: str(request[key]) for key in ("name", "version", "by", "requirement")}
-    return Wanted(system_site=bool(request["system_site"]), files=files, **fields)
+    return ReleaseSpec(system_site=bool(request["system_site"]), files=files, **fields)
 
 
-def room_needed(wanted: Wanted) -> int:
+def room_needed(wanted: ReleaseSpec) -> int:
     """Bytes that the disk must have free."""
     return _GROWTH * sum(entry.size for entry in wanted.files.values()) + _SPARE_BYTES
 
 
-def check_room(store: Store, wanted: Wanted) -> None:
+def check_room(store: Store, wanted: ReleaseSpec) -> None:
     """Refuse what does not fit.
 
     Raises:
-        RefusedError: The disk has too little room.
+        AgentRefusedError: The disk has too little room.
     """
     state, needed = os.statvfs(store.root), room_needed(wanted)
     free = state.f_bavail * state.f_frsize
     if free < needed:
-        raise RefusedError(f"{store.root} has {free / 1e6:.0f} MB free and {needed / 1e6:.0f} MB are needed")
+        raise AgentRefusedError(f"{store.root} has {free / 1e6:.0f} MB free and {needed / 1e6:.0f} MB are needed")
 
 
-def receive(store: Store, wanted: Wanted, stream: BinaryIO, reporter: Reporter) -> None:
+def receive(store: Store, wanted: ReleaseSpec, stream: BinaryIO, reporter: Reporter) -> None:
     """Take what the robot does not have yet; files that are whole are kept when the connection is cut.
 
     Raises:
-        RefusedError: A file did not arrive as announced.
+        AgentRefusedError: A file did not arrive as announced.
     """
     folder = store.incoming(wanted.name)
     _reopen(store, wanted.name)
@@ -103,11 +103,11 @@ def receive(store: Store, wanted: Wanted, stream: BinaryIO, reporter: Reporter) 
     sync_folder(store.releases)
 
 
-def install(store: Store, wanted: Wanted, reporter: Reporter) -> None:
+def install(store: Store, wanted: ReleaseSpec, reporter: Reporter) -> None:
     """Make the virtual environment, and complete the release: its manifest comes last, once all is on the disk.
 
     Raises:
-        RefusedError: Python or pip cannot do it.
+        AgentRefusedError: Python or pip cannot do it.
     """
     folder = store.folder(wanted.name)
     reporter.step("venv")
@@ -116,34 +116,34 @@ def install(store: Store, wanted: Wanted, reporter: Reporter) -> None:
     reporter.step("install")
     pip = next((path for path in wanted.files if path.startswith("wheels/pip-")), None)
     if pip is None:
-        raise RefusedError("the push brings no pip")
+        raise AgentRefusedError("the push brings no pip")
     python, wheels = str(folder / "venv" / "bin" / "python"), str(folder / "wheels")
     what = str(folder / wanted.requirement)
     quiet = ["--no-index", "--no-cache-dir", "--disable-pip-version-check", "--quiet", "--root-user-action=ignore"]
     _must([python, "-I", str(folder / pip / "pip"), "install", *quiet, "--find-links", wheels, what], _INSTALL_S)
     reporter.step("complete")
-    write_surroundings(folder)
-    manifest = Manifest(wanted.name, wanted.version, stamp(), wanted.by, entries_of(folder))
+    write_environment(folder)
+    manifest = ReleaseManifest(wanted.name, wanted.version, stamp(), wanted.by, entries_of(folder))
     os.sync()
     manifest.write(folder)
 
 
-def self_test(store: Store, manifest: Manifest, robot: Path) -> Manifest:
+def self_test(store: Store, manifest: ReleaseManifest, robot: Path) -> ReleaseManifest:
     """Have the release say its version and load the robot file, before anything is switched.
 
     Raises:
-        RefusedError: It does not.
+        AgentRefusedError: It does not.
     """
     folder = store.folder(manifest.name)
     command = str(folder / "venv" / "bin" / "segway-ecc")
     said = _must([command, "--version"], _TEST_S).strip()
     if said != manifest.version:
-        raise RefusedError(f"{command} --version says {said!r}, not {manifest.version!r}")
+        raise AgentRefusedError(f"{command} --version says {said!r}, not {manifest.version!r}")
     found = _must([command, "deploy", "check", "--json", str(robot)], _TEST_S)
     try:
         rate_hz = float(json.loads(found)["rate_hz"])
     except (ValueError, KeyError, TypeError):
-        raise RefusedError(f"{command} deploy check does not tell the robot's rate") from None
+        raise AgentRefusedError(f"{command} deploy check does not tell the robot's rate") from None
     tested = dataclasses.replace(manifest, rate_hz=rate_hz)
     if tested != manifest:
         tested.write(folder)
@@ -156,17 +156,17 @@ def robot_of(store: Store, name: str, config: Path) -> Path:
     return own if own.exists() else config / "robot.yaml"
 
 
-def refuse_failed(manifest: Manifest | None, *, again: bool) -> None:
+def refuse_failed(manifest: ReleaseManifest | None, *, again: bool) -> None:
     """Refuse what was not healthy before.
 
     Raises:
-        RefusedError: It was not, and nobody said to try again.
+        AgentRefusedError: It was not, and nobody said to try again.
     """
     if manifest is not None and manifest.state == FAILED and not again:
-        raise RefusedError(f"{manifest.name} failed before: {manifest.reason}; mend it, or push with --again")
+        raise AgentRefusedError(f"{manifest.name} failed before: {manifest.reason}; mend it, or push with --again")
 
 
-def is_settled(manifest: Manifest | None) -> bool:
+def is_healthy(manifest: ReleaseManifest | None) -> bool:
     """Whether a release was found healthy."""
     return manifest is not None and manifest.state == HEALTHY
 
@@ -183,7 +183,7 @@ def _reopen(store: Store, name: str) -> None:
     incoming.mkdir(parents=True, exist_ok=True)
 
 
-def _borrow(store: Store, others: Sequence[Manifest], path: str, entry: Entry, place: Path) -> None:
+def _borrow(store: Store, others: Sequence[ReleaseManifest], path: str, entry: FileDigest, place: Path) -> None:
     """Take a file from another release that has it."""
     for manifest in others:
         theirs = store.folder(manifest.name) / path
@@ -196,14 +196,14 @@ def _borrow(store: Store, others: Sequence[Manifest], path: str, entry: Entry, p
             return
 
 
-def _is_there(place: Path, entry: Entry) -> bool:
+def _is_there(place: Path, entry: FileDigest) -> bool:
     try:
         return place.stat().st_size == entry.size and sha256_of(place) == entry.sha256
     except OSError:
         return False
 
 
-def _take(stream: BinaryIO, place: Path, entry: Entry) -> None:
+def _take(stream: BinaryIO, place: Path, entry: FileDigest) -> None:
     part = place.with_name(f".{place.name}.part")
     left = entry.size
     with part.open("wb") as file:
@@ -212,7 +212,7 @@ def _take(stream: BinaryIO, place: Path, entry: Entry) -> None:
             left -= len(piece)
     if left or sha256_of(part) != entry.sha256:
         part.unlink()
-        raise RefusedError(f"{place.name} did not arrive whole; push again")
+        raise AgentRefusedError(f"{place.name} did not arrive whole; push again")
     part.replace(place)
 
 
@@ -234,8 +234,8 @@ def _must(words: Sequence[str], within_s: float) -> str:
             cwd="/",
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise RefusedError(f"{words[0]}: {error}") from None
+        raise AgentRefusedError(f"{words[0]}: {error}") from None
     if done.returncode:
         last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-3:]
-        raise RefusedError(f"{' '.join(words[:5])} ... ended with {done.returncode}: {' / '.join(last)}")
+        raise AgentRefusedError(f"{' '.join(words[:5])} ... ended with {done.returncode}: {' / '.join(last)}")
     return done.stdout

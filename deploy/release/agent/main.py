@@ -7,25 +7,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from segway_ecc.deploy.release.agent.adopt import adopt, is_adopted
-from segway_ecc.deploy.release.agent.files import RefusedError, locked, write_whole
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, locked, write_whole
 from segway_ecc.deploy.release.agent.install import (
     check_room,
     install,
-    is_settled,
+    is_healthy,
     receive,
     refuse_failed,
+    release_spec_from,
     robot_of,
     self_test,
-    wanted_from,
 )
 from segway_ecc.deploy.release.agent.journal import Transaction, stamp
-from segway_ecc.deploy.release.agent.look import probe, status
-from segway_ecc.deploy.release.agent.manifest import FAILED, Manifest
+from segway_ecc.deploy.release.agent.manifest import FAILED, ReleaseManifest
 from segway_ecc.deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.robot_link import is_robot_file_linked, link_robot_file
 from segway_ecc.deploy.release.agent.services import NODE, show
+from segway_ecc.deploy.release.agent.status import probe, status
 from segway_ecc.deploy.release.agent.store import Store
-from segway_ecc.deploy.release.agent.update import Rules, Update, detached, settle
+from segway_ecc.deploy.release.agent.update import Rules, Update, detached, recover
 
 REFUSED: Final = 11
 AGENT: Final = "agent.pyz"
@@ -61,7 +61,7 @@ def serve(agent: bytes, stream: BinaryIO, reporter: Reporter) -> int:
             if request["verb"] == "rollback":
                 return _rollback(store, request, rules, reporter, stream)
             return _push(store, request, rules, reporter, stream)
-    except RefusedError as error:
+    except AgentRefusedError as error:
         reporter.event("refused", text=str(error))
     except PermissionError as error:
         reporter.event("refused", text=f"{error.filename}: no permission; log in as root, or give --sudo")
@@ -79,8 +79,8 @@ def main(arguments: Sequence[str]) -> int:
     reporter = Reporter(sys.stdout.buffer)
     try:
         with locked(store.root):
-            settled = settle(store, reporter, restarts=False)
-    except (RefusedError, OSError) as error:
+            settled = recover(store, reporter, restarts=False)
+    except (AgentRefusedError, OSError) as error:
         sys.stderr.write(f"settle: {error}\n")
         return REFUSED
     if settled is not None:
@@ -93,20 +93,22 @@ def _prepare(store: Store) -> None:
 
 
 def _push(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
-    wanted, config = wanted_from(request["release"]), Path(request["config"])
+    wanted, config = release_spec_from(request["release"]), Path(request["config"])
     _refuse_unsafe()
-    settle(store, reporter, rules.restart, restarts=True)
+    recover(store, reporter, rules.restart, restarts=True)
     found = store.manifest(wanted.name)
     refuse_failed(found, again=bool(request["again"]))
     whole = _is_whole(store, wanted.name)
-    if whole and is_settled(found) and store.current() == wanted.name:
+    if whole and is_healthy(found) and store.current() == wanted.name:
         store.tidy(set())
         store.prune(rules.keep, set())
         reporter.event("end", outcome="already", reason="", release=wanted.name, current=wanted.name)
         return 0
     if not whole:
         if store.current() == wanted.name:
-            raise RefusedError(f"{wanted.name} is in use and was changed by hand: roll back first, then push it again")
+            raise AgentRefusedError(
+                f"{wanted.name} is in use and was changed by hand: roll back first, then push it again"
+            )
         store.tidy({wanted.name, store.incoming(wanted.name).name})
         check_room(store, wanted)
         reporter.step("receive")
@@ -114,10 +116,10 @@ def _push(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Repo
         install(store, wanted, reporter)
         found = store.manifest(wanted.name)
     if found is None:
-        raise RefusedError(f"{wanted.name} was not completed")
+        raise AgentRefusedError(f"{wanted.name} was not completed")
     reporter.step("selftest")
     self_test(store, found, robot_of(store, wanted.name, config))
-    adopt(store, config, wanted.name)
+    link_robot_file(store, config, wanted.name)
     _await_go(stream, reporter)
     transaction = Transaction("push", wanted.name, _way_back(store, wanted.name), wanted.by, stamp())
     return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
@@ -126,18 +128,18 @@ def _push(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Repo
 def _rollback(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
     config, target = Path(request["config"]), request["to"]
     _refuse_unsafe()
-    settle(store, reporter, rules.restart, restarts=True)
+    recover(store, reporter, rules.restart, restarts=True)
     target = target or store.before(store.current())
     if target is None:
-        raise RefusedError("there is no older healthy release to go back to; name one with --to")
+        raise AgentRefusedError("there is no older healthy release to go back to; name one with --to")
     if target == store.current():
-        raise RefusedError(f"{target} is in use already")
+        raise AgentRefusedError(f"{target} is in use already")
     store.verify(target)
     reporter.step("selftest")
-    manifest = store.manifest(target) or Manifest(target)
+    manifest = store.manifest(target) or ReleaseManifest(target)
     self_test(store, manifest, robot_of(store, target, config))
-    if is_adopted(store, config):
-        adopt(store, config, target)
+    if is_robot_file_linked(store, config):
+        link_robot_file(store, config, target)
     _await_go(stream, reporter)
     transaction = Transaction("rollback", target, _way_back(store, target), str(request["by"]), stamp())
     return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
@@ -149,20 +151,20 @@ def _way_back(store: Store, name: str) -> str | None:
     manifest = store.manifest(current) if current is not None else None
     if manifest is not None and manifest.state != FAILED and current != name:
         return current
-    return next((m.name for m in reversed(store.complete()) if is_settled(m) and m.name != name), None)
+    return next((m.name for m in reversed(store.complete()) if is_healthy(m) and m.name != name), None)
 
 
 def _await_go(stream: BinaryIO, reporter: Reporter) -> None:
     """Switch only while somebody is there: a connection that was cut, even silently, never says go."""
     reporter.event("ready")
     if stream.readline() != b"go\n":
-        raise RefusedError("the connection ended before the switch: nothing was switched")
+        raise AgentRefusedError("the connection ended before the switch: nothing was switched")
 
 
 def _is_whole(store: Store, name: str) -> bool:
     try:
         store.verify(name)
-    except RefusedError:
+    except AgentRefusedError:
         return False
     return True
 
@@ -170,6 +172,6 @@ def _is_whole(store: Store, name: str) -> bool:
 def _refuse_unsafe() -> None:
     node = show()
     if node.load != "loaded":
-        raise RefusedError(f"{NODE} is not installed there ({node.load}): see the first steps in docs/deploy.md")
+        raise AgentRefusedError(f"{NODE} is not installed there ({node.load}): see the first steps in docs/deploy.md")
     if (why_not := node.why_not_safe()) is not None:
-        raise RefusedError(why_not)
+        raise AgentRefusedError(why_not)

@@ -18,7 +18,7 @@ _COMPILED: Final = "__pycache__"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class FileDigest:
     """One file: its SHA-256 as hexadecimal digits, and its size in bytes."""
 
     sha256: str
@@ -26,7 +26,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
+class ReleaseManifest:
     """A release.
 
     Attributes:
@@ -44,7 +44,7 @@ class Manifest:
     version: str = ""
     created: str = ""
     by: str = ""
-    files: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
+    files: Mapping[str, FileDigest] = dataclasses.field(default_factory=dict)
     rate_hz: float | None = None
     state: str = NEW
     reason: str = ""
@@ -54,36 +54,38 @@ class Manifest:
         write_whole(folder / NAME, json.dumps(dataclasses.asdict(self), indent=1).encode())
 
 
-def read_manifest(folder: Path) -> Manifest | None:
+def read_manifest(folder: Path) -> ReleaseManifest | None:
     """The manifest of a release; None where there is none that can be read, so that the release is not complete."""
     try:
         found = json.loads((folder / NAME).read_bytes())
-        files = {str(path): Entry(str(at["sha256"]), int(at["size"])) for path, at in found.get("files", {}).items()}
+        files = {
+            str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in found.get("files", {}).items()
+        }
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
     texts = {key: str(found[key]) for key in ("version", "created", "by", "state", "reason") if key in found}
-    return Manifest(name=folder.name, files=files, rate_hz=_number(found.get("rate_hz")), **texts)
+    return ReleaseManifest(name=folder.name, files=files, rate_hz=_number(found.get("rate_hz")), **texts)
 
 
 def _number(value: Any) -> float | None:  # noqa: ANN401 - anything that JSON can hold
     return float(value) if isinstance(value, int | float) else None
 
 
-def entries_of(folder: Path) -> dict[str, Entry]:
+def entries_of(folder: Path) -> dict[str, FileDigest]:
     """Every file below a folder; no links, nothing compiled, not the manifest itself."""
     return {
-        path.relative_to(folder).as_posix(): Entry(sha256_of(path), path.stat().st_size)
+        path.relative_to(folder).as_posix(): FileDigest(sha256_of(path), path.stat().st_size)
         for path in sorted(folder.rglob("*"))
         if path.is_file() and not path.is_symlink() and _COMPILED not in path.parts and path != folder / NAME
     }
 
 
-def differences(folder: Path, files: Mapping[str, Entry]) -> list[str]:
+def differences(folder: Path, files: Mapping[str, FileDigest]) -> list[str]:
     """The files that are not as the manifest says, with what is wrong; none for a release that is whole."""
     return [f"{path} {wrong}" for path, entry in files.items() if (wrong := _wrong(folder / path, entry))]
 
 
-def _wrong(path: Path, entry: Entry) -> str:
+def _wrong(path: Path, entry: FileDigest) -> str:
     try:
         same = path.stat().st_size == entry.size and sha256_of(path) == entry.sha256
     except OSError:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from segway_ecc.deploy.release.agent.files import RefusedError
+from segway_ecc.deploy.release.agent.files import AgentRefusedError
 
 NODE: Final = "segway-ecc-node.service"
 UNITS: Final = (NODE, "segway-ecc-guard.service", "segway-ecc-archive.service")
@@ -65,11 +65,11 @@ def show(unit: str = NODE) -> Service:
     """Ask systemd about a unit.
 
     Raises:
-        RefusedError: There is no systemd, or it does not answer.
+        AgentRefusedError: There is no systemd, or it does not answer.
     """
     done = _run(["systemctl", "show", f"--property={_PROPERTIES}", "--", unit], 10.0)
     if done.returncode:
-        raise RefusedError(f"systemctl show {unit}: {done.stderr.strip() or done.returncode}")
+        raise AgentRefusedError(f"systemctl show {unit}: {done.stderr.strip() or done.returncode}")
     found = dict(line.split("=", 1) for line in done.stdout.splitlines() if "=" in line)
     return Service(
         load=found.get("LoadState", ""),
@@ -92,7 +92,7 @@ def restart(command: Sequence[str]) -> str | None:
             # A version that kept failing may have used up the start limit, which would keep the next one down too.
             _run(["systemctl", "reset-failed", "--", *installed], _COMMAND_S)
         done = _run(words, _COMMAND_S)
-    except RefusedError as error:
+    except AgentRefusedError as error:
         return str(error)
     return f"{' '.join(words)}: {done.stderr.strip() or done.returncode}" if done.returncode else None
 
@@ -103,9 +103,9 @@ def _run(words: Sequence[str], within_s: float) -> subprocess.CompletedProcess[s
             words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL
         )
     except OSError as error:
-        raise RefusedError(f"{words[0]} cannot be run: {error.strerror}") from None
+        raise AgentRefusedError(f"{words[0]} cannot be run: {error.strerror}") from None
     except subprocess.TimeoutExpired:
-        raise RefusedError(f"{' '.join(words)} took longer than {within_s:g} s") from None
+        raise AgentRefusedError(f"{' '.join(words)} took longer than {within_s:g} s") from None
 
 
 def _status(text: str) -> Mapping[str, Any] | None:

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.release.agent.files import RefusedError, link_whole, sync_folder
-from segway_ecc.deploy.release.agent.manifest import HEALTHY, Manifest, differences, read_manifest
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, link_whole, sync_folder
+from segway_ecc.deploy.release.agent.manifest import HEALTHY, ReleaseManifest, differences, read_manifest
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,99}")
 _INCOMING: Final = ".incoming-"
@@ -25,10 +25,10 @@ class Store:
         """Where a release lies, or would.
 
         Raises:
-            RefusedError: That is no name for a release.
+            AgentRefusedError: That is no name for a release.
         """
         if not _NAME.fullmatch(name):
-            raise RefusedError(f"{name!r} is no name of a release")
+            raise AgentRefusedError(f"{name!r} is no name of a release")
         return self.releases / name
 
     def incoming(self, name: str) -> Path:
@@ -49,11 +49,11 @@ class Store:
         self.folder(name)
         link_whole(self.root / "current", f"releases/{name}")
 
-    def manifest(self, name: str) -> Manifest | None:
+    def manifest(self, name: str) -> ReleaseManifest | None:
         """The manifest of a release; None where it is not complete."""
         return read_manifest(self.folder(name))
 
-    def complete(self) -> list[Manifest]:
+    def complete(self) -> list[ReleaseManifest]:
         """All complete releases, the oldest first."""
         found = (read_manifest(folder) for folder in self._folders())
         return sorted((m for m in found if m is not None), key=lambda m: (m.created, m.name))
@@ -74,15 +74,15 @@ class Store:
         """Compare a release with its manifest.
 
         Raises:
-            RefusedError: It is not there, not complete, or was changed.
+            AgentRefusedError: It is not there, not complete, or was changed.
         """
         manifest = self.manifest(name)
         if manifest is None:
             known = ", ".join(m.name for m in self.complete()) or "none"
-            raise RefusedError(f"there is no complete release {name!r}; there is {known}")
+            raise AgentRefusedError(f"there is no complete release {name!r}; there is {known}")
         wrong = differences(self.folder(name), manifest.files)
         if wrong:
-            raise RefusedError(f"release {name} is not as it was pushed: {'; '.join(wrong[:3])}; push it again")
+            raise AgentRefusedError(f"release {name} is not as it was pushed: {'; '.join(wrong[:3])}; push it again")
 
     def tidy(self, keep: set[str]) -> None:
         """Remove what interrupted updates left, but for the folders named."""

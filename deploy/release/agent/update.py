@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from segway_ecc.deploy.release.agent import journal as outcomes
-from segway_ecc.deploy.release.agent.files import RefusedError
+from segway_ecc.deploy.release.agent.files import AgentRefusedError
 from segway_ecc.deploy.release.agent.health import Trial, watched
 from segway_ecc.deploy.release.agent.journal import Journal, Transaction, stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, Manifest
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, ReleaseManifest
 from segway_ecc.deploy.release.agent.report import Reporter
 from segway_ecc.deploy.release.agent.services import Service, restart, show
 from segway_ecc.deploy.release.agent.store import Store
@@ -68,7 +68,7 @@ class Update:
         before = show()
         why_not = before.why_not_safe()
         if why_not is not None:
-            raise RefusedError(why_not)
+            raise AgentRefusedError(why_not)
         self._phase(transaction, "switch")
         try:
             self._store.switch(transaction.release)
@@ -128,7 +128,7 @@ class Update:
 def _is_armed() -> bool:
     try:
         return show().is_armed
-    except RefusedError:  # a systemd that does not answer says nothing against going back
+    except AgentRefusedError:  # a systemd that does not answer says nothing against going back
         return False
 
 
@@ -141,7 +141,7 @@ def conclude(store: Store, journal: Journal, ended: Transaction) -> None:
     journal.close()
 
 
-def _state(manifest: Manifest, ended: Transaction) -> tuple[str, str]:
+def _state(manifest: ReleaseManifest, ended: Transaction) -> tuple[str, str]:
     match ended.outcome:
         case outcomes.HEALTHY:
             return HEALTHY, ""
@@ -150,14 +150,14 @@ def _state(manifest: Manifest, ended: Transaction) -> tuple[str, str]:
     return (INTERRUPTED, ended.reason) if manifest.state == NEW else (manifest.state, manifest.reason)
 
 
-def settle(store: Store, reporter: Reporter, command: Sequence[str] = (), *, restarts: bool) -> Transaction | None:
+def recover(store: Store, reporter: Reporter, command: Sequence[str] = (), *, restarts: bool) -> Transaction | None:
     """Settle a transaction that was interrupted: what was not found healthy by then is not kept in use.
 
     Returns:
         What was settled; None where nothing was pending.
 
     Raises:
-        RefusedError: The robot is armed, and the services would have to be restarted.
+        AgentRefusedError: The robot is armed, and the services would have to be restarted.
     """
     journal = Journal(store.root)
     pending = journal.pending()
@@ -175,7 +175,7 @@ def _given_up(store: Store, journal: Journal, pending: Transaction, command: Seq
     outcome = outcomes.WENT_BACK if pending.phase == "back" else outcomes.INTERRUPTED
     if pending.previous is not None:
         if command is not None and (why_not := show().why_not_safe()) is not None:
-            raise RefusedError(f"{why_not}; an update that was interrupted is to be settled")
+            raise AgentRefusedError(f"{why_not}; an update that was interrupted is to be settled")
         store.switch(pending.previous)
         if command is not None:
             problem = restart(command)
@@ -197,7 +197,7 @@ def detached(reporter: Reporter, work: Callable[[], int]) -> int:
             signal.signal(number, signal.SIG_IGN)
         reporter.detach()
         code = work()
-    except RefusedError as error:
+    except AgentRefusedError as error:
         reporter.event("refused", text=str(error))
         code = 11
     except Exception as error:  # noqa: BLE001 - nobody else is there to hear of it

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from segway_ecc.deploy.doctor.finding import Finding
-from segway_ecc.deploy.doctor.system import Job, Machine, NoAnswerError, WriteSpeed
+from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload, WriteSpeed
 from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.settings import SerialSettings
@@ -117,8 +117,8 @@ class FakeMachine:
         raise NoAnswerError(f"there is no program {words[0]} here")
 
     @property
-    def machine(self) -> Machine:
-        return Machine(
+    def machine(self) -> System:
+        return System(
             self.probes,
             self.root,
             self.answer,
@@ -129,19 +129,19 @@ class FakeMachine:
         )
 
 
-def job(
+def workload(
     folder: Path,
     robot: str | None = "cart-can",
     period_ns: int = 5_000_000,
     can: Mapping[str, object] | None = None,
-) -> Job:
+) -> Workload:
     """A packaged robot to run, its CAN settings changed."""
     file = None if robot is None else load_robot(robot)
     if file is not None and can:
         assert not isinstance(file.hardware, NoHardwareSection)
         settings = msgspec.structs.replace(file.hardware.can, **can)
         file = msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, can=settings))
-    return Job(folder / "var/log/segway-ecc", 1000, file, period_ns)
+    return Workload(folder / "var/log/segway-ecc", 1000, file, period_ns)
 
 
 def by_name(findings: Sequence[Finding]) -> dict[str, Finding]:

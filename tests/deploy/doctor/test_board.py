@@ -4,11 +4,11 @@ import pytest
 
 from segway_ecc.deploy.doctor.board import check_board
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job, raspberry_pi
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, raspberry_pi, workload
 
 
 def looked(fake: FakeMachine) -> dict[str, Finding]:
-    return by_name(list(check_board(fake.machine, job(fake.root))))
+    return by_name(list(check_board(fake.machine, workload(fake.root))))
 
 
 def test_all_is_well(fake: FakeMachine) -> None:

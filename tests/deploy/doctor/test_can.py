@@ -6,11 +6,11 @@ from segway_ecc.deploy.doctor.can import check_can
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.firmware_io.links.interface_state import InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
-from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, workload
 
 
 def looked(fake: FakeMachine, robot: str | None = "cart-can", **can: object) -> dict[str, Finding]:
-    return by_name(list(check_can(fake.machine, job(fake.root, robot, can=can))))
+    return by_name(list(check_can(fake.machine, workload(fake.root, robot, can=can))))
 
 
 def changed(**values: object) -> InterfaceState:
@@ -36,7 +36,7 @@ def test_down(fake: FakeMachine) -> None:
     found = looked(fake)
     assert not_good(found) == {"CAN can0": Verdict.BAD}
     assert found["CAN can0"].found == "down"
-    assert found["CAN can0"].mend == (
+    assert found["CAN can0"].remedy == (
         "sudo ip link set can0 down; sudo ip link set can0 up txqueuelen 16 type can bitrate 500000 restart-ms 100"
     )
 
@@ -47,7 +47,7 @@ def test_the_wrong_bit_rate(fake: FakeMachine, actual: int, wanted: int) -> None
     found = looked(fake, bitrate=wanted)
     assert not_good(found) == {"CAN can0 bit rate": Verdict.BAD}
     assert found["CAN can0 bit rate"].found == f"{actual} bit/s, the robot file says {wanted}"
-    assert f"type can bitrate {wanted} restart-ms 100" in found["CAN can0 bit rate"].mend
+    assert f"type can bitrate {wanted} restart-ms 100" in found["CAN can0 bit rate"].remedy
 
 
 def test_a_driver_that_tells_no_bit_rate(fake: FakeMachine) -> None:
@@ -64,7 +64,7 @@ def test_an_ailing_bus(fake: FakeMachine, state: LinkState, verdict: Verdict) ->
     found = looked(fake)
     assert not_good(found) == {"CAN can0": verdict}
     assert found["CAN can0"].found == f"up, {state}, error counters 248 sent and 7 received"
-    assert "120 ohm" in found["CAN can0"].mend
+    assert "120 ohm" in found["CAN can0"].remedy
 
 
 @pytest.mark.parametrize("restart_ms", [0, None])
@@ -78,7 +78,7 @@ def test_the_queue(fake: FakeMachine, length: int, is_good: bool) -> None:  # no
     fake.interface("can0", GOOD_CAN, queue=length)
     found = looked(fake)
     assert not_good(found) == ({} if is_good else {"CAN can0 queue": Verdict.WARNING})
-    assert is_good or found["CAN can0 queue"].mend == "sudo ip link set can0 txqueuelen 16"
+    assert is_good or found["CAN can0 queue"].remedy == "sudo ip link set can0 txqueuelen 16"
 
 
 def test_a_virtual_interface_has_no_controller(fake: FakeMachine) -> None:

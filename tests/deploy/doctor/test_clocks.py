@@ -2,7 +2,7 @@ import pytest
 
 from segway_ecc.deploy.doctor.clocks import check_clock
 from segway_ecc.deploy.doctor.finding import Verdict
-from tests.deploy.doctor.fake_machine import FakeMachine, job
+from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 CHRONY = "Reference ID    : 0A000001 (10.0.0.1)\nStratum         : 3\nLeap status     : {}\n"
 
@@ -19,15 +19,15 @@ CHRONY = "Reference ID    : 0A000001 (10.0.0.1)\nStratum         : 3\nLeap statu
 )
 def test_the_wall_clock(fake: FakeMachine, answers: dict[str, str], verdict: Verdict, text: str) -> None:
     fake.answers = answers
-    (found,) = check_clock(fake.machine, job(fake.root))
+    (found,) = check_clock(fake.machine, workload(fake.root))
     assert (found.verdict, found.found) == (verdict, text)
 
 
 def test_a_machine_that_nothing_synchronises_is_told_what_to_install(fake: FakeMachine) -> None:
     """As timedatectl of systemd 252 says it where no service for it is installed; set-ntp alone would be refused."""
     fake.answers = {"timedatectl": "Timezone=Etc/UTC\nLocalRTC=no\nCanNTP=no\nNTP=no\nNTPSynchronized=no\n"}
-    (found,) = check_clock(fake.machine, job(fake.root))
-    assert found.mend.startswith("sudo apt-get install systemd-timesyncd")
+    (found,) = check_clock(fake.machine, workload(fake.root))
+    assert found.remedy.startswith("sudo apt-get install systemd-timesyncd")
     fake.answers = {"timedatectl": "CanNTP=yes\nNTP=no\nNTPSynchronized=no\n"}
-    (found,) = check_clock(fake.machine, job(fake.root))
-    assert found.mend.startswith("sudo timedatectl set-ntp true")
+    (found,) = check_clock(fake.machine, workload(fake.root))
+    assert found.remedy.startswith("sudo timedatectl set-ntp true")

@@ -7,11 +7,11 @@ import pytest
 from segway_ecc.deploy.doctor.disk import check_disk
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.system import WriteSpeed
-from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 
 def looked(fake: FakeMachine, log_bytes: int = 1000) -> dict[str, Finding]:
-    return by_name(list(check_disk(fake.machine, dataclasses.replace(job(fake.root), log_bytes=log_bytes))))
+    return by_name(list(check_disk(fake.machine, dataclasses.replace(workload(fake.root), log_bytes=log_bytes))))
 
 
 def test_all_is_well_and_no_folder_is_made(fake: FakeMachine) -> None:
@@ -30,7 +30,7 @@ def test_the_folder_itself_is_tried_where_it_is_there(fake: FakeMachine) -> None
 def test_too_little_room(fake: FakeMachine) -> None:
     found = looked(fake, 10**18)["disk room"]
     assert found.verdict is Verdict.WARNING
-    assert "--log-limit" in found.mend
+    assert "--log-limit" in found.remedy
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_a_folder_that_may_not_be_written(fake: FakeMachine) -> None:
     fake.probes.write_error = OSError(errno.EROFS, os.strerror(errno.EROFS))
     found = looked(fake)["disk speed"]
     assert (found.verdict, found.found) == (Verdict.WARNING, f"{fake.root} cannot be written: Read-only file system")
-    assert f"sudo install -d -o $USER {fake.root}/var/log/segway-ecc" in found.mend
+    assert f"sudo install -d -o $USER {fake.root}/var/log/segway-ecc" in found.remedy

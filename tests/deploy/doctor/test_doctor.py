@@ -8,9 +8,9 @@ import pytest
 
 from segway_ecc.deploy.doctor.doctor import CHECKS, examine
 from segway_ecc.deploy.doctor.finding import Finding, Verdict, good, is_fit
-from segway_ecc.deploy.doctor.system import Job, Machine
+from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.links.link import LinkState
-from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, container, job, raspberry_pi
+from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, container, raspberry_pi, workload
 
 
 def not_good(findings: list[Finding]) -> dict[str, str]:
@@ -18,7 +18,7 @@ def not_good(findings: list[Finding]) -> dict[str, str]:
 
 
 def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
-    findings = examine(fake.machine, job(fake.root))
+    findings = examine(fake.machine, workload(fake.root))
     assert not not_good(findings)
     assert is_fit(findings)
     assert list(by_name(findings)) == [
@@ -54,7 +54,7 @@ def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
 
 def test_a_container(tmp_path: Path) -> None:
     fake = container(tmp_path)
-    findings = examine(fake.machine, job(tmp_path))
+    findings = examine(fake.machine, workload(tmp_path))
     assert not_good(findings) == {
         "kernel": "warning",
         "CAN in the kernel": "bad",
@@ -69,13 +69,13 @@ def test_a_container(tmp_path: Path) -> None:
 
 def test_a_container_is_fit_for_a_robot_that_is_all_model(tmp_path: Path) -> None:
     fake = container(tmp_path)
-    assert is_fit(examine(fake.machine, job(tmp_path, "cart")))
+    assert is_fit(examine(fake.machine, workload(tmp_path, "cart")))
 
 
 @pytest.mark.parametrize(("throttled", "is_well"), [("0", True), ("50005", False)])
 def test_a_raspberry_pi(tmp_path: Path, throttled: str, is_well: bool) -> None:  # noqa: FBT001 - a parameter
     fake = raspberry_pi(tmp_path, throttled)
-    findings = examine(fake.machine, job(tmp_path))
+    findings = examine(fake.machine, workload(tmp_path))
     assert not_good(findings) == ({} if is_well else {"Raspberry Pi power": "bad"})
     assert is_fit(findings) == is_well
 
@@ -91,25 +91,25 @@ def test_a_raspberry_pi(tmp_path: Path, throttled: str, is_well: bool) -> None: 
 )
 def test_a_bus_that_is_not_fit(fake: FakeMachine, change: dict[str, object], name: str) -> None:
     fake.interface("can0", dataclasses.replace(GOOD_CAN, **change))  # type: ignore[arg-type]
-    findings = examine(fake.machine, job(fake.root))
+    findings = examine(fake.machine, workload(fake.root))
     assert not_good(findings) == {name: "bad"}
     assert not is_fit(findings)
 
 
 def test_a_machine_of_which_nothing_is_known(tmp_path: Path) -> None:
     """No file at all: every check comes to an end by itself."""
-    findings = examine(FakeMachine(tmp_path).machine, job(tmp_path))
+    findings = examine(FakeMachine(tmp_path).machine, workload(tmp_path))
     assert not [finding for finding in findings if finding.name.startswith("check of")]
 
 
-def _breaks(_machine: Machine, _job: Job) -> Iterator[Finding]:
+def _breaks(_machine: System, _workload: Workload) -> Iterator[Finding]:
     yield good("first half", "well")
     raise ZeroDivisionError("division by zero")
 
 
 def test_a_check_that_breaks_is_told_and_ends_no_other(fake: FakeMachine) -> None:
     checks = {"kernel": CHECKS["kernel"], "ours": _breaks, "python": CHECKS["python"]}
-    found = by_name(examine(fake.machine, job(fake.root), checks))
+    found = by_name(examine(fake.machine, workload(fake.root), checks))
     assert list(found) == ["kernel", "CAN in the kernel", "first half", "check of ours", "Python"]
     assert found["check of ours"].verdict is Verdict.BAD
     assert found["check of ours"].found == "broke off: ZeroDivisionError: division by zero"
@@ -126,4 +126,4 @@ def test_a_check_that_breaks_is_told_and_ends_no_other(fake: FakeMachine) -> Non
 )
 def test_a_file_of_nonsense_ends_one_check_at_most(fake: FakeMachine, path: str, check: str) -> None:
     fake.write({path: "MemAvailable: nonsense"})
-    assert not_good(examine(fake.machine, job(fake.root))) == {f"check of {check}": "bad"}
+    assert not_good(examine(fake.machine, workload(fake.root))) == {f"check of {check}": "bad"}

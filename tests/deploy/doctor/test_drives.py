@@ -2,7 +2,7 @@ import pytest
 
 from segway_ecc.deploy.doctor.drives import check_drives
 from segway_ecc.deploy.doctor.finding import Verdict
-from tests.deploy.doctor.fake_machine import FakeMachine, job
+from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 
 @pytest.mark.parametrize(
@@ -17,11 +17,11 @@ from tests.deploy.doctor.fake_machine import FakeMachine, job
     ],
 )
 def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: str) -> None:
-    (found,) = check_drives(fake.machine, job(fake.root, robot))
+    (found,) = check_drives(fake.machine, workload(fake.root, robot))
     assert (found.verdict, found.found) == (Verdict.GOOD, text)
 
 
 @pytest.mark.parametrize(("period_ns", "verdict"), [(13_333_333, Verdict.GOOD), (13_400_000, Verdict.WARNING)])
 def test_a_watchdog_bears_a_late_cycle(fake: FakeMachine, period_ns: int, verdict: Verdict) -> None:
-    (found,) = check_drives(fake.machine, job(fake.root, "cart-can", period_ns))
+    (found,) = check_drives(fake.machine, workload(fake.root, "cart-can", period_ns))
     assert found.verdict is verdict

@@ -4,10 +4,10 @@ from segway_ecc.deploy.doctor.finding import Finding, Verdict, bad, good, is_fit
 
 
 @pytest.mark.parametrize("verdict", [Verdict.WARNING, Verdict.BAD])
-@pytest.mark.parametrize(("effect", "mend"), [("", "do"), ("so", ""), ("", "")])
-def test_a_reproach_says_what_it_does_and_how_it_is_mended(verdict: Verdict, effect: str, mend: str) -> None:
+@pytest.mark.parametrize(("effect", "remedy"), [("", "do"), ("so", ""), ("", "")])
+def test_a_reproach_says_what_it_does_and_how_it_is_mended(verdict: Verdict, effect: str, remedy: str) -> None:
     with pytest.raises(ValueError, match=r"finding 'disk' is .* and lacks"):
-        Finding("disk", verdict, "full", effect, mend)
+        Finding("disk", verdict, "full", effect, remedy)
 
 
 def test_what_is_good_needs_neither() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.idle import RULE, check_idle
-from tests.deploy.doctor.fake_machine import FakeMachine, job
+from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 FILE = "/dev/cpu_dma_latency"
 UNIT = "LoadState=loaded\nUser=segway\nSupplementaryGroups=dialout\nDevicePolicy=closed\n"
@@ -15,7 +15,7 @@ USERS = "root:x:0:0:root:/root:/bin/bash\nsegway:x:990:{}:segway-ecc:/var/lib/se
 
 
 def looked(fake: FakeMachine) -> Finding:
-    (found,) = check_idle(fake.machine, job(fake.root))
+    (found,) = check_idle(fake.machine, workload(fake.root))
     return found
 
 
@@ -45,7 +45,7 @@ def test_a_mode_that_keeps_it_out(device: FakeMachine, mode: int) -> None:
         Verdict.WARNING,
         f"{FILE} is not writable for the user of segway-ecc-node.service",
     )
-    assert RULE in found.mend
+    assert RULE in found.remedy
     (device.root / FILE[1:]).chmod(0o606)
     assert looked(device).verdict is Verdict.GOOD, "everybody may"
 
@@ -64,7 +64,7 @@ def test_a_unit_that_keeps_devices_from_it(device: FakeMachine) -> None:
     device.systemd(node=f"{UNIT}DeviceAllow=char-ttyS rw\n")
     found = looked(device)
     assert found.found == f"the unit of segway-ecc-node.service does not let it have {FILE}"
-    assert found.mend == f"DeviceAllow={FILE} w by: sudo systemctl edit segway-ecc-node.service"
+    assert found.remedy == f"DeviceAllow={FILE} w by: sudo systemctl edit segway-ecc-node.service"
     device.systemd(node=UNIT.replace("closed", "auto"))
     assert looked(device).verdict is Verdict.GOOD
 
@@ -81,7 +81,7 @@ def test_without_a_unit_it_is_this_user_who_counts(device: FakeMachine, monkeypa
     monkeypatch.setattr("os.access", lambda _path, _mode: False)  # root may whatever the mode says
     found = looked(device)
     assert found.found == f"{FILE} is not writable for this user"
-    assert "sudo usermod -aG segway $USER" in found.mend
+    assert "sudo usermod -aG segway $USER" in found.remedy
 
 
 def test_the_rule_is_the_one_that_is_shipped() -> None:

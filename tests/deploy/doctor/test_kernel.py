@@ -1,10 +1,10 @@
 from segway_ecc.deploy.doctor.finding import Verdict
 from segway_ecc.deploy.doctor.kernel import check_kernel
-from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 
 def verdict(fake: FakeMachine, name: str, robot: str | None = "cart-can") -> tuple[Verdict, str]:
-    found = by_name(list(check_kernel(fake.machine, job(fake.root, robot))))[name]
+    found = by_name(list(check_kernel(fake.machine, workload(fake.root, robot))))[name]
     return found.verdict, found.found
 
 
@@ -25,10 +25,10 @@ def test_the_file_is_enough(fake: FakeMachine) -> None:
 def test_any_other_kernel(fake: FakeMachine) -> None:
     fake.write({"/proc/sys/kernel/version": "#1 SMP PREEMPT_DYNAMIC @0", "/sys/kernel/realtime": "0"})
     fake.processor = "aarch64"
-    found = by_name(list(check_kernel(fake.machine, job(fake.root))))["kernel"]
+    found = by_name(list(check_kernel(fake.machine, workload(fake.root))))["kernel"]
     assert found.verdict is Verdict.WARNING
     assert found.found == "6.1.0-40-rt-amd64, not PREEMPT_RT"
-    assert "sudo apt-get install linux-image-rt-arm64 " in found.mend
+    assert "sudo apt-get install linux-image-rt-arm64 " in found.remedy
 
 
 def test_can_in_the_kernel(fake: FakeMachine) -> None:

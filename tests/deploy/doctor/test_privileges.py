@@ -2,14 +2,14 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.privileges import check_privileges
-from tests.deploy.doctor.fake_machine import NODE_UNIT, FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import NODE_UNIT, FakeMachine, by_name, workload
 
 REFUSED = "!/usr/bin/python3: PermissionError: [Errno 1] Operation not permitted"
 LIMITS = "Max locked memory         {}              9999999              bytes     \n"
 
 
 def looked(fake: FakeMachine, robot: str | None = "cart-can") -> dict[str, Finding]:
-    return by_name(list(check_privileges(fake.machine, job(fake.root, robot))))
+    return by_name(list(check_privileges(fake.machine, workload(fake.root, robot))))
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_a_unit_without_privileges_is_bad_whatever_this_user_may(fake: FakeMachi
     )
     found = looked(fake)
     assert found["real-time scheduling"].verdict is Verdict.BAD
-    assert "sudo systemctl edit segway-ecc-node.service" in found["real-time scheduling"].mend
+    assert "sudo systemctl edit segway-ecc-node.service" in found["real-time scheduling"].remedy
     assert found["memory lock"].verdict is Verdict.WARNING
     assert found["memory lock"].found == "8.0 MiB at most"
 
@@ -66,7 +66,7 @@ def test_a_user_who_may_not(user: FakeMachine, robot: str, verdict: Verdict) -> 
     found = looked(user, robot)["real-time scheduling"]
     assert found.verdict is verdict
     assert found.found == "SCHED_FIFO 50 refused to this user: Operation not permitted"
-    assert '"$USER - rtprio 50" | sudo tee --append /etc/security/limits.d/segway-ecc.conf' in found.mend
+    assert '"$USER - rtprio 50" | sudo tee --append /etc/security/limits.d/segway-ecc.conf' in found.remedy
 
 
 @pytest.mark.parametrize(

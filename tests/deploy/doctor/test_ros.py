@@ -2,12 +2,12 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.ros import check_ros
-from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 
 def looked(fake: FakeMachine, **environment: str) -> dict[str, Finding]:
     fake.environment = environment
-    return by_name(list(check_ros(fake.machine, job(fake.root))))
+    return by_name(list(check_ros(fake.machine, workload(fake.root))))
 
 
 def test_all_is_well(fake: FakeMachine) -> None:
@@ -23,14 +23,14 @@ def test_without_ros_the_robot_runs_alone(fake: FakeMachine) -> None:
     found = looked(fake)["ROS 2"]
     assert found.verdict is Verdict.WARNING
     assert found.found == "rclpy does not load: ModuleNotFoundError: No module named 'rclpy'"
-    assert "pip install 'segway-ecc[ros]'" in found.mend
+    assert "pip install 'segway-ecc[ros]'" in found.remedy
 
 
 def test_a_ros_that_breaks_breaks_the_node(fake: FakeMachine) -> None:
     fake.answers["rclpy"] = "!env: Expected RMW implementation identifier of 'rmw_x'"
     found = looked(fake)["ROS 2"]
     assert found.verdict is Verdict.BAD
-    assert "RMW_IMPLEMENTATION" in found.mend
+    assert "RMW_IMPLEMENTATION" in found.remedy
 
 
 def test_a_ros_that_is_slow_is_not_broken(fake: FakeMachine) -> None:

@@ -6,17 +6,17 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.serial import check_serial
-from segway_ecc.deploy.doctor.system import Job
+from segway_ecc.deploy.doctor.system import Workload
 from segway_ecc.firmware_io.build import with_port
-from tests.deploy.doctor.fake_machine import FakeMachine, by_name, job
+from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 
-def with_serial(fake: FakeMachine, port: str) -> Job:
-    plain = job(fake.root)
+def with_serial(fake: FakeMachine, port: str) -> Workload:
+    plain = workload(fake.root)
     assert plain.robot is not None
     assert plain.hardware is not None
     file = msgspec.structs.replace(plain.robot, hardware=with_port(plain.hardware, port))
-    return Job(plain.logs, plain.log_bytes, file, plain.period_ns)
+    return Workload(plain.logs, plain.log_bytes, file, plain.period_ns)
 
 
 def looked(fake: FakeMachine, port: str) -> dict[str, Finding]:
@@ -25,7 +25,7 @@ def looked(fake: FakeMachine, port: str) -> dict[str, Finding]:
 
 @pytest.mark.parametrize("robot", ["cart-can", "cart", None])
 def test_none_is_asked_for(fake: FakeMachine, robot: str | None) -> None:
-    (found,) = check_serial(fake.machine, job(fake.root, robot))
+    (found,) = check_serial(fake.machine, workload(fake.root, robot))
     assert (found.verdict, found.found) == (Verdict.GOOD, "none is asked for")
     assert not fake.probes.opened
 
@@ -37,19 +37,19 @@ def test_a_port_by_its_udev_name(fake: FakeMachine) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "verdict", "mend"),
+    ("number", "verdict", "remedy"),
     [
         (errno.ENOENT, Verdict.BAD, "plug it in"),
         (errno.EACCES, Verdict.BAD, "sudo usermod -aG dialout $USER"),
         (errno.EBUSY, Verdict.WARNING, "sudo fuser -v /dev/segway-serial"),
     ],
 )
-def test_a_port_that_does_not_open(fake: FakeMachine, number: int, verdict: Verdict, mend: str) -> None:
+def test_a_port_that_does_not_open(fake: FakeMachine, number: int, verdict: Verdict, remedy: str) -> None:
     fake.probes.port_error = OSError(number, os.strerror(number))
     found = looked(fake, "/dev/segway-serial")["serial /dev/segway-serial"]
     assert found.verdict is verdict
     assert found.found == f"does not open: {os.strerror(number)}"
-    assert mend in found.mend
+    assert remedy in found.remedy
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyUSB0", "/dev/ttyACM12"])
@@ -57,7 +57,7 @@ def test_a_name_that_may_be_another_ones_tomorrow(fake: FakeMachine, port: str) 
     found = looked(fake, port)
     assert found[f"serial {port}"].verdict is Verdict.GOOD
     assert found[f"serial {port} name"].verdict is Verdict.WARNING
-    assert "/dev/segway-serial" in found[f"serial {port} name"].mend
+    assert "/dev/segway-serial" in found[f"serial {port} name"].remedy
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyAMA0", "/dev/serial/by-id/usb-FTDI", "socket://127.0.0.1:5000"])

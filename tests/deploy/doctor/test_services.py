@@ -4,13 +4,13 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.services import check_services, properties
-from tests.deploy.doctor.fake_machine import UNIT, FakeMachine, by_name, container, job
+from tests.deploy.doctor.fake_machine import UNIT, FakeMachine, by_name, container, workload
 
 NODE = "segway-ecc-node.service"
 
 
 def looked(fake: FakeMachine) -> dict[str, Finding]:
-    return by_name(list(check_services(fake.machine, job(fake.root))))
+    return by_name(list(check_services(fake.machine, workload(fake.root))))
 
 
 def test_all_is_well(fake: FakeMachine) -> None:
@@ -23,7 +23,7 @@ def test_the_others_are_looked_at_where_they_are_installed(fake: FakeMachine) ->
     fake.systemd(station=UNIT.replace("active\n", "inactive\n").replace("running", "dead"))
     found = looked(fake)["segway-ecc-station.service"]
     assert (found.verdict, found.found) == (Verdict.WARNING, "enabled, inactive (dead)")
-    assert found.mend == "sudo systemctl start segway-ecc-station.service"
+    assert found.remedy == "sudo systemctl start segway-ecc-station.service"
 
 
 def test_a_robot_is_no_base_station_and_a_base_station_that_is_off_is_one_that_does_not_start(
@@ -50,11 +50,11 @@ def test_not_installed(fake: FakeMachine) -> None:
     del fake.answers["segway-ecc-guard"]
     found = looked(fake)["segway-ecc-guard.service"]
     assert (found.verdict, found.found) == (Verdict.WARNING, "not installed")
-    assert "segway-ecc deploy push" in found.mend
+    assert "segway-ecc deploy push" in found.remedy
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "verdict", "mend"),
+    ("old", "new", "verdict", "remedy"),
     [
         ("=enabled", "=disabled", Verdict.WARNING, f"sudo systemctl enable --now {NODE}"),
         (
@@ -72,10 +72,10 @@ def test_not_installed(fake: FakeMachine) -> None:
         ("State=active", "State=activating", Verdict.WARNING, f"sudo systemctl start {NODE}"),
     ],
 )
-def test_a_unit_in_trouble(fake: FakeMachine, old: str, new: str, verdict: Verdict, mend: str) -> None:
+def test_a_unit_in_trouble(fake: FakeMachine, old: str, new: str, verdict: Verdict, remedy: str) -> None:
     fake.systemd(node=UNIT.replace(old, new))
     found = looked(fake)[NODE]
-    assert (found.verdict, found.mend) == (verdict, mend)
+    assert (found.verdict, found.remedy) == (verdict, remedy)
 
 
 def test_a_unit_that_is_masked_says_nothing_of_its_privileges(fake: FakeMachine) -> None:

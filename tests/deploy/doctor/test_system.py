@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from tests.deploy.doctor.fake_machine import FakeMachine, job
+from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 
 def test_files_are_read_below_the_root(tmp_path: Path) -> None:
@@ -12,9 +12,9 @@ def test_files_are_read_below_the_root(tmp_path: Path) -> None:
 
 
 def test_what_a_robot_needs(tmp_path: Path) -> None:
-    assert job(tmp_path).needs_socketcan
-    assert job(tmp_path, can={"interface": "socketcan"}).needs_socketcan
-    assert not job(tmp_path, can={"interface": "local"}).needs_socketcan
-    assert not job(tmp_path, "cart").needs_socketcan
-    assert job(tmp_path, "cart").hardware is None
-    assert job(tmp_path, None).hardware is None
+    assert workload(tmp_path).needs_socketcan
+    assert workload(tmp_path, can={"interface": "socketcan"}).needs_socketcan
+    assert not workload(tmp_path, can={"interface": "local"}).needs_socketcan
+    assert not workload(tmp_path, "cart").needs_socketcan
+    assert workload(tmp_path, "cart").hardware is None
+    assert workload(tmp_path, None).hardware is None

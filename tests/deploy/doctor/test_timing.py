@@ -2,14 +2,14 @@ import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.timing import check_timing
-from tests.deploy.doctor.fake_machine import MS, FakeMachine, by_name, job, lateness
+from tests.deploy.doctor.fake_machine import MS, FakeMachine, by_name, lateness, workload
 
 CLOCK = "/sys/devices/system/clocksource/clocksource0"
 CPU = "/sys/devices/system/cpu"
 
 
 def looked(fake: FakeMachine, period_ns: int = 5_000_000) -> dict[str, Finding]:
-    return by_name(list(check_timing(fake.machine, job(fake.root, period_ns=period_ns))))
+    return by_name(list(check_timing(fake.machine, workload(fake.root, period_ns=period_ns))))
 
 
 def test_all_is_well(fake: FakeMachine) -> None:
@@ -28,12 +28,12 @@ def test_a_slow_clock(fake: FakeMachine, source: str) -> None:
     fake.write({f"{CLOCK}/current_clocksource": f"{source}\n", f"{CLOCK}/available_clocksource": "acpi_pm hpet \n"})
     found = looked(fake)["clock source"]
     assert (found.verdict, found.found) == (Verdict.WARNING, source)
-    assert found.mend.startswith("echo hpet | sudo tee /sys/devices/system/clocksource/")
+    assert found.remedy.startswith("echo hpet | sudo tee /sys/devices/system/clocksource/")
 
 
 def test_a_slow_clock_and_no_other(fake: FakeMachine) -> None:
     fake.write({f"{CLOCK}/current_clocksource": "jiffies\n", f"{CLOCK}/available_clocksource": "jiffies acpi_pm\n"})
-    assert "dmesg" in looked(fake)["clock source"].mend
+    assert "dmesg" in looked(fake)["clock source"].remedy
 
 
 @pytest.mark.parametrize("source", ["hpet", "arch_sys_counter", "kvm-clock"])
@@ -46,7 +46,7 @@ def test_one_processor_that_saves_power_is_enough(fake: FakeMachine) -> None:
     fake.write({f"{CPU}/cpu1/cpufreq/scaling_governor": "schedutil\n"})
     found = looked(fake)["processor governor"]
     assert (found.verdict, found.found) == (Verdict.WARNING, "performance, schedutil")
-    assert "echo performance | sudo tee" in found.mend
+    assert "echo performance | sudo tee" in found.remedy
 
 
 def test_what_the_machine_does_not_have_is_no_reproach(fake: FakeMachine) -> None:

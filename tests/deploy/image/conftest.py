@@ -13,7 +13,7 @@ import pytest
 
 from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.base import cache_folder
-from segway_ecc.deploy.image.build import Image, Wishes, build, image_in
+from segway_ecc.deploy.image.build import BuildOptions, Image, build, image_in
 from segway_ecc.deploy.image.recipe import Recipe
 from segway_ecc.hil.kernels.machine import Machine, switched_on
 from tests.deploy.image.robot import SwitchOn
@@ -82,7 +82,7 @@ def image() -> Image:
             for name, text in CONFIG.items():
                 Path(work, name).parent.mkdir(exist_ok=True)
                 Path(work, name).write_text(text, "utf-8")
-            build(RECIPE, folder, Wishes(config=Path(work), uml=True), lambda _: None)
+            build(RECIPE, folder, BuildOptions(config=Path(work), uml=True), lambda _: None)
         (folder / "complete").touch()
     return image_in(folder)
 

@@ -20,7 +20,7 @@ from typing import Final
 
 from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.base import cache_folder
-from segway_ecc.deploy.image.build import Wishes, build, image_in
+from segway_ecc.deploy.image.build import BuildOptions, build, image_in
 from segway_ecc.deploy.image.recipe import Recipe
 from segway_ecc.hil.kernels.guest import search_path
 from tests.deploy.image.conftest import CONFIG, ROOT
@@ -82,7 +82,7 @@ def disk_folder() -> Path:
         for name, text in {**SLOW_ROBOT, "authorized_keys": (folder / "key.pub").read_text()}.items():
             Path(work, name).parent.mkdir(exist_ok=True)
             Path(work, name).write_text(text, "utf-8")
-        build(_RECIPE, folder, Wishes(config=Path(work), uml=True, with_disk=True), lambda _: None)
+        build(_RECIPE, folder, BuildOptions(config=Path(work), uml=True, with_disk=True), lambda _: None)
     _enlarge(folder)
     (folder / "complete").touch()
     return folder

@@ -10,7 +10,7 @@ import pytest
 from segway_ecc.deploy.release.archive import BOOTSTRAP
 from segway_ecc.deploy.release.errors import UnreachableError, UpdateRefusedError
 from segway_ecc.deploy.release.host import Host
-from segway_ecc.deploy.release.requests import Place, Trying, status
+from segway_ecc.deploy.release.requests import RemotePaths, Trying, status
 from segway_ecc.node.cli.main import main
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.robot import Robot, Sshd
@@ -34,7 +34,7 @@ def test_an_unknown_host_key_is_refused(sshd: Sshd, tmp_path: Path) -> None:
         Host("robot", config=tmp_path / "config") as host,
         pytest.raises(UnreachableError, match="verification failed"),
     ):
-        status(host, Place(), verify=False)
+        status(host, RemotePaths(), verify=False)
 
 
 def test_an_old_python_says_that_it_is_old() -> None:
@@ -61,7 +61,7 @@ def test_what_the_robots_shell_says_at_log_in_is_not_taken_for_an_answer(ssh_hos
             return [*real, "echo Welcome; echo 1; echo '[]';"] if not options else ["true"]
 
     with Chatty("robot") as host:
-        found = status(host, Place(str(module_robot.root), str(module_robot.config)), verify=False)
+        found = status(host, RemotePaths(str(module_robot.root), str(module_robot.config)), verify=False)
     assert found["current"] is None
 
 
@@ -73,7 +73,7 @@ def test_a_robot_without_python(ssh_host: Host) -> None:
             return [*real, "PATH=/nonexistent;"] if not options else ["true"]
 
     with Bare("robot") as host, pytest.raises(UpdateRefusedError, match="it has no python3"):
-        status(host, Place(), verify=False)
+        status(host, RemotePaths(), verify=False)
 
 
 def test_a_command_with_an_open_quotation_is_refused() -> None:

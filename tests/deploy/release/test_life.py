@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.release.agent.look import probe
+from segway_ecc.deploy.release.agent.status import probe
 from segway_ecc.deploy.release.target import target_from
 from segway_ecc.node.cli.main import main
 from tests.deploy.release.parts import make_wheel

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from segway_ecc.deploy.release.agent.manifest import Manifest
+from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
 from segway_ecc.node.cli.main import main
 from tests.deploy.release.robot import Robot, Sshd
 
@@ -29,6 +29,6 @@ def test_this_project_is_pushed_and_pushed_again(
     assert main([*words, "--robot", "segway-odrive"]) == 0, capsys.readouterr().err
     module_robot.check_works()
     store = module_robot.store
-    size = sum(entry.size for entry in (store.manifest(str(store.current())) or Manifest("")).files.values())
+    size = sum(entry.size for entry in (store.manifest(str(store.current())) or ReleaseManifest("")).files.values())
     with capsys.disabled():
         print(f"\nfirst push {took_s:.1f} s; a release is {size / 1e6:.0f} MB, load {os.getloadavg()[0]:.0f}")  # noqa: T201

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.release.agent.manifest import Manifest
+from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
 from segway_ecc.deploy.release.errors import UpdateRefusedError
 from segway_ecc.deploy.release.host import Event
 from segway_ecc.node.errors import ConfigurationError
@@ -269,7 +269,7 @@ def test_a_push_that_brings_no_robot_file_names_the_one_in_use(robot: Robot, loc
     request["release"]["files"] |= held
     assert local.ask(request, lambda _: None, files)["outcome"] == "healthy"
     assert (robot.config / "robot.yaml").read_text() == "name: one\n"
-    assert "robot/robot.yaml" in (robot.store.manifest(str(robot.store.current())) or Manifest("")).files
+    assert "robot/robot.yaml" in (robot.store.manifest(str(robot.store.current())) or ReleaseManifest("")).files
 
 
 def test_the_restart_command_is_words_and_no_shell(robot: Robot, local: LocalHost, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ import pytest
 from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.views import EventView, FleetView, RobotView
+from segway_ecc.deploy.support.file_store import FileStore
 from segway_ecc.deploy.support.pieces import PIECE_BYTES, Value
-from segway_ecc.deploy.support.shelf import Shelf
 from segway_ecc.node.errors import NobodyListensError
 
 CONTENT = hashlib.shake_128(b"log").digest(5 * PIECE_BYTES + 100)
@@ -29,9 +29,9 @@ class Robot:
         self.logs.mkdir()
         (folder / "work").mkdir()
         (self.logs / "a.mcap").write_bytes(CONTENT)
-        self.shelf = Shelf(self.logs, folder / "work", self._make)
+        self.file_store = FileStore(self.logs, folder / "work", self._make)
         self.asked: list[str] = []
-        self.answer: Callable[[str], Value] = self.shelf.answer
+        self.answer: Callable[[str], Value] = self.file_store.answer
         self.is_closed = False
 
     def ask(self, robot: str, name: str) -> Value:
@@ -94,7 +94,7 @@ def test_an_answer_that_is_lost_is_asked_for_again(bench: Bench) -> None:
         if name.startswith(("log/", "sha256/")) and lost.count(name) < 2:
             lost.append(name)
             raise NobodyListensError("no answer")
-        return bench.robot.shelf.answer(name)
+        return bench.robot.file_store.answer(name)
 
     bench.robot.answer = lossy
     assert bench.fetch().state == "done"
@@ -105,7 +105,7 @@ def test_a_fetch_that_broke_off_goes_on_where_it_was(bench: Bench) -> None:
     def breaks(name: str) -> Value:
         if name == f"log/a.mcap/{3 * PIECE_BYTES}":
             raise NobodyListensError("the archive of robot /alice gave no answer")
-        return bench.robot.shelf.answer(name)
+        return bench.robot.file_store.answer(name)
 
     bench.robot.answer = breaks
     assert bench.fetch() == Progress(
@@ -113,7 +113,7 @@ def test_a_fetch_that_broke_off_goes_on_where_it_was(bench: Bench) -> None:
     )
     with pytest.raises(FileNotFoundError):
         bench.client.open("/alice", "a.mcap")
-    bench.robot.answer = bench.robot.shelf.answer
+    bench.robot.answer = bench.robot.file_store.answer
     bench.robot.asked.clear()
     assert bench.fetch().state == "done"
     assert bench.pieces() == [n * PIECE_BYTES for n in (3, 4, 5)]
@@ -131,7 +131,7 @@ def test_what_was_begun_with_another_log_of_that_name_is_begun_anew(bench: Bench
 
 def test_a_log_that_comes_damaged_again_and_again_is_not_kept(bench: Bench) -> None:
     def damages(name: str) -> Value:
-        answer = bench.robot.shelf.answer(name)
+        answer = bench.robot.file_store.answer(name)
         return b"x" + answer[1:] if name == "log/a.mcap/0" and isinstance(answer, bytes) else answer
 
     bench.robot.answer = damages
@@ -154,14 +154,14 @@ def test_a_log_that_comes_damaged_again_and_again_is_not_kept(bench: Bench) -> N
     ],
 )
 def test_a_robot_that_answers_otherwise_is_told(bench: Bench, name: str, answer: Value, why: str) -> None:
-    bench.robot.answer = lambda asked: answer if asked == name else bench.robot.shelf.answer(asked)
+    bench.robot.answer = lambda asked: answer if asked == name else bench.robot.file_store.answer(asked)
     progress = bench.fetch()
     assert progress.state == "failed"
     assert progress.why.startswith(why.partition(";")[0])
 
 
 def test_more_than_was_listed_is_not_kept(bench: Bench) -> None:
-    bench.robot.answer = lambda name: ["a.mcap 10 5"] if name == "logs" else bench.robot.shelf.answer(name)
+    bench.robot.answer = lambda name: ["a.mcap 10 5"] if name == "logs" else bench.robot.file_store.answer(name)
     assert bench.fetch() == Progress("done", 10, 10)
     assert (bench.place / "a.mcap").read_bytes() == CONTENT[:10]
 

@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.deploy.station.bundle_part import robots
 from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Part, Stored, write_bundle
-from segway_ecc.deploy.support.machine_bundle import Wish, machine_parts
+from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.deploy.support.parts import machine
 from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
 from segway_ecc.deploy.support.parts.files import audit_log, newest_logs
@@ -112,8 +112,8 @@ def test_no_secret_is_anywhere_in_a_whole_bundle(
     station.mkdir()
     (station / "access.json").write_text(SECRET)
     (station / "audit.jsonl").write_text(json.dumps({"who": "ann", "token": SECRET}))
-    wish = Wish(tmp_path / "logs", robot=f"name: cart\napi_key: {SECRET}\n", station=station, robots=robots)
-    parts = machine_parts(wish)
+    options = BundleOptions(tmp_path / "logs", robot=f"name: cart\napi_key: {SECRET}\n", station=station, robots=robots)
+    parts = machine_parts(options)
     path = tmp_path / "b.zip"
     manifest = write_bundle(path, [*parts, Part("broken", _fail)], {}, "now")
 

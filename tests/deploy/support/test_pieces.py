@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from segway_ecc.deploy.support.log_folder import LogFile
 from segway_ecc.deploy.support.pieces import (
     PIECE_BYTES,
-    Made,
-    Wanted,
+    FileRequest,
+    FinishedBundle,
+    file_request_of,
+    finished_bundle_of,
     listing_of,
     logs_of,
-    made_of,
-    name_of,
+    parameter_name,
     piece_of,
-    wanted_of,
     words_of,
 )
 
@@ -70,14 +70,14 @@ def test_no_words_make_it_fail(words: list[int]) -> None:
 @pytest.mark.parametrize(
     ("name", "wanted"),
     [
-        ("log/a.mcap/0", Wanted("log", "a.mcap", 0)),
-        ("sha256/a b/12", Wanted("sha256", "a b", 12)),
-        ("bundle/x.zip/61440", Wanted("bundle", "x.zip", 61440)),
+        ("log/a.mcap/0", FileRequest("log", "a.mcap", 0)),
+        ("sha256/a b/12", FileRequest("sha256", "a b", 12)),
+        ("bundle/x.zip/61440", FileRequest("bundle", "x.zip", 61440)),
     ],
 )
-def test_names_of_parameters(name: str, wanted: Wanted) -> None:
-    assert wanted_of(name) == wanted
-    assert name_of(wanted) == name
+def test_names_of_parameters(name: str, wanted: FileRequest) -> None:
+    assert file_request_of(name) == wanted
+    assert parameter_name(wanted) == name
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_names_of_parameters(name: str, wanted: Wanted) -> None:
     ],
 )
 def test_other_names_ask_for_nothing(name: str) -> None:
-    assert wanted_of(name) is None
+    assert file_request_of(name) is None
 
 
 def test_a_listing_comes_as_it_went_and_what_cannot_be_asked_for_is_left_out() -> None:
@@ -124,6 +124,6 @@ def test_a_listing_without_end_is_cut() -> None:
 
 
 def test_which_bundle_was_made() -> None:
-    assert made_of(f"a b.zip 12 {HASH}") == Made("a b.zip", 12, HASH)
+    assert finished_bundle_of(f"a b.zip 12 {HASH}") == FinishedBundle("a b.zip", 12, HASH)
     for text in ("", "busy", "none", "failed: no room", f"a.zip 1 {HASH[1:]}", f"../a 1 {HASH}", f"a -1 {HASH}"):
-        assert made_of(text) is None
+        assert finished_bundle_of(text) is None

@@ -46,10 +46,10 @@ def test_every_finding_of_this_machine_says_how_to_mend_it(tmp_path: Path) -> No
     assert len(set(names)) == len(names) >= 15
     assert not [name for name in names if name.startswith("check of")]
     for finding in told["findings"]:
-        assert finding.keys() == {"name", "verdict", "found", "effect", "mend"}
+        assert finding.keys() == {"name", "verdict", "found", "effect", "remedy"}
         assert finding["verdict"] in {"good", "warning", "bad"}
         assert finding["found"]
-        assert finding["verdict"] == "good" or (finding["effect"] and finding["mend"])
+        assert finding["verdict"] == "good" or (finding["effect"] and finding["remedy"])
     is_bad = any(finding["verdict"] == "bad" for finding in told["findings"])
     assert (told["fit"], ended.returncode) == (not is_bad, int(is_bad))
 

@@ -10,8 +10,8 @@ from segway_ecc.deploy.doctor.can import check_can
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import Machine
-from tests.deploy.doctor.fake_machine import by_name, job
+from segway_ecc.deploy.doctor.system import System
+from tests.deploy.doctor.fake_machine import by_name, workload
 
 MS = 1_000_000
 
@@ -25,12 +25,12 @@ def down() -> Iterator[str]:
 
 
 def looked(channel: str) -> dict[str, Finding]:
-    return by_name(list(check_can(Machine(RealProbes()), job(Path("/run"), can={"channel": channel}))))
+    return by_name(list(check_can(System(RealProbes()), workload(Path("/run"), can={"channel": channel}))))
 
 
 def test_the_whole_examination(tmp_path: Path) -> None:
-    machine = Machine(RealProbes(measured_ns=50 * MS))
-    found = by_name(examine(machine, job(tmp_path, can={"interface": "socketcan", "channel": "vcan0"})))
+    machine = System(RealProbes(measured_ns=50 * MS))
+    found = by_name(examine(machine, workload(tmp_path, can={"interface": "socketcan", "channel": "vcan0"})))
     assert found["CAN in the kernel"].verdict is Verdict.GOOD
     assert found["CAN vcan0"].found == "up"
     assert found["CAN vcan0 kind"].found == "virtual (vcan)"

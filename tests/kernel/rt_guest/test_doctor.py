@@ -11,10 +11,10 @@ from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.kernel import check_kernel
 from segway_ecc.deploy.doctor.privileges import check_privileges
 from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import Machine
-from tests.deploy.doctor.fake_machine import by_name, job
+from segway_ecc.deploy.doctor.system import System
+from tests.deploy.doctor.fake_machine import by_name, workload
 
-MACHINE = Machine(RealProbes())
+MACHINE = System(RealProbes())
 
 
 def ip_link(*words: str) -> None:
@@ -22,7 +22,7 @@ def ip_link(*words: str) -> None:
 
 
 def looked(channel: str, bitrate: int) -> dict[str, Finding]:
-    return by_name(list(check_can(MACHINE, job(Path("/run"), can={"channel": channel, "bitrate": bitrate}))))
+    return by_name(list(check_can(MACHINE, workload(Path("/run"), can={"channel": channel, "bitrate": bitrate}))))
 
 
 @pytest.fixture
@@ -37,13 +37,13 @@ def other() -> Iterator[None]:
 
 
 def test_the_kernel() -> None:
-    found = by_name(list(check_kernel(MACHINE, job(Path("/run")))))
+    found = by_name(list(check_kernel(MACHINE, workload(Path("/run")))))
     assert {each.verdict for each in found.values()} == {Verdict.GOOD}
     assert found["kernel"].found.endswith(", PREEMPT_RT")
 
 
 def test_privileges_of_root() -> None:
-    found = by_name(list(check_privileges(MACHINE, job(Path("/run")))))
+    found = by_name(list(check_privileges(MACHINE, workload(Path("/run")))))
     assert found["real-time scheduling"].found == "SCHED_FIFO 50 granted to this user"
     assert found["memory lock"].found == "any amount for this user"
 
@@ -74,7 +74,7 @@ def test_an_interface_that_is_down_and_what_mends_it() -> None:
         "CAN can1 queue": Verdict.WARNING,
     }
 
-    for command in found["CAN can1"].mend.split("; "):
+    for command in found["CAN can1"].remedy.split("; "):
         subprocess.run(command.removeprefix("sudo ").split(), check=True)
 
     assert {each.verdict for each in looked("can1", 500_000).values()} == {Verdict.GOOD}

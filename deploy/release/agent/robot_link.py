@@ -11,13 +11,13 @@ from segway_ecc.deploy.release.agent.store import Store
 BACKUP: Final = "robot.yaml.before-deploy"
 
 
-def is_adopted(store: Store, config: Path) -> bool:
+def is_robot_file_linked(store: Store, config: Path) -> bool:
     """Whether the robot file in use comes with the release."""
     link = config / "robot.yaml"
     return link.is_symlink() and str(link.readlink()) == str(store.root / "current" / ROBOT_FILE)
 
 
-def adopt(store: Store, config: Path, name: str) -> None:
+def link_robot_file(store: Store, config: Path, name: str) -> None:
     """Lead the configuration to the releases' robot files, if this release brings one.
 
     What was there is kept beside it, and releases that have none lead to it, so that a rollback finds it; for those in
@@ -25,15 +25,15 @@ def adopt(store: Store, config: Path, name: str) -> None:
     """
     machine = config / "robot.yaml"
     brings_one = (store.folder(name) / ROBOT_FILE).exists()
-    if not brings_one and not is_adopted(store, config):
+    if not brings_one and not is_robot_file_linked(store, config):
         return
-    if not is_adopted(store, config):
+    if not is_robot_file_linked(store, config):
         config.mkdir(parents=True, exist_ok=True)
         if machine.exists():
             shutil.copyfile(machine, config / BACKUP)
     if (config / BACKUP).exists():
         _give(store, config / BACKUP)
-    if not is_adopted(store, config):
+    if not is_robot_file_linked(store, config):
         link_whole(machine, str(store.root / "current" / ROBOT_FILE))
 
 

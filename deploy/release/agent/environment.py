@@ -1,4 +1,4 @@
-"""What a release needs of its surroundings: variables that its services are started with."""
+"""What a release needs of its environment: variables that its services are started with."""
 
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,7 @@ NAME: Final = "environment"
 _BOOTSTRAPPER: Final = "ros_wheels_bootstrapper"
 
 
-def write_surroundings(folder: Path, place: Path | None = None) -> None:
+def write_environment(folder: Path, place: Path | None = None) -> None:
     """Write the variables of a release that is installed; no file where it needs none.
 
     ROS 2 from PyPI needs its libraries in LD_LIBRARY_PATH. Where that is not set its start hook looks for them and

@@ -21,7 +21,7 @@ _LIMIT: Final = "--log-limit"
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class PartitionContent:
     """What the data partition has to hold, each in bytes.
 
     Attributes:
@@ -54,7 +54,7 @@ class Room:
             )
 
 
-def room(release: Path, wheels: int, system: Path, config: Path | None) -> Room:
+def partition_content(release: Path, wheels: int, system: Path, config: Path | None) -> PartitionContent:
     """What an image's data partition has to hold.
 
     Args:
@@ -66,7 +66,7 @@ def room(release: Path, wheels: int, system: Path, config: Path | None) -> Room:
     Raises:
         ImageError: The limit there is no number.
     """
-    return Room(_size(release) + wheels, log_limit(config), _size(system))
+    return PartitionContent(_size(release) + wheels, log_limit(config), _size(system))
 
 
 def log_limit(config: Path | None) -> int:

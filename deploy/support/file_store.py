@@ -19,12 +19,12 @@ from segway_ecc.deploy.support.pieces import (
     NONE,
     PIECE_BYTES,
     SHA256,
-    Made,
+    FileRequest,
+    FinishedBundle,
     Value,
-    Wanted,
+    file_request_of,
+    finished_bundle_of,
     listing_of,
-    made_of,
-    wanted_of,
 )
 from segway_ecc.deploy.support.worker import Worker
 
@@ -34,7 +34,7 @@ MakeBundle: TypeAlias = Callable[[Path], Path]
 """Makes a support bundle in a folder, and tells where; may take a minute."""
 
 
-class Shelf:
+class FileStore:
     """Answers what is asked for."""
 
     def __init__(
@@ -62,7 +62,7 @@ class Shelf:
             return listing_of(logs_in(self._logs))
         if name in {BUNDLE, MAKE}:
             return self._bundle(is_wanted=name == MAKE)
-        wanted = wanted_of(name)
+        wanted = file_request_of(name)
         if wanted is None:
             return None
         if wanted.kind == SHA256:
@@ -73,7 +73,7 @@ class Shelf:
         """Wait a moment for what is being made."""
         self._worker.close()
 
-    def _piece(self, wanted: Wanted) -> bytes | None:
+    def _piece(self, wanted: FileRequest) -> bytes | None:
         folder = self._logs if wanted.kind == LOG else self._work
         made = self._last_made()
         if wanted.kind == BUNDLE and (made is None or made.name != wanted.name):
@@ -89,7 +89,7 @@ class Shelf:
         finally:
             os.close(file)
 
-    def _sha256(self, wanted: Wanted) -> str | None:
+    def _sha256(self, wanted: FileRequest) -> str | None:
         try:
             file, size = open_log(self._logs, wanted.name)
         except FileNotFoundError:
@@ -131,9 +131,9 @@ class Shelf:
         self._made_ns = self._clock_ns()
         return f"{path.name} {size} {_hashed(self._work, path.name, size)}"
 
-    def _last_made(self) -> Made | None:
+    def _last_made(self) -> FinishedBundle | None:
         result = self._worker.result(BUNDLE)
-        return None if result is None else made_of(result)
+        return None if result is None else finished_bundle_of(result)
 
 
 def _hashed(folder: Path, name: str, size: int) -> str:

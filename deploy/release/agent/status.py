@@ -10,9 +10,9 @@ import sysconfig
 from pathlib import Path
 from typing import Any
 
-from segway_ecc.deploy.release.agent.adopt import is_adopted
-from segway_ecc.deploy.release.agent.files import RefusedError, is_locked
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_locked
 from segway_ecc.deploy.release.agent.journal import Journal
+from segway_ecc.deploy.release.agent.robot_link import is_robot_file_linked
 from segway_ecc.deploy.release.agent.services import show
 from segway_ecc.deploy.release.agent.store import Store
 
@@ -24,7 +24,7 @@ def probe(store: Store, config: Path) -> dict[str, Any]:
     robot = {
         path: dataclasses.asdict(entry)
         for path, entry in (manifest.files.items() if manifest else ())
-        if path.startswith("robot/") and is_adopted(store, config)
+        if path.startswith("robot/") and is_robot_file_linked(store, config)
     }
     return {
         "python": list(sys.version_info[:2]),
@@ -63,7 +63,7 @@ def _release(store: Store, name: str, current: str | None, *, verify: bool) -> d
     if verify:
         try:
             store.verify(name)
-        except RefusedError as error:
+        except AgentRefusedError as error:
             problem = str(error)
     return {**values, "is_current": name == current, **({"changed": problem} if verify else {})}
 
@@ -71,7 +71,7 @@ def _release(store: Store, name: str, current: str | None, *, verify: bool) -> d
 def _node() -> dict[str, Any]:
     try:
         return dataclasses.asdict(show())
-    except RefusedError as error:
+    except AgentRefusedError as error:
         return {"active": "unknown", "reason": str(error)}
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.support.pieces import PIECE_BYTES, Value, made_of
-from segway_ecc.deploy.support.shelf import Shelf
+from segway_ecc.deploy.support.file_store import FileStore
+from segway_ecc.deploy.support.pieces import PIECE_BYTES, Value, finished_bundle_of
 
 CONTENT = bytes(range(256)) * 512
 NS_PER_S = 1_000_000_000
@@ -34,7 +34,7 @@ class Bench:
         self.count = 0
         self.go_on = threading.Event()
         self.go_on.set()
-        self.shelf = Shelf(self.logs, self.work, self.make, lambda: self.now_ns)
+        self.file_store = FileStore(self.logs, self.work, self.make, lambda: self.now_ns)
 
     def make(self, place: Path) -> Path:
         assert self.go_on.wait(20.0)
@@ -44,10 +44,10 @@ class Bench:
         return path
 
     def ask(self, name: str) -> Value:
-        return when_done(lambda: self.shelf.answer(name))
+        return when_done(lambda: self.file_store.answer(name))
 
     def bundle(self) -> Value:
-        self.shelf.answer("bundle/make")
+        self.file_store.answer("bundle/make")
         return self.ask("bundle")
 
 
@@ -93,7 +93,7 @@ def test_a_bundle_is_made_when_it_is_asked_for_and_comes_in_pieces(bench: Bench)
     assert bench.ask("bundle") == "none"
     answer = bench.bundle()
     assert isinstance(answer, str)
-    made = made_of(answer)
+    made = finished_bundle_of(answer)
     assert made is not None
     assert (made.name, made.size, made.sha256) == ("1.zip", 5, hashlib.sha256(b"zip 1").hexdigest())
     assert bench.ask("bundle/1.zip/0") == b"zip 1"
@@ -114,10 +114,10 @@ def test_one_bundle_is_made_for_all_who_ask_within_half_a_minute_and_one_is_kept
 
 def test_while_a_bundle_is_made_pieces_are_still_handed_out(bench: Bench) -> None:
     bench.go_on.clear()
-    assert bench.shelf.answer("bundle/make") == "busy"
-    assert bench.shelf.answer("bundle") == "busy"
-    assert bench.shelf.answer("log/a.mcap/0") == CONTENT[:PIECE_BYTES]
-    assert bench.shelf.answer("sha256/a.mcap/1") == "busy"
+    assert bench.file_store.answer("bundle/make") == "busy"
+    assert bench.file_store.answer("bundle") == "busy"
+    assert bench.file_store.answer("log/a.mcap/0") == CONTENT[:PIECE_BYTES]
+    assert bench.file_store.answer("sha256/a.mcap/1") == "busy"
     bench.go_on.set()
     assert str(bench.ask("bundle")).startswith("1.zip ")
     assert bench.ask("sha256/a.mcap/1") == hashlib.sha256(CONTENT[:1]).hexdigest()
@@ -134,9 +134,9 @@ def test_a_bundle_asked_for_while_a_log_is_hashed_is_made_afterwards(
         return hash_it(*words)
 
     bench.go_on.clear()
-    monkeypatch.setattr("segway_ecc.deploy.support.shelf.hashlib.sha256", slow)
-    assert bench.shelf.answer("sha256/a.mcap/1") == "busy"
-    assert bench.shelf.answer("bundle/make") == "busy"
+    monkeypatch.setattr("segway_ecc.deploy.support.file_store.hashlib.sha256", slow)
+    assert bench.file_store.answer("sha256/a.mcap/1") == "busy"
+    assert bench.file_store.answer("bundle/make") == "busy"
     bench.go_on.set()
     assert str(bench.ask("bundle")).startswith("1.zip ")
 

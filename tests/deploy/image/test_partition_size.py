@@ -6,7 +6,7 @@ import pytest
 
 from segway_ecc.deploy.image.commands import ImageError
 from segway_ecc.deploy.image.disk import MIB
-from segway_ecc.deploy.image.room import RELEASES, Room, log_limit, room
+from segway_ecc.deploy.image.partition_size import RELEASES, PartitionContent, log_limit, partition_content
 
 
 def test_the_data_partition_holds_what_it_must(tmp_path: Path) -> None:
@@ -14,14 +14,14 @@ def test_the_data_partition_holds_what_it_must(tmp_path: Path) -> None:
     for folder, name, size in ((release, "code.py", 3 * MIB + 1), (system, "state", 1)):
         folder.mkdir()
         (folder / name).write_bytes(bytes(size))
-    found = room(release, 5 * MIB, system, None)
-    assert found == Room(8 * MIB + 4096, 2_000_000_000, 4096)
+    found = partition_content(release, 5 * MIB, system, None)
+    assert found == PartitionContent(8 * MIB + 4096, 2_000_000_000, 4096)
     content = RELEASES * found.release + 2_000_000_000 + 4096 + 100 * MIB
     assert 1.05 * content < found.mib * MIB < 1.15 * content
 
 
 def test_a_data_partition_that_is_too_small_is_refused_with_what_it_takes() -> None:
-    needed = Room(400_000_000, 2_000_000_000, 0)
+    needed = PartitionContent(400_000_000, 2_000_000_000, 0)
     assert needed.mib > (RELEASES * 400 + 2000) * 1e6 / MIB
     needed.check(needed.mib)
     with pytest.raises(ImageError, match=rf"of {needed.mib - 1} MiB is too small: 2000 MB of logs .* {needed.mib} MiB"):
