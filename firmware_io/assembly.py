@@ -82,16 +82,16 @@ class Assembly:
 
     def arm(self) -> None:
         """Begin to switch the motors on; see `Hardware.arm`."""
-        reasons = self.obstacles()
+        reasons = self.arming_failures()
         if reasons:
             raise ArmingRefusedError(reasons)
         self._armed = True
         for drive in self._drives:
             drive.enable()
 
-    def obstacles(self) -> Sequence[str]:
-        """What the drives and sensors say against arming; see `Hardware.obstacles`."""
-        return [reason for device in self._devices for reason in device.obstacles()]
+    def arming_failures(self) -> Sequence[str]:
+        """What the drives and sensors say against arming; see `Hardware.arming_failures`."""
+        return [reason for device in self._devices for reason in device.arming_failures()]
 
     def disarm(self) -> None:
         """Send zero with the motors off."""

@@ -26,7 +26,7 @@ from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 from segway_ecc.firmware_io.switching import SwitchRules
 
 if TYPE_CHECKING:
-    from segway_ecc.firmware_io.links.serial_link import Line, OpenPort
+    from segway_ecc.firmware_io.links.serial_link import OpenPort, SerialCodec
 
 NowNs = Callable[[], int]
 
@@ -71,7 +71,7 @@ def make_link(
     from segway_ecc.firmware_io.links.serial_link import SerialLink
     from segway_ecc.firmware_io.links.serial_port import open_serial_port
 
-    second = SerialLink(serial, serial_line(settings), clocks.now_ns, open_port or open_serial_port)
+    second = SerialLink(serial, serial_codec(settings), clocks.now_ns, open_port or open_serial_port)
     return RedundantLink(first, second, clocks.now_ns)
 
 
@@ -98,7 +98,7 @@ def serial_of(settings: HardwareSettings) -> SerialSettings | None:
     return serial
 
 
-def serial_line(settings: HardwareSettings) -> "Line":
+def serial_codec(settings: HardwareSettings) -> "SerialCodec":
     """What a drive family speaks on its serial line.
 
     Raises:
@@ -106,19 +106,19 @@ def serial_line(settings: HardwareSettings) -> "Line":
     """
     match settings:
         case WheelBoardSettings():
-            from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+            from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 
-            return BoardLine()
+            return BoardSerialCodec()
         case Cia402Settings():
             raise ValueError("CiA 402 drives have no serial line")
         case VescSettings():
-            from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
+            from segway_ecc.firmware_io.drives.vesc.serial_codec import VescSerialCodec
 
-            return VescLine(settings)
+            return VescSerialCodec(settings)
         case OdriveSettings():
-            from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine
+            from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec
 
-            return OdriveLine(settings)
+            return OdriveSerialCodec(settings)
 
 
 def build_hardware(

@@ -52,7 +52,7 @@ class Sensor(Protocol):
     def read(self) -> Readings:
         """The newest values."""
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """What speaks against arming the robot, each with how to mend it; nothing that arming itself has brought."""
 
     @property

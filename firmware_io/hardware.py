@@ -61,7 +61,7 @@ class Hardware(Protocol):
             ArmingRefusedError: The drive is not fit; the reasons say why.
         """
 
-    def obstacles(self) -> Sequence[str]:
+    def arming_failures(self) -> Sequence[str]:
         """What keeps `arm` from beginning, each with how to mend it; empty where nothing does.
 
         May be asked at any time: while the motors are on it tells nothing that is so because they are.
@@ -97,7 +97,7 @@ class NoHardware:
     def arm(self) -> None:
         """Do nothing."""
 
-    def obstacles(self) -> Sequence[str]:
+    def arming_failures(self) -> Sequence[str]:
         """Nothing is in the way of what has no motors."""
         return ()
 

@@ -126,7 +126,7 @@ class RecordingHardware:
             raise ArmingRefusedError(self.reasons)
         self.armed = True
 
-    def obstacles(self) -> Sequence[str]:
+    def arming_failures(self) -> Sequence[str]:
         """What speaks against arming."""
         return self.reasons
 

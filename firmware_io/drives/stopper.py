@@ -23,7 +23,7 @@ class Meaning(enum.StrEnum):
     """The drive reports that it does not."""
 
 
-class Heard(NamedTuple):
+class Observation(NamedTuple):
     """What a frame says of a drive."""
 
     drive: str
@@ -41,7 +41,7 @@ class Stopper(Protocol):
     drives: Sequence[str]
     reports: bool
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         """What a frame means; None for one that is not intact or means nothing to the guard. Never raises."""
 
     def stop(self) -> Sequence[Frame]:

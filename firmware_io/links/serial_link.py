@@ -48,7 +48,7 @@ class Port(Protocol):
         """Close the port."""
 
 
-class Line(Protocol):
+class SerialCodec(Protocol):
     """A serial protocol as a codec: bytes to the frames of a drive family and back. It knows no port.
 
     Attributes:
@@ -92,7 +92,7 @@ class SerialLink:
     """
 
     def __init__(
-        self, settings: SerialSettings, line: Line, now_ns: NowNs, open_port: OpenPort = open_serial_port
+        self, settings: SerialSettings, line: SerialCodec, now_ns: NowNs, open_port: OpenPort = open_serial_port
     ) -> None:
         """Describe the line; `open` opens its port."""
         self.counters = LinkCounters()

@@ -22,7 +22,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     Wheel,
     WheelCommand,
 )
-from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import LOST, Port
@@ -153,7 +153,7 @@ class _SerialEnd:
 
     def __init__(self, port: Port) -> None:
         self.endpoint = Endpoint(self, _COMMANDS)
-        self._line = BoardLine()
+        self._line = BoardSerialCodec()
         self._port = port
 
     @property

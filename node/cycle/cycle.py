@@ -275,7 +275,7 @@ class Cycle:
         items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=is_real_time())
         if not self.hardware.commands:  # a robot that is all model has no drives to ask
             return items
-        reasons = self.hardware.obstacles()
+        reasons = self.hardware.arming_failures()
         self.authority.answers.append(HardwareAnswer("obstacles", tuple(reasons)))
         return [drives_item(reasons), *items]
 

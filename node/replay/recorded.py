@@ -88,7 +88,7 @@ class RecordedHardware:
         if reasons is not None:
             raise ArmingRefusedError(reasons)
 
-    def obstacles(self) -> Sequence[str]:
+    def arming_failures(self) -> Sequence[str]:
         """What kept it from arming."""
         return self._recorded.answer("obstacles")
 

@@ -76,7 +76,7 @@ class Wheel:
     def read(self) -> Readings:
         return Readings((float(len(self.taken)),), (self.age,), (self.age <= 0.03,))
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         return self.reasons
 
     def enable(self) -> None:
@@ -318,15 +318,15 @@ def test_one_line_knows_of_no_switching(bench: Bench) -> None:
     assert bench.assembly.switching is None
 
 
-def test_obstacles_are_those_of_every_device_and_arming_asks_for_them(bench: Bench) -> None:
-    assert list(bench.assembly.obstacles()) == []
+def test_arming_failures_are_those_of_every_device_and_arming_asks_for_them(bench: Bench) -> None:
+    assert list(bench.assembly.arming_failures()) == []
     bench.left.reasons, bench.right.reasons = ["left: mend it"], ["right: mend it", "and this"]
-    assert list(bench.assembly.obstacles()) == ["left: mend it", "right: mend it", "and this"]
+    assert list(bench.assembly.arming_failures()) == ["left: mend it", "right: mend it", "and this"]
     with pytest.raises(ArmingRefusedError) as refused:
         bench.assembly.arm()
-    assert list(refused.value.reasons) == list(bench.assembly.obstacles())
+    assert list(refused.value.reasons) == list(bench.assembly.arming_failures())
     assert "enable" not in bench.left.told + bench.right.told
 
 
 def test_nothing_is_in_the_way_of_no_hardware() -> None:
-    assert not NoHardware().obstacles()
+    assert not NoHardware().arming_failures()

@@ -7,7 +7,7 @@ from segway_ecc.firmware_io.build import (
     HardwareSettings,
     can_link,
     make_link,
-    serial_line,
+    serial_codec,
     serial_of,
     takes_serial,
     with_port,
@@ -91,4 +91,4 @@ def test_drives_without_a_serial_line_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^Cia402Settings has no serial line$"):
         with_port(CIA402, "/dev/other")
     with pytest.raises(ValueError, match=r"^CiA 402 drives have no serial line$"):
-        serial_line(CIA402)
+        serial_codec(CIA402)

@@ -92,9 +92,9 @@ class Cia402Pair:
         readings = Readings(left.values + right.values, left.ages + right.ages, left.valid + right.valid)
         return with_one_more(readings, self._wheels[0].supply_voltage, self._wheels[0].supply_age)
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """A drive that is not there, not set up with its watchdog on, or not operational."""
-        return [reason for wheel in self._wheels for reason in wheel.obstacles(self._link.description)]
+        return [reason for wheel in self._wheels for reason in wheel.arming_failures(self._link.description)]
 
     @property
     def is_enabled(self) -> bool:

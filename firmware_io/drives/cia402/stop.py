@@ -6,7 +6,7 @@ from typing import Final
 from segway_ecc.firmware_io.drives.cia402.frames import Command, Service, Status
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.states import Controlword, DriveState, state_of
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -33,7 +33,7 @@ class Cia402Stopper:
         self._statuses = {Service.TPDO1 + node: name for name, node in nodes.items()}
         self._stop = [*(Frame(identifier, _DISABLE) for identifier in self._commands), Frame(Service.SYNC, b"")]
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
         if frame.is_extended or frame.is_remote:
             return None
@@ -48,16 +48,16 @@ class Cia402Stopper:
         return self._stop
 
 
-def _command(name: str, data: bytes) -> Heard | None:
+def _command(name: str, data: bytes) -> Observation | None:
     if len(data) != _LENGTH:
         return None
     enables = data[0] & Controlword.ENABLE_OPERATION == Controlword.ENABLE_OPERATION
-    return Heard(name, Meaning.MOVE if enables else Meaning.DISABLE)
+    return Observation(name, Meaning.MOVE if enables else Meaning.DISABLE)
 
 
-def _status(name: str, data: bytes) -> Heard | None:
+def _status(name: str, data: bytes) -> Observation | None:
     try:
         state = state_of(Status.unpack(data).statusword)
     except FrameRefusedError:
         return None
-    return None if state is None else Heard(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)
+    return None if state is None else Observation(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)

@@ -159,7 +159,7 @@ class Cia402Wheel:
             return f"the {self.side} drive has left the operational state: {self._nmt_name}"
         return self._stale
 
-    def obstacles(self, where: str) -> list[str]:
+    def arming_failures(self, where: str) -> list[str]:
         """What speaks against enabling it."""
         drive = f"the {self.side} drive (node {self.node_id})"
         if self.trouble is not None:

@@ -78,7 +78,7 @@ class Odrive:
         """
         return self._axis.read()
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """Silence, an unknown firmware, no calibration, motion, or a watchdog that has not proved itself.
 
         Errors that stand are none: arming clears them, and those that come back end it.
@@ -106,7 +106,7 @@ class Odrive:
             reasons.append(f"{who} is not calibrated; {_CALIBRATE}")
         if self._enabling.phase is Phase.OFF and axis.state != AxisState.IDLE:
             reasons.append(f"{who} is in {axis.state_name}, and is being told to be idle; try again in a moment")
-        return reasons + self._watchdog_obstacles(who)
+        return reasons + self._watchdog_failures(who)
 
     @property
     def is_enabled(self) -> bool:
@@ -164,7 +164,7 @@ class Odrive:
         """What the axis tells of itself, and the errors that the last clearing found."""
         return {**self._axis.health, "cleared": ", ".join(self._cleared) or "none"}
 
-    def _watchdog_obstacles(self, who: str) -> list[str]:
+    def _watchdog_failures(self, who: str) -> list[str]:
         """What the proof of the watchdog lacks."""
         proof, wanted_s = self._axis.proof, self._settings.watchdog_s
         if proof.is_proven:

@@ -8,7 +8,7 @@ from segway_ecc.firmware_io.drives.odrive.commands import AxisState
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.odrive.telemetry import Heartbeat
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -30,7 +30,7 @@ class OdriveStopper:
         still = (c.SetInputTorque(0.0), c.SetAxisState(AxisState.IDLE))
         self._stop = [encode(_ANY, node_id, message) for node_id in self._names for message in still]
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
         name = self._names.get(frame.arbitration_id // COMMANDS)
         if name is None or frame.is_extended or frame.is_remote:
@@ -39,7 +39,7 @@ class OdriveStopper:
             meaning = _meaning(decode(_ANY, frame.arbitration_id, frame.data))
         except FrameRefusedError:
             return None
-        return None if meaning is None else Heard(name, meaning)
+        return None if meaning is None else Observation(name, meaning)
 
     def stop(self) -> Sequence[Frame]:
         """Zero torque and idle, for both; see `Stopper.stop`."""

@@ -132,7 +132,7 @@ class Vesc:
             return readings
         return with_one_more(readings, self._bus_voltage, self._fresh.age(Command.STATUS_5, SUPPLY_STALE_NS))
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """Silence, a time-out that does not act or has not been measured yet, or a fault."""
         silent = [kind for kind in _TOLD if not self._fresh.age(kind)[1]]
         if silent:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, addressed, decode, frame_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
@@ -26,21 +26,21 @@ class VescStopper:
         self._names = {settings.left.controller_id: "left", settings.right.controller_id: "right"}
         self._stop = [frame_of(Command.SET_CURRENT, controller_id, Current(0.0)) for controller_id in self._names]
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
         command, controller_id = addressed(frame) or (None, None)
         name = self._names.get(controller_id) if controller_id is not None else None
         if name is None or frame.is_remote:
             return None
         if command in _OTHERS:
-            return Heard(name, Meaning.MOVE)
+            return Observation(name, Meaning.MOVE)
         if command is not Command.SET_CURRENT:
             return None
         try:
             current = decode(command, frame.data)[0]
         except FrameRefusedError:
             return None
-        return Heard(name, Meaning.MOVE if current else Meaning.DISABLE)
+        return Observation(name, Meaning.MOVE if current else Meaning.DISABLE)
 
     def stop(self) -> Sequence[Frame]:
         """Zero current, for both; see `Stopper.stop`."""

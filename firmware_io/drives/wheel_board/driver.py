@@ -106,7 +106,7 @@ class WheelBoard:
         supply_age = self._fresh.age(FrameId.BOARD_STATUS, SUPPLY_STALE_NS, now_ns)
         return with_one_more(Readings(tuple(values), tuple(ages), tuple(valid)), self._status.bus_voltage, supply_age)
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """Silence, a watchdog that is off or too long, a state that does not allow motion, or no IMU."""
         if not self._fresh.age(FrameId.BOARD_STATUS)[1]:
             return [f"the wheel board does not answer on {self._link.description}; is it powered and on this bus?"]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     BoardState,
     BoardStatus,
@@ -34,7 +34,7 @@ class WheelBoardStopper:
         """Know nothing of the node's counter."""
         self._counter = 0
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
         if frame.is_extended or frame.arbitration_id not in (FrameId.WHEEL_COMMAND, FrameId.BOARD_STATUS):
             return None
@@ -43,10 +43,10 @@ class WheelBoardStopper:
         except FrameRefusedError:
             return None
         if isinstance(payload, BoardStatus):
-            return Heard("board", Meaning.ON if payload.state is BoardState.ENABLED else Meaning.OFF)
+            return Observation("board", Meaning.ON if payload.state is BoardState.ENABLED else Meaning.OFF)
         self._counter = counter
         enables = isinstance(payload, WheelCommand) and payload.enable
-        return Heard("board", Meaning.MOVE if enables else Meaning.DISABLE)
+        return Observation("board", Meaning.MOVE if enables else Meaning.DISABLE)
 
     def stop(self) -> Sequence[Frame]:
         """Zero with the motors off, twice; see `Stopper.stop`."""

@@ -128,7 +128,7 @@ class XsensMti:
         force_age, force_valid = self._age(Message.ACCELERATION)
         return Readings((*rate, *force), (rate_age,) * 3 + (force_age,) * 3, (rate_valid,) * 3 + (force_valid,) * 3)
 
-    def obstacles(self) -> list[str]:
+    def arming_failures(self) -> list[str]:
         """Silence, a group counter that stands still, or an error that the sensor reported."""
         missing = [message.replace("_", " ") for message in _NEEDED if not self._fresh.age(message)[1]]
         reasons = []

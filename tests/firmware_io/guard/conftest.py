@@ -102,15 +102,15 @@ class Guarded:
         """Have the drives prove what they must, and switch them on."""
         self.robot.open()
         self._next_ns = self.rig.now_ns() + self.period_ns
-        while self._obstacles():
+        while self._arming_failures():
             self.cycle((0.0, 0.0))
-            assert self.rig.now_ns() < 20_000 * MS, self._obstacles()
+            assert self.rig.now_ns() < 20_000 * MS, self._arming_failures()
         self.robot.arm()
         while not self.cycle((0.0, 0.0)).ready:
             assert self.rig.now_ns() < 20_000 * MS
 
-    def _obstacles(self) -> list[str]:
-        return [reason for device in self.robot._devices for reason in device.obstacles()]
+    def _arming_failures(self) -> list[str]:
+        return [reason for device in self.robot._devices for reason in device.arming_failures()]
 
     def drive(self, cycles: int) -> None:
         for _ in range(cycles):

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.build import Clocks
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.guard.guard import Guard, describe
 from segway_ecc.firmware_io.guard.watch import Cause, End, Intervention, Watch
@@ -52,8 +52,8 @@ class Board:
     drives: Sequence[str] = ("board",)
     reports = True
 
-    def read(self, frame: Frame) -> Heard | None:
-        return Heard("board", Meaning(frame.data.decode()))
+    def read(self, frame: Frame) -> Observation | None:
+        return Observation("board", Meaning(frame.data.decode()))
 
     def stop(self) -> Sequence[Frame]:
         return [STOP]

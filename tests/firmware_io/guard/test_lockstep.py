@@ -63,7 +63,7 @@ def test_start_drive_disarm_and_stop_go_undisturbed(guarded: Any, robot: str) ->
     g.drive(100)
     g.robot.disarm()
     g.drive(100)
-    while g._obstacles():
+    while g._arming_failures():
         g.cycle()
     g.robot.arm()
     g.drive(100)
@@ -92,7 +92,7 @@ def test_a_node_that_dies_while_it_arms_leaves_no_drive_on(guarded: Any, robot: 
     g = guarded(robot)
     witness = g.rig.bus.attach("witness")
     g.robot.open()
-    while g._obstacles():
+    while g._arming_failures():
         g.cycle((0.0, 0.0))
     g.robot.arm()
     g.drive(3)

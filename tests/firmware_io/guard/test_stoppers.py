@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.build import HardwareSettings
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning, Stopper
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.guard.stoppers import stopper_of
@@ -62,7 +62,7 @@ def test_what_a_wheel_board_s_frames_mean() -> None:
     stopper = stopper_of(hardware("cart-can"))
     states = {state: encode(FrameId.BOARD_STATUS, BoardStatus(state, 36.0, 0.05, 0), 3) for state in BoardState}
 
-    assert stopper.read(command(1, enable=True)) == Heard("board", MOVE)
+    assert stopper.read(command(1, enable=True)) == Observation("board", MOVE)
     assert read(stopper, command(1, enable=True, voltage=2.0)) is MOVE
     assert read(stopper, command(1, enable=False)) is DISABLE
     meanings = {state: read(stopper, Frame(0x130, data)) for state, data in states.items()}
@@ -127,7 +127,7 @@ def test_a_wheel_board_s_status_does_not_move_the_counter() -> None:
 def test_what_an_odrive_s_frames_mean(side: int, number: int, data: bytes, meaning: Meaning | None) -> None:
     stopper = stopper_of(hardware("cart-odrive"))
     frame = Frame(ids("cart-odrive")[side] * 32 + number, data)
-    wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
+    wanted = None if meaning is None else Observation(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
     assert stopper.read(replace(frame, is_extended=True)) is None
@@ -166,7 +166,7 @@ def test_an_odrive_is_stopped_by_zero_torque_and_idle() -> None:
 def test_what_a_vesc_s_frames_mean(side: int, number: int, data: bytes, meaning: Meaning | None) -> None:
     stopper = stopper_of(hardware("cart-vesc"))
     frame = Frame(number << 8 | ids("cart-vesc")[side], data, is_extended=True)
-    wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
+    wanted = None if meaning is None else Observation(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
     assert stopper.read(replace(frame, is_extended=False)) is None
@@ -206,7 +206,7 @@ def test_a_vesc_is_stopped_by_zero_current() -> None:
 def test_what_a_cia_402_drive_s_frames_mean(side: int, base: int, data: bytes, meaning: Meaning | None) -> None:
     stopper = stopper_of(hardware("cart-cia402"))
     frame = Frame(base + ids("cart-cia402")[side], data)
-    wanted = None if meaning is None else Heard(("left", "right")[side], meaning)
+    wanted = None if meaning is None else Observation(("left", "right")[side], meaning)
 
     assert stopper.read(frame) == wanted
     assert stopper.read(replace(frame, is_extended=True)) is None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.drives.stopper import Heard, Meaning
+from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.guard.watch import Cause, End, Watch
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -22,9 +22,9 @@ class Letters:
     def __init__(self, *, reports: bool = True) -> None:
         self.reports = reports
 
-    def read(self, frame: Frame) -> Heard | None:
+    def read(self, frame: Frame) -> Observation | None:
         drive, _, meaning = frame.data.decode().partition(" ")
-        return Heard(drive, Meaning(meaning)) if meaning else None
+        return Observation(drive, Meaning(meaning)) if meaning else None
 
     def stop(self) -> Sequence[Frame]:
         return STOP

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from serial import rfc2217
 from serial.tools import list_ports
 
-from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.links import serial_port
 from segway_ecc.firmware_io.links.link import Frame, LinkState
@@ -32,7 +32,7 @@ TELEMETRY = Frame(0x120, b"\x00\r\n\x03\x04\x11\x13\x1a")
 
 
 def _link(url: str) -> SerialLink:
-    return SerialLink(SerialSettings(port=url), BoardLine(), time.monotonic_ns)
+    return SerialLink(SerialSettings(port=url), BoardSerialCodec(), time.monotonic_ns)
 
 
 def _frames(receive: Callable[[], list[Frame]], count: int = 1) -> list[Frame]:
@@ -75,7 +75,7 @@ class Board:
     """What answers at the other end."""
 
     def __init__(self, read: Callable[[], bytes], write: Callable[[bytes], object]) -> None:
-        self.line = BoardLine()
+        self.line = BoardSerialCodec()
         self._read, self._write = read, write
 
     def receive(self) -> list[Frame]:
@@ -311,7 +311,7 @@ def _serve_rfc2217(server: Server) -> None:
     connection = server.client
     assert connection is not None
     connection.settimeout(30.0)
-    line = BoardLine()
+    line = BoardSerialCodec()
     with serial.serial_for_url("loop://", timeout=0) as port:
         manager = rfc2217.PortManager(port, SimpleNamespace(write=connection.sendall))
         frames: list[Frame] = []

@@ -129,4 +129,4 @@ def test_drives_that_are_switched_on_after_the_node_refuse_arming() -> None:
     hardware: Any = build_robot(file, rig, rig.bus.attach("node")).hardware
     hardware.open()
     (drives,) = hardware._drives
-    assert all("is not set up: its object 0x1000:00 cannot be read: no answer" in r for r in drives.obstacles())
+    assert all("is not set up: its object 0x1000:00 cannot be read: no answer" in r for r in drives.arming_failures())

@@ -53,7 +53,7 @@ class Bench:
         return self._is_on(self._device)
 
     def drive(self) -> None:
-        assert self.hardware.obstacles() == []
+        assert self.hardware.arming_failures() == []
         self.hardware.arm()
         self.cycles(10)
         assert self.sensors.ready

@@ -61,8 +61,8 @@ class Bench:
             self.rig.sleep_until_ns(self.rig.now_ns() + CYCLE_NS)
         return faults
 
-    def obstacles(self) -> list[str]:
-        return [text for drive in self.drives for text in drive.obstacles()]
+    def arming_failures(self) -> list[str]:
+        return [text for drive in self.drives for text in drive.arming_failures()]
 
     def enable(self) -> None:
         for drive in self.drives:
@@ -83,7 +83,7 @@ RUNS = pytest.mark.parametrize(
 def test_both_firmwares_prove_their_watchdogs_arm_turn_and_disarm(runs: Firmware, configured: str) -> None:
     bench = Bench(runs, configured)
     bench.run(60 if configured == "auto" else 15)
-    assert bench.obstacles() == []
+    assert bench.arming_failures() == []
     assert {drive.health["firmware"][:3] for drive in bench.drives} == {runs.value}
 
     bench.enable()
@@ -101,7 +101,7 @@ def test_both_firmwares_prove_their_watchdogs_arm_turn_and_disarm(runs: Firmware
         drive.disable()
     bench.run(5)
     assert {axis.state.name for axis in bench.device.axes} == {"IDLE"}
-    assert bench.obstacles() == []
+    assert bench.arming_failures() == []
 
 
 @RUNS
@@ -109,8 +109,8 @@ def test_it_is_not_armed_while_a_watchdog_is_off(runs: Firmware, configured: str
     bench = Bench(runs, configured)
     bench.device.axes[1].watchdog_s = None
     bench.run(100)
-    (obstacle,) = bench.obstacles()
-    assert obstacle.startswith("right ODrive axis (node 1): its watchdog was not seen to expire")
+    (failure,) = bench.arming_failures()
+    assert failure.startswith("right ODrive axis (node 1): its watchdog was not seen to expire")
 
 
 @pytest.mark.parametrize("watchdog_s", [0.02, 0.03, 0.035, 0.04])
@@ -121,7 +121,7 @@ def test_every_time_out_up_to_the_allowed_one_is_proved_however_the_heartbeats_f
             axis.watchdog_s = watchdog_s
             cycles[0].last_ns = -offset_ms * MS
         bench.run(150)
-        proved = [float(drive.health["watchdog_ms"]) for drive in bench.drives if drive.obstacles() == []]
+        proved = [float(drive.health["watchdog_ms"]) for drive in bench.drives if drive.arming_failures() == []]
         assert all(watchdog_s * 1e3 <= took_ms <= watchdog_s * 1e3 + 24 for took_ms in proved)
         assert len(proved) == 2
 
@@ -134,7 +134,7 @@ def test_a_longer_one_is_refused_however_the_heartbeats_fall(watchdog_s: float) 
             axis.watchdog_s = watchdog_s
             cycles[0].last_ns = -offset_ms * MS
         bench.run(250)
-        assert len(bench.obstacles()) == 2
+        assert len(bench.arming_failures()) == 2
 
 
 def test_a_drive_that_restarts_while_disarmed_proves_itself_again() -> None:
@@ -142,12 +142,12 @@ def test_a_drive_that_restarts_while_disarmed_proves_itself_again() -> None:
     bench.run(15)
     bench.device.switch_off()
     bench.run(30)
-    assert any("sends no heartbeat" in obstacle for obstacle in bench.obstacles())
+    assert any("sends no heartbeat" in failure for failure in bench.arming_failures())
     for axis in bench.device.axes:
         axis.watchdog_s = None
     bench.device.switch_on()
     bench.run(30)
-    assert any("was not seen to expire" in obstacle for obstacle in bench.obstacles())
+    assert any("was not seen to expire" in failure for failure in bench.arming_failures())
 
 
 def test_a_drive_that_loses_power_or_errs_while_armed_is_a_fault_within_its_time() -> None:

@@ -9,7 +9,7 @@ import pytest
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.odrive.commands import AxisState
 from segway_ecc.firmware_io.drives.odrive.driver import Odrive
-from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine
+from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.serial_link import SerialLink
@@ -53,7 +53,7 @@ class Bench:
         self.rig = LockstepRig(500_000)
         self.wires = SimulatedSerial(baudrate, self.rig.now_ns)
         self.bus = FaultyLink(self.rig.bus.attach("node"))
-        self.line = OdriveLine(settings)
+        self.line = OdriveSerialCodec(settings)
         fallback = SerialLink(settings.serial, self.line, self.rig.now_ns, self.wires.host.open)
         self.link = RedundantLink(self.bus, fallback, self.rig.now_ns)
         drives_link = self.rig.bus.attach("drives")

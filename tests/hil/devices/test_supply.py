@@ -90,7 +90,7 @@ def test_drives_without_the_object_are_armed_and_their_supply_is_never_fresh() -
     sensors = bench.cycle(10)
     assert (sensors.ready, sensors.faults) == (True, ())
     assert bench.hardware.health["drives.left.bus_voltage_v"] == "not told"
-    assert bench.hardware.obstacles() == []
+    assert bench.hardware.arming_failures() == []
 
 
 def test_a_drive_that_was_off_and_is_set_up_again_tells_its_supply_again() -> None:
@@ -103,4 +103,4 @@ def test_a_drive_that_was_off_and_is_set_up_again_tells_its_supply_again() -> No
     drives.left.switch_on()
     bench.robot.stuck[PLANT] = 20.0
     assert bench.supply(200) == (20.0, True)
-    assert bench.hardware.obstacles() == []
+    assert bench.hardware.arming_failures() == []

@@ -6,7 +6,7 @@ import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.vesc.driver import Vesc
-from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
+from segway_ecc.firmware_io.drives.vesc.serial_codec import VescSerialCodec
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
@@ -86,7 +86,7 @@ class Bench:
         host, device = End(), End()
         host.other, device.other = device, host
         self.vesc = SimulatedVesc(self._device_link, settings, device)
-        serial = SerialLink(SERIAL, VescLine(settings), self._now, lambda _: host)
+        serial = SerialLink(SERIAL, VescSerialCodec(settings), self._now, lambda _: host)
         link = RedundantLink(self.plug, serial, self._now)
         drives = [Vesc(link, name, settings, 0.01, self._now) for name in ("left", "right")]
         self.robot = Assembly(link, drives, now_ns=self._now)

@@ -16,7 +16,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     WheelCommand,
     encode,
 )
-from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.device import Device
@@ -74,7 +74,7 @@ class SerialHost:
     """The host's end of the board's serial line."""
 
     def __init__(self, port: Port) -> None:
-        self.line = BoardLine()
+        self.line = BoardSerialCodec()
         self._port = port
 
     def send(self, frame: Frame) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState
-from segway_ecc.firmware_io.drives.wheel_board.serial_line import BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.serial_link import SerialLink
@@ -42,7 +42,7 @@ class Bench:
         wires = SimulatedSerial(baudrate, self.rig.now_ns)
         self.bus = FaultyLink(self.rig.bus.attach("node"))
         serial = SerialSettings(port="bench", baudrate=baudrate)
-        fallback = SerialLink(serial, BoardLine(), self.rig.now_ns, wires.host.open)
+        fallback = SerialLink(serial, BoardSerialCodec(), self.rig.now_ns, wires.host.open)
         self.link = RedundantLink(self.bus, fallback, self.rig.now_ns)
         board_link = self.rig.bus.attach("board")
         self.board = SimulatedWheelBoard(board_link, WheelBoardSettings(imu=True), wires.device)

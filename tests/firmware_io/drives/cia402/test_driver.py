@@ -67,7 +67,7 @@ class Bench:
         """Take both drives to where they follow."""
         self.start()
         self.tell_status(DISABLED)
-        assert self.pair.obstacles() == []
+        assert self.pair.arming_failures() == []
         self.pair.enable()
         for statusword in (DISABLED, READY, SWITCHED_ON, ENABLED):
             self.tell_status(statusword)
@@ -195,11 +195,11 @@ def test_the_supply_is_the_left_drives_and_valid_for_a_second(bench: Bench) -> N
     assert bench.pair.health["left.bus_voltage_v"] == "not told"
 
 
-def test_a_supply_that_is_not_told_is_no_fault_and_no_obstacle(bench: Bench) -> None:
+def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
     bench.enable()
     assert bench.pair.read().valid[6] is False
     assert bench.pair.faults() == ()
-    assert bench.pair.obstacles() == []
+    assert bench.pair.arming_failures() == []
 
 
 def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(bench: Bench) -> None:
@@ -257,7 +257,7 @@ def test_each_drive_takes_its_own_steps_and_torque_waits_for_both(bench: Bench) 
 def test_a_latched_fault_is_reset_by_a_rising_edge_on_the_way(bench: Bench) -> None:
     bench.start()
     bench.tell_status(FAULT)
-    assert bench.pair.obstacles() == []
+    assert bench.pair.arming_failures() == []
     assert bench.cycle() == ["00000000"] * 2
     bench.pair.enable()
     told = [bench.cycle()[0] for _ in range(3)]
@@ -355,7 +355,7 @@ def test_a_node_that_is_no_longer_operational_is_a_fault(bench: Bench, nmt: int,
 def test_such_a_node_is_started_again_while_disarmed_once_for_each_heartbeat(bench: Bench) -> None:
     bench.start()
     bench.tell(0x700 + RIGHT, "7f")
-    assert "is not operational: pre-operational" in bench.pair.obstacles()[1]
+    assert "is not operational: pre-operational" in bench.pair.arming_failures()[1]
     bench.pair.command((0.0, 0.0))
     assert bench.memory.heard()[4:] == [(0x000, "0102")]
     bench.pair.command((0.0, 0.0))
@@ -391,7 +391,7 @@ def test_a_restart_while_armed_is_a_fault_and_is_mended_only_once_disarmed(bench
     bench.pair.disable()
     bench.pair.command((0.0, 0.0))
     assert (0x601, "4000100000000000") in bench.memory.heard()
-    assert "restarted and is being set up again" in bench.pair.obstacles()[0]
+    assert "restarted and is being set up again" in bench.pair.arming_failures()[0]
 
 
 def test_a_drive_that_restarted_has_no_torque_even_if_it_says_that_it_follows(bench: Bench) -> None:
@@ -432,7 +432,7 @@ def test_a_drive_that_restarted_is_set_up_again_a_request_a_cycle(bench: Bench) 
     bench.pair.command((0.0, 0.0))
     assert (0x000, "0101") in bench.memory.heard()
     bench.tell_status(DISABLED)
-    assert bench.pair.obstacles() == []
+    assert bench.pair.arming_failures() == []
     assert bench.pair.read().values[0] == pytest.approx(angle)
     assert angle == pytest.approx(-1000 / 4000 * 2 * math.pi / 2)
 
@@ -446,7 +446,7 @@ def test_another_drive_in_its_place_is_not_armed(bench: Bench) -> None:
     for _ in range(31):
         bench.cycle()
         bench.memory.receive()
-    (reason, _) = bench.pair.obstacles()
+    (reason, _) = bench.pair.arming_failures()
     assert "restarted and object 0x1000:00 is not answered as it was; is it the same drive?" in reason
     assert bench.pair.health["left.set_up"] == "object 0x1000:00 is not answered as it was"
 
@@ -456,7 +456,7 @@ def test_drives_that_are_not_there_refuse_arming_with_what_to_do(memory: Any) ->
     before_ns = memory.now_ns
     bench.start()
     assert memory.now_ns - before_ns == pytest.approx(5_400 * MS, rel=0.2)
-    left, right = bench.pair.obstacles()
+    left, right = bench.pair.arming_failures()
     assert left == "the left drive (node 1) does not answer on memory; is it powered and on this bus?"
     assert right == (
         "the right drive (node 2) on memory is not set up: its object 0x1000:00 cannot be read: no answer; "
@@ -473,13 +473,13 @@ def test_a_boot_up_of_a_drive_that_was_never_set_up_does_not_arm_it(memory: Any)
     bench.memory.heard()
     bench.pair.command((0.0, 0.0))
     assert [identifier for identifier, _ in bench.memory.heard()] == [0x77E, 0x201, 0x202, 0x080]
-    assert "is not set up" in bench.pair.obstacles()[1]
+    assert "is not set up" in bench.pair.arming_failures()[1]
 
 
 def test_a_link_that_is_gone_at_the_start_refuses_arming(bench: Bench) -> None:
     bench.memory.is_gone = True
     bench.pair.start()
-    assert all("memory is gone" in reason for reason in bench.pair.obstacles())
+    assert all("memory is gone" in reason for reason in bench.pair.arming_failures())
 
 
 def test_a_drive_that_restarts_while_it_is_set_up_is_set_up_anew(bench: Bench) -> None:
@@ -502,7 +502,7 @@ def test_a_drive_that_restarts_again_and_again_is_told(bench: Bench) -> None:
 
     bench.memory.nodes[LEFT].add_write_callback(restart)
     bench.start()
-    assert "is not set up: it restarts again and again" in bench.pair.obstacles()[0]
+    assert "is not set up: it restarts again and again" in bench.pair.arming_failures()[0]
 
 
 def test_a_drive_that_restarts_while_the_other_is_set_up_is_mended_by_the_loop(bench: Bench) -> None:
@@ -512,7 +512,7 @@ def test_a_drive_that_restarts_while_the_other_is_set_up_is_mended_by_the_loop(b
 
     bench.memory.nodes[RIGHT].add_write_callback(restart)
     bench.start()
-    assert "left drive (node 1) restarted and is being set up again" in bench.pair.obstacles()[0]
+    assert "left drive (node 1) restarted and is being set up again" in bench.pair.arming_failures()[0]
 
 
 def test_damaged_frames_are_counted_and_make_nothing_younger(bench: Bench) -> None:
@@ -564,7 +564,7 @@ def test_whatever_the_drives_send_values_stay_finite_and_nothing_raises(frames: 
         assert all(map(math.isfinite, pair.read().values))
         assert not pair.is_enabled
         pair.faults()
-        pair.obstacles()
+        pair.arming_failures()
 
 
 class _Nowhere:

@@ -105,7 +105,7 @@ class Bench:
 
     def arm(self) -> None:
         self.prove()
-        assert self.drive.obstacles() == []
+        assert self.drive.arming_failures() == []
         self.drive.enable()
         self.run(6, CLOSED)
         assert self.drive.is_enabled
@@ -157,20 +157,20 @@ def test_an_axis_that_is_not_idle_is_told_to_be_and_never_left_in_silence(bench:
 
     assert all(ZERO in frames for frames in cycles)
     assert sum(TO_IDLE in frames for frames in cycles) >= 3
-    assert any("being told to be idle" in obstacle for obstacle in bench.drive.obstacles())
+    assert any("being told to be idle" in failure for failure in bench.drive.arming_failures())
 
 
 def test_an_idle_axis_hears_nothing_until_its_watchdog_has_expired_and_zero_from_then_on(bench: Bench) -> None:
     bench.drive.start()
     bench.run(2)
     assert bench.run(2) == [[], []]
-    assert "watchdog is being tried" in bench.drive.obstacles()[0]
+    assert "watchdog is being tried" in bench.drive.arming_failures()[0]
 
     bench.run(2, error=0x800)
-    assert "watchdog is being tried" in bench.drive.obstacles()[0]
+    assert "watchdog is being tried" in bench.drive.arming_failures()[0]
     assert bench.run(4) == [[ZERO, CLEAR["0.5"]], [], [], []]
     bench.run(2, error=0x800)
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
     # Told to forget its error at 60 ms; the first heartbeat with it after that came at 118 ms.
     assert bench.drive.health["watchdog_ms"] == "58.0"
     assert bench.run(5, error=0x800) == [[ZERO]] * 5
@@ -179,14 +179,14 @@ def test_an_idle_axis_hears_nothing_until_its_watchdog_has_expired_and_zero_from
 def test_the_error_of_before_is_cleared_once_and_then_awaited_in_silence(bench: Bench) -> None:
     bench.drive.start()
     bench.run(2, error=0x4800)
-    assert bench.drive.obstacles()
+    assert bench.drive.arming_failures()
 
     assert bench.run(1, error=0x4800) == [[ZERO, CLEAR["0.5"]]]
     assert bench.drive.health["cleared"] == "WATCHDOG_TIMER_EXPIRED, ESTOP_REQUESTED"
     bench.run(1)  # a heartbeat on the way out of silence does not count, one without the error does
     assert bench.run(2) == [[], []]
     bench.run(2, error=0x800)
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 def test_an_error_that_stays_is_cleared_again_only_now_and_then(bench: Bench) -> None:
@@ -196,17 +196,17 @@ def test_an_error_that_stays_is_cleared_again_only_now_and_then(bench: Bench) ->
     clears = [index for index, frames in enumerate(cycles) if CLEAR["0.5"] in frames]
     assert len(clears) == 4
     assert min(b - a for a, b in itertools.pairwise(clears)) >= 30
-    assert "expires before a heartbeat can show it" in bench.drive.obstacles()[0]
+    assert "expires before a heartbeat can show it" in bench.drive.arming_failures()[0]
 
 
-def test_a_watchdog_that_is_off_is_an_obstacle_that_says_what_to_set(bench: Bench) -> None:
+def test_a_watchdog_that_is_off_is_an_arming_failure_that_says_what_to_set(bench: Bench) -> None:
     bench.drive.start()
     bench.run(40)
 
-    (obstacle,) = bench.drive.obstacles()
-    assert "was not seen to expire" in obstacle
-    assert "config.enable_watchdog = True" in obstacle
-    assert "config.watchdog_timeout = 0.05" in obstacle
+    (failure,) = bench.drive.arming_failures()
+    assert "was not seen to expire" in failure
+    assert "config.enable_watchdog = True" in failure
+    assert "config.watchdog_timeout = 0.05" in failure
     assert bench.drive.health["watchdog_ms"] == "not seen"
 
 
@@ -214,19 +214,19 @@ def test_a_watchdog_that_is_off_is_an_obstacle_that_says_what_to_set(bench: Benc
 def test_a_watchdog_may_take_its_time_one_heartbeat_and_one_cycle(bench: Bench, beats: int, *, allowed: bool) -> None:
     bench.drive.start()
     bench.expire(clean=2 * beats)
-    obstacles = bench.drive.obstacles()
-    assert bool(obstacles) is not allowed
+    failures = bench.drive.arming_failures()
+    assert bool(failures) is not allowed
     if not allowed:
-        assert "its watchdog took 118 ms, allowed is 80" in obstacles[0]
+        assert "its watchdog took 118 ms, allowed is 80" in failures[0]
 
 
 def test_a_watchdog_that_took_too_long_for_a_lost_heartbeat_is_tried_again(bench: Bench) -> None:
     bench.drive.start()
     bench.expire(clean=40)
-    assert "its watchdog took" in bench.drive.obstacles()[0]
+    assert "its watchdog took" in bench.drive.arming_failures()[0]
     bench.run(4)
     bench.run(2, error=0x800)
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 def test_an_error_that_was_not_told_to_be_forgotten_proves_nothing(bench: Bench) -> None:
@@ -261,11 +261,11 @@ def test_a_drive_that_may_have_been_restarted_has_to_prove_its_watchdog_again(be
         assert ZERO in bench.cycle()
     bench.beat()
     assert bench.drive.health["watchdog_ms"] == "not seen"
-    assert any("heartbeats come" in obstacle for obstacle in bench.drive.obstacles())
+    assert any("heartbeats come" in failure for failure in bench.drive.arming_failures())
     assert bench.run(2)[1] == []
     bench.run(20)
     bench.expire()
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 @pytest.mark.parametrize(("firmware", "foreign"), [("0.5", 0x01000000), ("0.6", 0x800)])
@@ -280,25 +280,25 @@ def test_the_other_firmwares_bit_proves_nothing(configure: Configure, firmware: 
     assert bench.drive.health["watchdog_ms"] != "not seen"
 
 
-def test_heartbeats_that_are_too_seldom_are_an_obstacle_that_says_what_to_set(bench: Bench) -> None:
+def test_heartbeats_that_are_too_seldom_are_an_arming_failure_that_says_what_to_set(bench: Bench) -> None:
     bench.drive.start()
     for _ in range(3):
         bench.now_ns += 100 * MS
         bench.beat()
-    obstacles = bench.drive.obstacles()
-    assert any("come 100 ms apart, 20 is expected; set can.heartbeat_rate_ms = 20" in text for text in obstacles)
-    assert any("set can.encoder_rate_ms = 5" in text for text in obstacles)
+    failures = bench.drive.arming_failures()
+    assert any("come 100 ms apart, 20 is expected; set can.heartbeat_rate_ms = 20" in text for text in failures)
+    assert any("set can.encoder_rate_ms = 5" in text for text in failures)
 
 
 def test_the_parameters_of_0_6_have_other_names(configure: Configure) -> None:
     bench = Bench(configure(firmware="0.6"))
     bench.beat()
-    assert any("set can.encoder_msg_rate_ms = 5" in text for text in bench.drive.obstacles())
+    assert any("set can.encoder_msg_rate_ms = 5" in text for text in bench.drive.arming_failures())
 
 
-def test_a_silent_axis_is_an_obstacle(bench: Bench) -> None:
-    (obstacle,) = bench.drive.obstacles()
-    assert obstacle.startswith("left ODrive axis (node 0) sends no heartbeat on recorded")
+def test_a_silent_axis_is_an_arming_failure(bench: Bench) -> None:
+    (failure,) = bench.drive.arming_failures()
+    assert failure.startswith("left ODrive axis (node 0) sends no heartbeat on recorded")
 
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
@@ -494,12 +494,12 @@ def test_the_left_axis_tells_the_supply_which_is_valid_for_a_second(configure: C
     assert bench.drive.read().valid[3] is False
 
 
-def test_a_supply_that_is_not_told_is_no_fault_and_no_obstacle(bench: Bench) -> None:
+def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
     bench.arm()
     bench.run(20, CLOSED)
     assert bench.drive.read().valid[3] is False
     assert bench.drive.faults() == ()
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 @pytest.mark.parametrize(("result", "stands"), [(14, True), (13, False), (0, False)])
@@ -513,9 +513,9 @@ def test_an_axis_of_0_6_that_says_it_is_not_calibrated_refuses_arming(
         "left ODrive axis (node 0) is not calibrated; calibrate it where it is not: stop the node, wheels in the air, "
         "FULL_CALIBRATION_SEQUENCE, save"
     )
-    assert bench.drive.obstacles() == [expected] * stands
+    assert bench.drive.arming_failures() == [expected] * stands
     bench.hear(0x01, struct.pack("<IBBxx", 0, IDLE, 0))
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 def test_torque_is_told_by_0_6_itself_and_not_at_all_without_a_constant(configure: Configure) -> None:
@@ -558,14 +558,14 @@ def test_a_firmware_that_has_to_be_found_is_asked_for_and_does_not_answer_if_it_
     asked = [index for index, frames in enumerate(cycles) if ASK_VERSION in frames]
     assert asked == [0, 10, 20, 30]
     assert all(ZERO in frames for frames in cycles)
-    assert "its firmware is being asked for" in bench.drive.obstacles()[0]
+    assert "its firmware is being asked for" in bench.drive.arming_failures()[0]
     assert bench.drive.health["firmware"] == "unknown"
 
     bench.run(2)
     assert bench.drive.health["firmware"] == "0.5"
     assert bench.run(4)[1:] == [[], [], []]
     bench.expire()
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
 
 
 def test_a_firmware_that_answers_is_the_one_it_says(configure: Configure) -> None:
@@ -576,7 +576,7 @@ def test_a_firmware_that_answers_is_the_one_it_says(configure: Configure) -> Non
     assert bench.hear(0x00, VERSION_0_6)
     assert bench.drive.health["firmware"] == "0.6.10"
     bench.expire(firmware="0.6")
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
     assert not any(frame.is_remote for frames in bench.run(40) for frame in frames)
 
 
@@ -585,10 +585,10 @@ def test_a_late_answer_corrects_what_was_guessed_and_the_proof_begins_anew(confi
     bench.drive.start()
     bench.run(40)
     bench.expire()
-    assert bench.drive.obstacles() == []
+    assert bench.drive.arming_failures() == []
     bench.hear(0x00, VERSION_0_6)
     assert bench.drive.health["watchdog_ms"] == "not seen"
-    assert bench.drive.obstacles()
+    assert bench.drive.arming_failures()
 
 
 def test_an_axis_that_is_not_there_is_asked_until_it_is(configure: Configure) -> None:
@@ -608,14 +608,14 @@ def test_the_version_decides_what_it_is(configure: Configure, version: str, *, i
     bench.hear(0x00, bytes.fromhex(version))
     bench.run(2)
     bench.expire()
-    assert (bench.drive.obstacles() == []) is is_old
+    assert (bench.drive.arming_failures() == []) is is_old
 
 
-def test_a_drive_that_answers_although_it_is_said_to_be_0_5_is_an_obstacle(bench: Bench) -> None:
+def test_a_drive_that_answers_although_it_is_said_to_be_0_5_is_an_arming_failure(bench: Bench) -> None:
     bench.prove()
     bench.hear(0x00, VERSION_0_6)
-    (obstacle,) = bench.drive.obstacles()
-    assert "answers that its firmware is 0.6.10; set firmware to '0.6' or 'auto'" in obstacle
+    (failure,) = bench.drive.arming_failures()
+    assert "answers that its firmware is 0.6.10; set firmware to '0.6' or 'auto'" in failure
 
 
 def test_no_remote_frame_is_sent_while_armed(configure: Configure) -> None:
@@ -631,7 +631,7 @@ def test_no_remote_frame_is_sent_while_armed(configure: Configure) -> None:
 
 def _state(bench: Bench) -> Any:
     health = {name: text for name, text in bench.drive.health.items() if not name.startswith("refused")}
-    return bench.drive.read(), health, bench.drive.faults(), bench.drive.obstacles(), bench.drive.is_enabled
+    return bench.drive.read(), health, bench.drive.faults(), bench.drive.arming_failures(), bench.drive.is_enabled
 
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])

@@ -75,7 +75,7 @@ class Bench:
 
     def enable(self) -> None:
         self.measure()
-        assert self.vesc.obstacles() == []
+        assert self.vesc.arming_failures() == []
         self.vesc.enable()
         self.vesc.command((0.0,))
         self.now_ns += 10 * MS
@@ -171,24 +171,24 @@ def test_a_damaged_frame_changes_nothing_and_is_counted(bench: Bench) -> None:
 @pytest.mark.parametrize("length", range(9))
 def test_frames_that_are_not_listed_change_nothing(bench: Bench, length: int) -> None:
     bench.tell_status()
-    before = bench.vesc.read(), bench.vesc.health, bench.vesc.obstacles(), bench.vesc.faults()
+    before = bench.vesc.read(), bench.vesc.health, bench.vesc.arming_failures(), bench.vesc.faults()
     chance = random.Random(length)  # noqa: S311 - a test's chance, not a secret
     extended = [i for i in (chance.getrandbits(29) for _ in range(10_000)) if i not in (0x909, 0x1B09, 0x8FD)]
     data = b"\xff" * length
     frames = [Frame(i, data, bench.now_ns) for i in range(2_048)]
     frames += [Frame(i, data, bench.now_ns, is_extended=True) for i in extended]
     assert not any(bench.vesc.take(frame) for frame in frames)
-    assert (bench.vesc.read(), bench.vesc.health, bench.vesc.obstacles(), bench.vesc.faults()) == before
+    assert (bench.vesc.read(), bench.vesc.health, bench.vesc.arming_failures(), bench.vesc.faults()) == before
 
 
 def test_a_silent_controller_refuses_arming_and_says_what_to_set(bench: Bench) -> None:
-    (reason,) = bench.vesc.obstacles()
+    (reason,) = bench.vesc.arming_failures()
     assert reason == (
         "the right VESC (id 9) does not send STATUS and STATUS_5 on memory; is it powered and on this bus? "
         f"{SETUP}, and CAN status messages 1 and 5 to 200 Hz"
     )
     bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
-    (reason,) = bench.vesc.obstacles()
+    (reason,) = bench.vesc.arming_failures()
     assert "does not send STATUS_5 on memory" in reason
 
 
@@ -199,7 +199,9 @@ def test_zero_is_sent_in_every_cycle_of_a_silent_controller(bench: Bench) -> Non
 def test_the_time_out_is_measured_by_a_silence_before_arming(bench: Bench) -> None:
     bench.tell_status()
     assert current(0.0) in bench.cycle()
-    assert bench.vesc.obstacles() == ["the time-out of the right VESC (id 9) is being measured; try again in a moment"]
+    assert bench.vesc.arming_failures() == [
+        "the time-out of the right VESC (id 9) is being measured; try again in a moment"
+    ]
     silent = 0
     while ask("right", 9, FLAGS) not in (frames := bench.cycle(1.0)):
         assert current(0.0) not in frames
@@ -209,14 +211,14 @@ def test_the_time_out_is_measured_by_a_silence_before_arming(bench: Bench) -> No
     bench.answer("320020000001")
     assert current(0.0) in bench.cycle()
     bench.tell_status()
-    assert bench.vesc.obstacles() == []
+    assert bench.vesc.arming_failures() == []
     assert bench.vesc.health["timeout"] == "measured, acts within 90 ms"
     assert bench.vesc.health["timeout_set_s"] == "0.05"
 
 
 def test_a_time_out_that_does_not_act_refuses_arming(bench: Bench) -> None:
     bench.measure(timed_out=False)
-    assert bench.vesc.obstacles() == [
+    assert bench.vesc.arming_failures() == [
         f"the right VESC (id 9) did not time out within 130 ms without a command; {SETUP}"
     ]
     assert bench.vesc.health["timeout"] == "does not act"
@@ -224,7 +226,7 @@ def test_a_time_out_that_does_not_act_refuses_arming(bench: Bench) -> None:
 
 def test_a_controller_that_does_not_tell_is_taken_at_the_word_of_the_robot_file(bench: Bench) -> None:
     bench.measure(timed_out=None)
-    assert bench.vesc.obstacles() == []
+    assert bench.vesc.arming_failures() == []
     assert bench.vesc.health["timeout"].startswith("affirmed in the robot file, not measured")
 
 
@@ -233,7 +235,7 @@ def test_a_controller_that_was_away_is_measured_anew(bench: Bench) -> None:
     bench.now_ns += 31 * MS
     bench.cycle()
     bench.tell_status()
-    assert "is being measured" in bench.vesc.obstacles()[0]
+    assert "is being measured" in bench.vesc.arming_failures()[0]
 
 
 def test_enabling_sends_zero_until_status_of_both_kinds_came_after_it(bench: Bench) -> None:
@@ -367,7 +369,7 @@ def test_faults_are_asked_for_ten_times_a_second(bench: Bench) -> None:
 def test_a_reported_fault_refuses_arming_and_is_one_while_enabled(bench: Bench) -> None:
     bench.measure()
     assert bench.answer("320000800001")
-    assert bench.vesc.obstacles() == ["the right VESC (id 9) reports over-voltage (fault 1); mend its cause"]
+    assert bench.vesc.arming_failures() == ["the right VESC (id 9) reports over-voltage (fault 1); mend its cause"]
     assert bench.vesc.faults() == ()
     assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
     bench.answer("320000800000")

@@ -185,7 +185,7 @@ def test_the_supply_is_the_statuss_and_valid_for_a_second(bench: Bench) -> None:
     bench.now_ns += 1_000 * MS
     readings = bench.driver.read()
     assert (readings.values[-1], readings.ages[-1], readings.valid[-1]) == pytest.approx((24.5, 1.0, True))
-    assert bench.driver.obstacles(), "the state that came with it is too old for more than that"
+    assert bench.driver.arming_failures(), "the state that came with it is too old for more than that"
     bench.now_ns += 1
     assert bench.driver.read().valid[-1] is False
 
@@ -231,10 +231,10 @@ TOLD: Sequence[tuple[FrameId, Payload]] = [
 @pytest.mark.parametrize(("frame_id", "payload"), TOLD)
 def test_no_frame_with_one_flipped_bit_changes_anything(moving: Bench, frame_id: FrameId, payload: Payload) -> None:
     moving.driver.enable()
-    before = moving.driver.read(), moving.is_enabled(), moving.driver.obstacles()
+    before = moving.driver.read(), moving.is_enabled(), moving.driver.arming_failures()
     for bit in range(64):
         assert not moving.driver.take(_flip(moving.frame(frame_id, payload), bit))
-    assert (moving.driver.read(), moving.is_enabled(), moving.driver.obstacles()) == before
+    assert (moving.driver.read(), moving.is_enabled(), moving.driver.arming_failures()) == before
     assert moving.driver.health["refused.crc"] == "64"
     assert moving.heard() == []
 
@@ -246,16 +246,16 @@ def test_no_identifier_and_length_that_is_not_listened_to_changes_anything(
     bench = Bench(link, sent, imu=imu)
     bench.driver.enable()
     listened = {key.arbitration_id for key in bench.driver.listens_to}
-    before = bench.driver.read(), bench.is_enabled(), bench.driver.obstacles(), bench.driver.health
+    before = bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures(), bench.driver.health
     for identifier in set(range(2048)) - listened:
         for length in range(9):
             assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
-    assert (bench.driver.read(), bench.is_enabled(), bench.driver.obstacles(), bench.driver.health) == before
+    assert (bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures(), bench.driver.health) == before
 
     for identifier in listened:
         for length in range(8):
             assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
-    assert (bench.driver.read(), bench.is_enabled(), bench.driver.obstacles()) == before[:3]
+    assert (bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures()) == before[:3]
     assert bench.driver.health["refused.length"] == str(8 * len(listened))
     assert sent == []
 
@@ -267,7 +267,7 @@ def test_without_an_imu_its_frames_are_somebody_elses(bench: Bench) -> None:
 
 
 def test_a_silent_board_refuses_arming_with_the_bus_to_look_at(bench: Bench) -> None:
-    assert bench.driver.obstacles() == [
+    assert bench.driver.arming_failures() == [
         "the wheel board does not answer on memory; is it powered and on this bus?",
     ]
 
@@ -275,16 +275,16 @@ def test_a_silent_board_refuses_arming_with_the_bus_to_look_at(bench: Bench) -> 
 def test_a_board_that_fell_silent_refuses_arming_after_three_status_periods(bench: Bench) -> None:
     bench.tell_status()
     bench.now_ns += 60 * MS
-    assert bench.driver.obstacles() == []
+    assert bench.driver.arming_failures() == []
     bench.now_ns += 1
-    (reason,) = bench.driver.obstacles()
+    (reason,) = bench.driver.arming_failures()
     assert "does not answer" in reason
 
 
 @pytest.mark.parametrize("watchdog_s", [0.0, 0.019, 0.051, 1.0])
 def test_a_watchdog_off_or_out_of_range_refuses_arming(bench: Bench, watchdog_s: float) -> None:
     bench.tell_status(watchdog_s=watchdog_s)
-    (reason,) = bench.driver.obstacles()
+    (reason,) = bench.driver.arming_failures()
     assert f"the board's watchdog stands at {watchdog_s:g} s, allowed is 0.02 to 0.05 s" in reason
     assert "does its firmware take BOARD_SETUP?" in reason
 
@@ -292,31 +292,31 @@ def test_a_watchdog_off_or_out_of_range_refuses_arming(bench: Bench, watchdog_s:
 @pytest.mark.parametrize("watchdog_s", [0.02, 0.05])
 def test_the_ends_of_the_watchdogs_range_are_allowed(bench: Bench, watchdog_s: float) -> None:
     bench.tell_status(watchdog_s=watchdog_s)
-    assert bench.driver.obstacles() == []
+    assert bench.driver.arming_failures() == []
 
 
 @pytest.mark.parametrize("state", OFF_BY_ITSELF)
 def test_a_board_that_switched_itself_off_refuses_arming(bench: Bench, state: BoardState) -> None:
     bench.tell_status(state)
-    assert bench.driver.obstacles() == [f"the board reports {state.name}; if it stays, switch it off and on"]
+    assert bench.driver.arming_failures() == [f"the board reports {state.name}; if it stays, switch it off and on"]
     bench.tell_status()
-    assert bench.driver.obstacles() == []
+    assert bench.driver.arming_failures() == []
 
 
 def test_an_imu_that_is_not_heard_refuses_arming(moving: Bench) -> None:
     moving.tell_status()
-    (reason,) = moving.driver.obstacles()
+    (reason,) = moving.driver.arming_failures()
     assert reason.startswith("the board does not send IMU_GYRO and IMU_ACCELERATION; ")
     moving.tell(FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0))
-    (reason,) = moving.driver.obstacles()
+    (reason,) = moving.driver.arming_failures()
     assert reason == "the board does not send IMU_ACCELERATION; has it an IMU? if not, set imu: false"
     moving.tell(FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 9.805))
-    assert moving.driver.obstacles() == []
+    assert moving.driver.arming_failures() == []
 
 
 def test_every_reason_is_told_at_once(moving: Bench) -> None:
     moving.tell_status(BoardState.FAULT, watchdog_s=0.0)
-    assert len(moving.driver.obstacles()) == 3
+    assert len(moving.driver.arming_failures()) == 3
 
 
 def test_zero_is_sent_until_asked_to_enable(bench: Bench) -> None:
@@ -487,7 +487,7 @@ def _call(name: str) -> Callable[[WheelBoard], object]:
     return lambda driver: getattr(driver, name)()
 
 
-@pytest.mark.parametrize("ask", [_call("read"), _call("obstacles"), _call("faults")])
+@pytest.mark.parametrize("ask", [_call("read"), _call("arming_failures"), _call("faults")])
 def test_asking_sends_nothing(bench: Bench, ask: Callable[[WheelBoard], object]) -> None:
     bench.enable()
     ask(bench.driver)

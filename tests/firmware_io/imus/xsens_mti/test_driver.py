@@ -88,7 +88,7 @@ def test_a_set_of_measurements_is_read(bench: Bench) -> None:
     assert bench.imu.read().values == (*RATES, *GRAVITY)
     assert bench.valid() == (True, True)
     assert bench.ages_ms() == (2.0, 2.0)
-    assert bench.imu.obstacles() == []
+    assert bench.imu.arming_failures() == []
 
 
 def test_values_are_turned_into_the_axes_of_the_robot() -> None:
@@ -139,13 +139,13 @@ def test_a_group_counter_that_stands_still_is_no_measurement(bench: Bench) -> No
     bench.set(counter=7)
     assert bench.ages_ms() == (55.0, 55.0)
     assert bench.valid() == (False, False)
-    assert bench.imu.obstacles() == [
+    assert bench.imu.arming_failures() == [
         "the IMU sends but measures nothing new: its group counter stands still; switch it off and on"
     ]
     assert bench.imu.health["repeated"] == "11"
     bench.set(counter=8)
     assert bench.valid() == (True, True)
-    assert bench.imu.obstacles() == []
+    assert bench.imu.arming_failures() == []
     assert (bench.imu.health["lost"], bench.imu.health["restarts"]) == ("0", "0")
 
 
@@ -210,12 +210,12 @@ def test_time_at_a_standstill_counts_for_the_sets_missed_meanwhile() -> None:
 def test_what_is_not_heard_is_named(bench: Bench, sent: tuple[int, ...], text: str) -> None:
     for arbitration_id in sent:
         bench.take(arbitration_id, bytes(LISTED[arbitration_id]))
-    assert bench.imu.obstacles() == [
+    assert bench.imu.arming_failures() == [
         f"the IMU sends no {text} on can0; is it powered, on this bus at its bit rate, and set to send them on CAN?"
     ]
 
 
-def test_an_error_stays_an_obstacle_until_the_sensor_began_anew(bench: Bench) -> None:
+def test_an_error_stays_an_arming_failure_until_the_sensor_began_anew(bench: Bench) -> None:
     bench.set(counter=1000)
     assert bench.take(ERROR, b"\1")
     for _ in range(20):
@@ -224,24 +224,24 @@ def test_an_error_stays_an_obstacle_until_the_sensor_began_anew(bench: Bench) ->
         "the IMU reported error 1, its output buffer was full: let it send less, or make the bus faster; "
         "switch it off and on to clear it"
     )
-    assert bench.imu.obstacles() == [overflow]
+    assert bench.imu.arming_failures() == [overflow]
     assert bench.imu.health["error"] == "1"
     assert bench.valid() == (True, True)
     bench.set(counter=0, after_ns=1_000_000_000)
-    assert bench.imu.obstacles() == []
+    assert bench.imu.arming_failures() == []
     assert bench.imu.health["error"] == "none"
 
 
 def test_an_error_that_nobody_described_is_told_by_its_number(bench: Bench) -> None:
     bench.set()
     bench.take(ERROR, b"\x2a")
-    assert bench.imu.obstacles() == ["the IMU reported error 42; switch it off and on to clear it"]
+    assert bench.imu.arming_failures() == ["the IMU reported error 42; switch it off and on to clear it"]
 
 
-def test_a_warning_is_counted_and_is_no_obstacle(bench: Bench) -> None:
+def test_a_warning_is_counted_and_is_no_arming_failure(bench: Bench) -> None:
     bench.set()
     assert bench.take(0x002, b"\1")
-    assert bench.imu.obstacles() == []
+    assert bench.imu.arming_failures() == []
     assert bench.imu.health["warnings"] == "1"
 
 

@@ -10,11 +10,11 @@ from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, encode_values
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
 from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, DelayedCurrent, Duty, RelativeCurrent, frame_of
 from segway_ecc.firmware_io.drives.vesc.packets import frame_packet
-from segway_ecc.firmware_io.drives.vesc.serial_line import VescLine
+from segway_ecc.firmware_io.drives.vesc.serial_codec import VescSerialCodec
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.integrity import Refusal
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.links.serial_link import Line
+from segway_ecc.firmware_io.links.serial_link import SerialCodec
 
 NEAR, FAR = 5, 23
 QUESTION = "3200 22A1C4"  # motor current, duty, erpm, supply, tachometer, fault, identifier, flags
@@ -41,8 +41,8 @@ SETTINGS = VescSettings(left=wheel(NEAR), right=wheel(FAR), timeout_set_s=0.05)
 
 
 @pytest.fixture
-def line() -> VescLine:
-    return VescLine(SETTINGS)
+def line() -> VescSerialCodec:
+    return VescSerialCodec(SETTINGS)
 
 
 def framed(text: str) -> bytes:
@@ -60,21 +60,21 @@ def extended(identifier: int, data: bytes | str, received_ns: int = 0) -> Frame:
     return Frame(identifier, bytes.fromhex(data) if isinstance(data, str) else data, received_ns, is_extended=True)
 
 
-def test_is_a_line(line: VescLine) -> None:
-    used: Line = line
+def test_implements_serial_codec(line: VescSerialCodec) -> None:
+    used: SerialCodec = line
     assert used.refused == {}
 
 
-def test_a_command_for_the_controller_at_the_uart_goes_to_it(line: VescLine) -> None:
+def test_a_command_for_the_controller_at_the_uart_goes_to_it(line: VescSerialCodec) -> None:
     assert line.encode(frame_of(Command.SET_CURRENT, NEAR, Current(51.0))) == bytes.fromhex("0205060000C738F51D03")
 
 
-def test_a_command_for_the_other_one_is_handed_on(line: VescLine) -> None:
+def test_a_command_for_the_other_one_is_handed_on(line: VescSerialCodec) -> None:
     assert line.encode(frame_of(Command.SET_CURRENT, FAR, Current(1.0))) == bytes.fromhex("0207221706000003E8382003")
 
 
 def test_the_uart_may_be_that_of_the_right_controller() -> None:
-    line = VescLine(VescSettings(left=wheel(5), right=wheel(23), timeout_set_s=0.05, serial_controller="right"))
+    line = VescSerialCodec(VescSettings(left=wheel(5), right=wheel(23), timeout_set_s=0.05, serial_controller="right"))
     assert line.encode(frame_of(Command.SET_CURRENT, 5, Current(1.0))) == framed("220506000003E8")
     assert line.encode(frame_of(Command.SET_CURRENT, 23, Current(1.0))) == framed("06000003E8")
 
@@ -90,7 +90,7 @@ def test_the_uart_may_be_that_of_the_right_controller() -> None:
         (ask("right", FAR, FLAGS), "2217" + QUESTION),
     ],
 )
-def test_other_commands_and_questions_have_words_too(line: VescLine, frame: Frame, packet: str) -> None:
+def test_other_commands_and_questions_have_words_too(line: VescSerialCodec, frame: Frame, packet: str) -> None:
     assert line.encode(frame) == framed(packet)
 
 
@@ -105,15 +105,15 @@ def test_other_commands_and_questions_have_words_too(line: VescLine, frame: Fram
         extended(0x10105, bytes(4)),
     ],
 )
-def test_there_are_no_words_for_anything_else(line: VescLine, frame: Frame) -> None:
+def test_there_are_no_words_for_anything_else(line: VescSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
 
 
-def test_both_are_asked(line: VescLine) -> None:
+def test_both_are_asked(line: VescSerialCodec) -> None:
     assert line.request() == framed(QUESTION) + framed("2217" + QUESTION)
 
 
-def test_a_reply_becomes_frames_of_that_controller(line: VescLine) -> None:
+def test_a_reply_becomes_frames_of_that_controller(line: VescSerialCodec) -> None:
     assert line.decode(reply(), 77) == [
         extended(0x905, STATUS, 77),
         extended(0x1B05, STATUS_5, 77),
@@ -125,7 +125,7 @@ def test_a_reply_becomes_frames_of_that_controller(line: VescLine) -> None:
     assert frames[2].data[0] == FAR
 
 
-def test_older_firmware_does_not_tell_its_flags(line: VescLine) -> None:
+def test_older_firmware_does_not_tell_its_flags(line: VescSerialCodec) -> None:
     frames = line.decode(reply(flags=""), 77)
     assert [frame.arbitration_id for frame in frames] == [0x905, 0x1B05, 0x8FE]
 
@@ -142,12 +142,12 @@ def test_older_firmware_does_not_tell_its_flags(line: VescLine) -> None:
         ("3200 22A1C4" + "00050000" + REPLY_DATA[8:] + "05" + "01", Refusal.RANGE),  # 3276.80 A
     ],
 )
-def test_other_packets_are_counted_and_give_no_frame(line: VescLine, packet: str, refusal: Refusal) -> None:
+def test_other_packets_are_counted_and_give_no_frame(line: VescSerialCodec, packet: str, refusal: Refusal) -> None:
     assert line.decode(framed(packet), 1) == []
     assert line.refused == {refusal: 1}
 
 
-def test_a_half_reply_is_forgotten_on_reset(line: VescLine) -> None:
+def test_a_half_reply_is_forgotten_on_reset(line: VescSerialCodec) -> None:
     whole = reply()
     assert line.decode(whole[:10], 1) == []
     line.reset()
@@ -155,7 +155,7 @@ def test_a_half_reply_is_forgotten_on_reset(line: VescLine) -> None:
     assert len(line.decode(whole, 1)) == 4
 
 
-def test_every_single_bit_flip_gives_no_frame(line: VescLine) -> None:
+def test_every_single_bit_flip_gives_no_frame(line: VescSerialCodec) -> None:
     whole = reply()
     for bit in range(8 * len(whole)):
         flipped = bytearray(whole)
@@ -178,7 +178,7 @@ def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) 
     stream = b"".join(part + REPLIES[controller_id] for part, controller_id in zip(noise, ids, strict=True))
     size = chance.randint(1, 30)
 
-    line = VescLine(SETTINGS)
+    line = VescSerialCodec(SETTINGS)
     frames = [f for start in range(0, len(stream), size) for f in line.decode(stream[start : start + size], 3)]
 
     told = [frame for frame in frames if frame.arbitration_id >> 8 == Command.STATUS]
@@ -187,7 +187,7 @@ def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) 
 
 
 @pytest.mark.parametrize("length", range(9))
-def test_frames_that_are_not_listed_have_no_words(line: VescLine, length: int) -> None:
+def test_frames_that_are_not_listed_have_no_words(line: VescSerialCodec, length: int) -> None:
     listed = {c << 8 | i for c in (0, 1, 2, 3, 4, 8, 10, 12) for i in (NEAR, FAR)}
     for identifier in range(0x4000):
         assert line.encode(Frame(identifier, bytes(length))) is None

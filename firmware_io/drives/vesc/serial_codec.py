@@ -36,8 +36,8 @@ _MASK: Final = mask_of((*_NEEDED, "flags"))
 _SET_BYTES: Final = 4
 
 
-class VescLine:
-    """Translates between the frames of two controllers and the serial protocol of one; see `Line`.
+class VescSerialCodec:
+    """Translates between the frames of two controllers and the serial protocol of one; see `SerialCodec`.
 
     Attributes:
         refused: What was received and not taken, by cause; garbage counts in bytes.
@@ -70,7 +70,7 @@ class VescLine:
         return self._ask(self._near) + self._ask(self._far)
 
     def decode(self, data: bytes, now_ns: int) -> list[Frame]:
-        """Take received bytes; see `Line.decode`."""
+        """Take received bytes; see `SerialCodec.decode`."""
         frames: list[Frame] = []
         for packet in self._receiver.feed(data):
             try:

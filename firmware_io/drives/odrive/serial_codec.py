@@ -1,4 +1,4 @@
-"""The ASCII protocol of ODrive firmware 0.5, checksums on every line both ways, as a `Line`.
+"""The ASCII protocol of ODrive firmware 0.5, checksums on every line both ways, as a `SerialCodec`.
 
 A line is text, a star and the XOR of the text's bytes in decimal, ended by a line feed. Replies do not say what they
 answer: both axes' `f` give two numbers, every `r` gives one. But the board answers in order, and at most once a line.
@@ -54,8 +54,8 @@ def checked(text: str) -> bytes:
     return data + b"*%d\n" % reduce(xor, data, 0)
 
 
-class OdriveLine:
-    """Translates the frames of two axes of one board; see `Line`.
+class OdriveSerialCodec:
+    """Translates the frames of two axes of one board; see `SerialCodec`.
 
     Each poll asks for the estimates, state and errors of both axes; one in ten, for the supply's voltage and current.
 
@@ -98,7 +98,7 @@ class OdriveLine:
         return b"".join(map(checked, texts))
 
     def decode(self, data: bytes, now_ns: int) -> list[Frame]:
-        """Take received bytes; see `Line.decode`."""
+        """Take received bytes; see `SerialCodec.decode`."""
         *ended, rest = _ENDS.split(self._received + data)
         frames: list[Frame] = []
         for line in ended:

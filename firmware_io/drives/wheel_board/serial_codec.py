@@ -34,8 +34,8 @@ _CRC_PRESET: Final = b"\x84\xcf"
 _SEQUENCE: Final = 256
 
 
-class BoardLine:
-    """Packets from and to the board; see `Line`. Both ends use it.
+class BoardSerialCodec:
+    """Packets from and to the board; see `SerialCodec`. Both ends use it.
 
     Attributes:
         refused: What was received and not taken, by cause; under `LOST` packets missing by their sequence numbers.
@@ -61,7 +61,7 @@ class BoardLine:
         return self._packet(REQUEST_ID, b"")
 
     def decode(self, data: bytes, now_ns: int) -> list[Frame]:
-        """The frames whose packets end in `data`; see `Line.decode`. A request is counted, and is no frame."""
+        """The frames whose packets end in `data`; see `SerialCodec.decode`. A request is counted, and is no frame."""
         frames = [self._take(packet, now_ns) for packet in self._receiver.take(data)]
         return [frame for frame in frames if frame is not None]
 

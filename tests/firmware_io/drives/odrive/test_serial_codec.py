@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.odrive import commands as c
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware, encode, request
-from segway_ecc.firmware_io.drives.odrive.serial_line import OdriveLine, checked
+from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec, checked
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.links.serial_link import Line
+from segway_ecc.firmware_io.links.serial_link import SerialCodec
 
 Configure = Callable[..., OdriveSettings]
 NOW = 123_456_789
@@ -38,12 +38,12 @@ def replies(poll: int, texts: Sequence[str] | None = None) -> list[bytes]:
 
 
 @pytest.fixture
-def line(configure: Configure) -> OdriveLine:
-    return OdriveLine(configure())
+def line(configure: Configure) -> OdriveSerialCodec:
+    return OdriveSerialCodec(configure())
 
 
 @pytest.fixture
-def started(line: OdriveLine) -> OdriveLine:
+def started(line: OdriveSerialCodec) -> OdriveSerialCodec:
     """A line whose first poll, the second of which is under way, is answered."""
     line.request()
     assert line.decode(b"".join(replies(0)), NOW) == []
@@ -51,8 +51,8 @@ def started(line: OdriveLine) -> OdriveLine:
     return line
 
 
-def test_is_a_line(line: OdriveLine) -> None:
-    fulfilled: Line = line
+def test_implements_serial_codec(line: OdriveSerialCodec) -> None:
+    fulfilled: SerialCodec = line
     assert not fulfilled.refused
 
 
@@ -75,13 +75,13 @@ def test_checksums_are_those_of_the_firmwares_documents() -> None:
         ),
     ],
 )
-def test_commands_become_words(line: OdriveLine, node: int, message: c.Command, words: list[str]) -> None:
+def test_commands_become_words(line: OdriveSerialCodec, node: int, message: c.Command, words: list[str]) -> None:
     expected = b"".join(reply(word).replace(b"\r", b"") for word in words)
     assert line.encode(encode(Firmware.V0_5, node, message)) == expected
 
 
 def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
-    swapped = OdriveLine(
+    swapped = OdriveSerialCodec(
         configure(
             left={"node_id": 7, "axis": 1, "max_torque": 1.0},
             right={"node_id": 9, "axis": 0, "max_torque": 1.0},
@@ -109,11 +109,11 @@ def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
         Frame(0x007, b""),
     ],
 )
-def test_there_are_no_words_for_anything_else(line: OdriveLine, frame: Frame) -> None:
+def test_there_are_no_words_for_anything_else(line: OdriveSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
 
 
-def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: OdriveLine) -> None:
+def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: OdriveSerialCodec) -> None:
     polls = [line.request().decode().splitlines() for _ in range(91)]
 
     texts = [[words.rpartition("*")[0] for words in poll] for poll in polls]
@@ -124,14 +124,14 @@ def test_a_poll_asks_for_everything_of_both_axes_and_ends_with_a_count(line: Odr
     assert all(words == reply(words.rpartition("*")[0]).decode().strip() for poll in polls for words in poll)
 
 
-def test_replies_become_the_frames_of_both_nodes(started: OdriveLine) -> None:
+def test_replies_become_the_frames_of_both_nodes(started: OdriveSerialCodec) -> None:
     assert started.decode(b"".join(replies(1)), NOW) == [LEFT, RIGHT, *BEATS]
     started.request()
     assert started.decode(b"".join(replies(2)), NOW) == [LEFT, RIGHT, *BEATS]
     assert not started.refused
 
 
-def test_what_was_lost_of_a_poll_costs_that_poll_only(started: OdriveLine) -> None:
+def test_what_was_lost_of_a_poll_costs_that_poll_only(started: OdriveSerialCodec) -> None:
     for poll in range(1, 6):
         lines = replies(poll)
         if poll == 2:
@@ -142,7 +142,7 @@ def test_what_was_lost_of_a_poll_costs_that_poll_only(started: OdriveLine) -> No
     assert started.refused == {"lost": 1}
 
 
-def test_a_lost_count_costs_two_polls(started: OdriveLine) -> None:
+def test_a_lost_count_costs_two_polls(started: OdriveSerialCodec) -> None:
     assert started.decode(b"".join(replies(1)[:-1]), NOW) == []
     started.request()
     assert started.decode(b"".join(replies(2)), NOW) == []
@@ -150,7 +150,7 @@ def test_a_lost_count_costs_two_polls(started: OdriveLine) -> None:
     assert started.decode(b"".join(replies(3)), NOW) == [LEFT, RIGHT, *BEATS]
 
 
-def test_counts_go_round(line: OdriveLine) -> None:
+def test_counts_go_round(line: OdriveSerialCodec) -> None:
     for poll in range(200):
         line.request()
         asks = poll % 10 == 9
@@ -159,14 +159,14 @@ def test_counts_go_round(line: OdriveLine) -> None:
     assert not line.refused
 
 
-def at_the_tenth_poll(line: OdriveLine) -> OdriveLine:
+def at_the_tenth_poll(line: OdriveSerialCodec) -> OdriveSerialCodec:
     for poll in range(1, 9):
         assert line.decode(b"".join(replies(poll)), NOW)
         line.request()
     return line
 
 
-def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveLine) -> None:
+def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveSerialCodec) -> None:
     line = at_the_tenth_poll(started)
     frames = line.decode(b"".join(replies(9, [*REPLIES, *STATES, "24.500000", "-1.250000"])), NOW)
     assert frames[:4] == [LEFT, RIGHT, *BEATS]
@@ -176,26 +176,30 @@ def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveLine) -> 
 
 
 @pytest.mark.parametrize("told", [("invalid property", "0.500000"), ("24.500000", "invalid property"), ("nan", "inf")])
-def test_a_board_that_does_not_know_its_supply_tells_the_rest(started: OdriveLine, told: tuple[str, str]) -> None:
+def test_a_board_that_does_not_know_its_supply_tells_the_rest(
+    started: OdriveSerialCodec, told: tuple[str, str]
+) -> None:
     line = at_the_tenth_poll(started)
     assert line.decode(b"".join(replies(9, [*REPLIES, *STATES, *told])), NOW) == [LEFT, RIGHT, *BEATS]
     assert not line.refused
 
 
 @pytest.mark.parametrize("told", [(), ("24.500000",), ("24.500000", "1.000000", "1.000000")])
-def test_a_poll_for_the_supply_with_replies_too_few_or_many_is_lost(started: OdriveLine, told: Sequence[str]) -> None:
+def test_a_poll_for_the_supply_with_replies_too_few_or_many_is_lost(
+    started: OdriveSerialCodec, told: Sequence[str]
+) -> None:
     line = at_the_tenth_poll(started)
     assert line.decode(b"".join(replies(9, [*REPLIES, *STATES, *told])), NOW) == []
     assert line.refused == {"lost": 1}
 
 
-def test_a_poll_that_did_not_ask_for_the_supply_and_is_told_it_is_lost(started: OdriveLine) -> None:
+def test_a_poll_that_did_not_ask_for_the_supply_and_is_told_it_is_lost(started: OdriveSerialCodec) -> None:
     assert started.decode(b"".join(replies(1, [*REPLIES, *STATES, "24.500000", "1.000000"])), NOW) == []
     assert started.refused == {"lost": 1}
 
 
 @pytest.mark.parametrize(("behind", "taken"), [(2, True), (3, False)])
-def test_replies_to_polls_of_long_ago_are_too_old(started: OdriveLine, behind: int, *, taken: bool) -> None:
+def test_replies_to_polls_of_long_ago_are_too_old(started: OdriveSerialCodec, behind: int, *, taken: bool) -> None:
     for _ in range(behind):
         started.request()
     assert bool(started.decode(b"".join(replies(1)), NOW)) is taken
@@ -216,7 +220,9 @@ def test_replies_to_polls_of_long_ago_are_too_old(started: OdriveLine, behind: i
         (*STATES, *REPLIES),
     ],
 )
-def test_replies_that_do_not_answer_their_questions_are_refused(started: OdriveLine, texts: Sequence[str]) -> None:
+def test_replies_that_do_not_answer_their_questions_are_refused(
+    started: OdriveSerialCodec, texts: Sequence[str]
+) -> None:
     assert started.decode(b"".join(replies(1, texts)), NOW) == []
     assert started.refused == {"reply": 1}
     started.request()
@@ -224,25 +230,25 @@ def test_replies_that_do_not_answer_their_questions_are_refused(started: OdriveL
 
 
 @pytest.mark.parametrize("text", [b"1.5 0.25\r\n", b"1.500000 0.250000*1\r\n", b"1.5*x\r\n", b"*\r\n", b"a*0*1\n"])
-def test_a_line_without_its_checksum_is_refused(started: OdriveLine, text: bytes) -> None:
+def test_a_line_without_its_checksum_is_refused(started: OdriveSerialCodec, text: bytes) -> None:
     assert started.decode(text, NOW) == []
     assert started.refused == {"checksum": 1}
 
 
-def test_a_line_without_an_end_is_dropped_and_the_next_one_taken(started: OdriveLine) -> None:
+def test_a_line_without_an_end_is_dropped_and_the_next_one_taken(started: OdriveSerialCodec) -> None:
     assert started.decode(b"x" * 65, NOW) == []
     assert started.decode(b"x" * 1000, NOW) == []
     assert started.decode(b"y\n" + b"".join(replies(1)), NOW) == [LEFT, RIGHT, *BEATS]
     assert started.refused == {"length": 2}
 
 
-def test_replies_without_end_take_no_memory(started: OdriveLine) -> None:
+def test_replies_without_end_take_no_memory(started: OdriveSerialCodec) -> None:
     for _ in range(100):
         started.decode(reply("1"), NOW)
     assert len(started._replies) < 10
 
 
-def test_what_was_received_can_be_forgotten(started: OdriveLine) -> None:
+def test_what_was_received_can_be_forgotten(started: OdriveSerialCodec) -> None:
     started.decode(b"".join(replies(1)[:2]) + b"8*", NOW)
     started.reset()
     assert started.decode(b"".join(replies(1)), NOW) == []
@@ -312,9 +318,9 @@ def test_nothing_that_is_received_raises_or_makes_a_value_that_is_not_finite(dra
             assert all(math.isfinite(value) for value in struct.unpack("<ff", frame.data))
 
 
-def _started() -> OdriveLine:
+def _started() -> OdriveSerialCodec:
     left: dict[str, object] = {"node_id": 0, "axis": 0, "max_torque": 3.0}
-    line = OdriveLine(_settings(left, {**left, "node_id": 1, "axis": 1}))
+    line = OdriveSerialCodec(_settings(left, {**left, "node_id": 1, "axis": 1}))
     line.request()
     line.decode(b"".join(replies(0)), NOW)
     line.request()

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode, encode
-from segway_ecc.firmware_io.drives.wheel_board.serial_line import REQUEST_ID, BoardLine
+from segway_ecc.firmware_io.drives.wheel_board.serial_codec import REQUEST_ID, BoardSerialCodec
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.firmware_io.links.serial_link import LOST, Line
+from segway_ecc.firmware_io.links.serial_link import LOST, SerialCodec
 
 NOW_NS = 123_456_789
 
@@ -35,17 +35,17 @@ def _packet(sequence: int, identifier: int, data: bytes) -> bytes:
 
 
 @pytest.fixture
-def line() -> BoardLine:
+def line() -> BoardSerialCodec:
     """A line that has received nothing."""
-    return BoardLine()
+    return BoardSerialCodec()
 
 
 def test_the_reference_in_this_file_meets_the_published_check_value() -> None:
     assert _crc(b"123456789") == 0x29B1
 
 
-def test_packets_are_as_described(line: BoardLine) -> None:
-    board: Line = line
+def test_packets_are_as_described(line: BoardSerialCodec) -> None:
+    board: SerialCodec = line
     frame = Frame(0x110, bytes.fromhex("00 11 00 22 33 44 55 66"))
     assert board.encode(frame) == _packet(0, 0x110, frame.data)
     assert board.request() == _packet(1, 0x7FE, b"")
@@ -53,8 +53,8 @@ def test_packets_are_as_described(line: BoardLine) -> None:
     assert _packet(0, 0x110, b"\x00").hex(" ") == "00 01 03 10 01 03 92 f4 00"
 
 
-def test_every_frame_comes_out_unchanged(line: BoardLine) -> None:
-    other = BoardLine()
+def test_every_frame_comes_out_unchanged(line: BoardSerialCodec) -> None:
+    other = BoardSerialCodec()
     for identifier, length in itertools.product(range(0x800), range(9)):
         if identifier == REQUEST_ID:
             continue
@@ -68,11 +68,11 @@ def test_every_frame_comes_out_unchanged(line: BoardLine) -> None:
     assert not +other.refused
 
 
-def test_the_frames_own_protection_is_carried_too(line: BoardLine) -> None:
+def test_the_frames_own_protection_is_carried_too(line: BoardSerialCodec) -> None:
     command = WheelCommand(1.5, -2.0, enable=True)
     packet = line.encode(Frame(FrameId.WHEEL_COMMAND, encode(FrameId.WHEEL_COMMAND, command, 9)))
     assert packet is not None
-    (frame,) = BoardLine().decode(packet, NOW_NS)
+    (frame,) = BoardSerialCodec().decode(packet, NOW_NS)
     assert decode(frame.arbitration_id, frame.data) == (command, 9)
 
 
@@ -85,14 +85,14 @@ def test_the_frames_own_protection_is_carried_too(line: BoardLine) -> None:
         Frame(REQUEST_ID, b"12345678"),
     ],
 )
-def test_there_are_no_words_for_other_frames(line: BoardLine, frame: Frame) -> None:
+def test_there_are_no_words_for_other_frames(line: BoardSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
     assert line.request() == _packet(0, REQUEST_ID, b"")
 
 
-def test_a_request_is_counted_and_is_no_frame(line: BoardLine) -> None:
-    assert BoardLine().decode(line.request() + line.request(), NOW_NS) == []
-    board = BoardLine()
+def test_a_request_is_counted_and_is_no_frame(line: BoardSerialCodec) -> None:
+    assert BoardSerialCodec().decode(line.request() + line.request(), NOW_NS) == []
+    board = BoardSerialCodec()
     board.decode(line.request(), NOW_NS)
     assert board.requests == 1
     assert line.decode(line.request(), NOW_NS) == []
@@ -112,14 +112,14 @@ def test_a_request_is_counted_and_is_no_frame(line: BoardLine) -> None:
         (b"\x00" + b"\x11" * 100 + b"\x00", "length"),
     ],
 )
-def test_what_is_not_a_packet_is_refused_by_cause(line: BoardLine, packet: bytes, cause: str) -> None:
+def test_what_is_not_a_packet_is_refused_by_cause(line: BoardSerialCodec, packet: bytes, cause: str) -> None:
     good = _packet(0, 0x110, b"good")
     assert line.decode(packet + good, NOW_NS) == [Frame(0x110, b"good", NOW_NS)]
     assert line.refused == {cause: 1}
     assert line.requests == 0
 
 
-def test_gaps_in_the_sequence_are_counted(line: BoardLine) -> None:
+def test_gaps_in_the_sequence_are_counted(line: BoardSerialCodec) -> None:
     for sequence in (250, 251, 254, 1, 2):
         assert line.decode(_packet(sequence, 0x120, b""), NOW_NS)
     assert line.refused[LOST] == 4
@@ -128,18 +128,18 @@ def test_gaps_in_the_sequence_are_counted(line: BoardLine) -> None:
     assert line.refused[LOST] == 4
 
 
-def test_a_packet_that_was_refused_is_missing_in_the_sequence(line: BoardLine) -> None:
+def test_a_packet_that_was_refused_is_missing_in_the_sequence(line: BoardSerialCodec) -> None:
     line.decode(_packet(4, 0x120, b"") + _packet(5, 0x820, b"") + _packet(6, REQUEST_ID, b""), NOW_NS)
     assert line.refused == {"unknown": 1, LOST: 1}
 
 
-def test_the_sequence_of_what_is_sent_goes_round(line: BoardLine) -> None:
+def test_the_sequence_of_what_is_sent_goes_round(line: BoardSerialCodec) -> None:
     packets = [line.request() for _ in range(257)]
     assert packets[255] == _packet(255, REQUEST_ID, b"")
     assert packets[256] == packets[0] == _packet(0, REQUEST_ID, b"")
 
 
-def test_a_reset_forgets_half_a_packet(line: BoardLine) -> None:
+def test_a_reset_forgets_half_a_packet(line: BoardSerialCodec) -> None:
     packet = _packet(0, 0x110, b"12345678")
     line.decode(packet[:9], NOW_NS)
     line.reset()
@@ -163,7 +163,7 @@ def test_every_flipped_bit_is_refused_and_costs_no_other_packet(length: int) -> 
         if identifier == REQUEST_ID and length:
             continue
         for broken in _flipped(_packet(sequence, identifier, data[:length])):
-            line = BoardLine()
+            line = BoardSerialCodec()
             assert line.decode(before + broken + after, NOW_NS) == expected, broken.hex(" ")
             assert line.requests == 0, broken.hex(" ")
             assert line.refused.total() - line.refused[LOST] >= 1, broken.hex(" ")
@@ -177,7 +177,9 @@ def test_a_byte_too_many_or_too_few_is_refused_and_costs_no_other_packet(length:
         shorter = [packet[:place] + packet[place + 1 :] for place in range(1, len(packet) - 1)]
         longer = [packet[:p] + bytes((b,)) + packet[p:] for p in range(2, len(packet) - 1) for b in (0, 1, 2, 9, 255)]
         for broken in shorter + longer:
-            assert BoardLine().decode(broken + after, NOW_NS) == [Frame(0x121, b"after", NOW_NS)], broken.hex(" ")
+            assert BoardSerialCodec().decode(broken + after, NOW_NS) == [Frame(0x121, b"after", NOW_NS)], broken.hex(
+                " "
+            )
 
 
 def test_what_a_flipped_bit_makes_of_a_command_never_passes_both_checks() -> None:
@@ -185,7 +187,7 @@ def test_what_a_flipped_bit_makes_of_a_command_never_passes_both_checks() -> Non
     for counter, volts in itertools.product(range(16), (0.0, 0.256, -1.5, 29.0)):
         data = encode(FrameId.WHEEL_COMMAND, WheelCommand(volts, -volts, enable=True), counter)
         for broken in _flipped(_packet(counter, FrameId.WHEEL_COMMAND, data)):
-            for frame in BoardLine().decode(broken + b"\x00", NOW_NS):
+            for frame in BoardSerialCodec().decode(broken + b"\x00", NOW_NS):
                 with pytest.raises(FrameRefusedError):
                     decode(frame.arbitration_id, frame.data)
 
@@ -221,7 +223,7 @@ def test_every_whole_packet_arrives_whatever_is_between_and_nothing_else(seed: i
     carried = {packet[1:-1]: frame for _, packet, frame in parts}
     expected = [carried[piece] for piece in stream.split(b"\x00")[:-1] if piece in carried]
     assert len(expected) >= sum(part == packet for part, packet, _ in parts)
-    line, frames = BoardLine(), []
+    line, frames = BoardSerialCodec(), []
     while stream:
         size = rng.randint(1, 2 * len(stream))
         frames += line.decode(stream[:size], NOW_NS)
@@ -233,6 +235,6 @@ def test_every_whole_packet_arrives_whatever_is_between_and_nothing_else(seed: i
 @settings(max_examples=1_000)
 @given(st.binary(max_size=300))
 def test_noise_gives_nothing(noise: bytes) -> None:
-    line = BoardLine()
+    line = BoardSerialCodec()
     assert line.decode(noise, NOW_NS) == []
     assert line.requests == 0
