@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.image.commands import ImageError
-from segway_ecc.node.recording.bounds import Bounds
+from segway_ecc.node.recording.log_quota import LogQuota
 
 MIB: Final = 1 << 20
 RELEASES: Final = 4
@@ -77,14 +77,14 @@ def log_limit(config: Path | None) -> int:
     """
     path = None if config is None else config / "environment"
     if path is None or not path.exists():
-        return Bounds().total_bytes
+        return LogQuota().total_bytes
     lines = [line.strip() for line in path.read_text("utf-8").splitlines()]
     options = [line.removeprefix(_OPTIONS) for line in lines if line.startswith(_OPTIONS)]
     try:
         words = shlex.split(" ".join(shlex.split(options[-1]))) if options else []
         found = [after for word, after in zip(words, [*words[1:], ""], strict=False) if word == _LIMIT]
         found += [word.partition("=")[2] for word in words if word.startswith(f"{_LIMIT}=")]
-        return round(float(found[-1]) * 1e6) if found else Bounds().total_bytes
+        return round(float(found[-1]) * 1e6) if found else LogQuota().total_bytes
     except (ValueError, OverflowError):
         raise ImageError(f"{path}: {_LIMIT} in RUN_OPTIONS must be a number of MB") from None
 

@@ -13,7 +13,7 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
-from segway_ecc.node.sequence.player import Odometry, Player, Progress
+from segway_ecc.node.sequence.player import Odometry, Player, PlayState
 
 LONGEST_TEXT: Final = 65_536
 _LONGEST_NAME: Final = 80
@@ -106,12 +106,12 @@ class SequencePlayback:
         """Send what is due by the robot's own time."""
         if self.is_over:
             return
-        progress = self._player.hear(odometry) if odometry is not None else Progress.RUNNING
-        if progress is Progress.DONE and self._state is _State.RUNNING:
+        progress = self._player.update(odometry) if odometry is not None else PlayState.RUNNING
+        if progress is PlayState.DONE and self._state is _State.RUNNING:
             self._end(_State.DONE, "")
             return
-        self._player.heard.clear()
-        self._send(line, [(said.offset_ns, said.setpoint) for said in self._player.say()])
+        self._player.received.clear()
+        self._send(line, [(said.offset_ns, said.setpoint) for said in self._player.due_setpoints()])
         patience_ns = _FOLLOWS_NS if self._state is _State.RUNNING else WITHIN_NS
         if now_ns - self._followed_ns > patience_ns:
             self.break_off(line, "the robot does not follow: none of the set-points came into force", failed=True)

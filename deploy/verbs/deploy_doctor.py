@@ -19,7 +19,7 @@ from segway_ecc.node.cli.options import add_json, default_log, print_json, robot
 from segway_ecc.node.config import RobotFile, packaged_robots
 from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.models.load import load_model
-from segway_ecc.node.recording.bounds import Bounds
+from segway_ecc.node.recording.log_quota import LogQuota
 
 NOT_FIT: Final = 1
 _INSTALLED_ROBOT: Final = Path("/etc/segway-ecc/robot.yaml")
@@ -84,7 +84,7 @@ def _robot(options: argparse.Namespace) -> RobotFile | None:
 def _workload(file: RobotFile | None, logs: Path | None) -> Workload:
     """What the machine is to do; logs go where the service writes them, where that folder is there."""
     folder = logs or (_INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent)
-    workload = Workload(folder.absolute(), Bounds().total_bytes, file)
+    workload = Workload(folder.absolute(), LogQuota().total_bytes, file)
     if file is None:
         return workload
     section = file.model

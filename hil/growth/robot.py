@@ -24,7 +24,7 @@ from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.ros.remote import RemoteStage, Speaker
+from segway_ecc.node.ros.remote import RemoteStage, RosBridge
 
 _LOOK_S: Final = 0.02
 
@@ -85,9 +85,9 @@ def main() -> int:
     clock = MeteredClock(RealClock())
     robot = build_robot(robot_file(options), clock)
     recorder = ProcessRecorder(options.log, layout_of(robot))
-    with contextlib.closing(Speaker()) as speaker:
-        loop = robot.loop(RemoteStage(speaker, robot, options.namespace), recorder)
-        _Operator(clock, loop, [os.getpid(), speaker.pid]).start()
+    with contextlib.closing(RosBridge()) as bridge:
+        loop = robot.loop(RemoteStage(bridge, robot, options.namespace), recorder)
+        _Operator(clock, loop, [os.getpid(), bridge.pid]).start()
         with real_time():
             loop.run()
     return 0

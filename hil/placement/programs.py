@@ -58,9 +58,9 @@ class StampedSequence:
         """See `Program.step`."""
         del now_ns
         for told in heard:
-            self._player.hear(Odometry(told.stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
+            self._player.update(Odometry(told.stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
         start_ns = self._player.start_ns or 0
-        return [StampedSetpoint(said.setpoint, start_ns + said.offset_ns) for said in self._player.say()]
+        return [StampedSetpoint(said.setpoint, start_ns + said.offset_ns) for said in self._player.due_setpoints()]
 
 
 class Supervisor:

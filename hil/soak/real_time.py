@@ -11,7 +11,7 @@ import msgspec
 
 from segway_ecc.hil.processes import command
 from segway_ecc.hil.soak.watching import LOG, Watching, helpers_of
-from segway_ecc.node.recording.bounds import MB
+from segway_ecc.node.recording.log_quota import MB
 
 OnProgress = Callable[[float], None]
 """Called with the seconds done so far."""

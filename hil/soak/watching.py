@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.soak.judging import Series
 from segway_ecc.hil.soak.usage import children, usage
-from segway_ecc.node.recording.bounds import MB, Bounds
+from segway_ecc.node.recording.log_quota import MB, LogQuota
 
 ALLOWED_KB: Final = 512.0
 """Growth of a process' memory that is none: allocators take from the kernel up to a megabyte at a time. In half an hour
 at 200 Hz a byte and a half per cycle is more than that, in four hours a fifth of a byte."""
-LOG: Final = Bounds(total_bytes=32 * MB, file_bytes=8 * MB)
+LOG: Final = LogQuota(total_bytes=32 * MB, file_bytes=8 * MB)
 """Room for the log of a soak: small, so that files are begun, finished and removed all the time."""
 _HELPERS: Final = {"recorder": "segway_ecc.node.recording.writer", "ros": "segway_ecc.node.ros.process"}
 """What is found in the command lines of the processes that a node starts, by what they are."""

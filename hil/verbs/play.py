@@ -27,7 +27,7 @@ from segway_ecc.node.cycle.seams import NoRecorder, NoStage, Stage
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages_to
 from segway_ecc.node.robot import Robot, build_robot
-from segway_ecc.node.ros.remote import RemoteStage, Speaker
+from segway_ecc.node.ros.remote import RemoteStage, RosBridge
 from segway_ecc.node.ros.runtime import missing_packages, require_ros
 
 _BEST: Final = "segway"
@@ -113,8 +113,8 @@ def _stage(
         require_ros()
     behind: Stage = NoStage()
     if options.ros is not False and not missing_packages():
-        speaker = stack.enter_context(contextlib.closing(Speaker()))
-        behind, rig.has_ros = RemoteStage(speaker, robot, options.namespace, options.ros_arguments), True
+        bridge = stack.enter_context(contextlib.closing(RosBridge()))
+        behind, rig.has_ros = RemoteStage(bridge, robot, options.namespace, options.ros_arguments), True
     return PlayStage(behind, terminal, rig, robot)
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.bounds import Bounds, make_room, part
 from segway_ecc.node.recording.codec import CYCLE, EVENTS, unpack_diagnostics
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.log_quota import LogQuota, part_path, remove_oldest_logs
 from segway_ecc.node.recording.provenance import Provenance
 
 _PARTS: Final = 9999
@@ -26,7 +26,7 @@ class BoundedLog:
     """
 
     def __init__(
-        self, path: Path, layout: Layout, provenance: Provenance, bounds: Bounds, tell: Callable[[str], None]
+        self, path: Path, layout: CycleLayout, provenance: Provenance, bounds: LogQuota, tell: Callable[[str], None]
     ) -> None:
         """Open the first file; `tell` takes what people should know."""
         self.dropped = 0
@@ -78,7 +78,7 @@ class BoundedLog:
             return
         self._log.flush()
         self._unflushed = 0
-        make_room(self._path, self._bounds, self._log.size, self._file)
+        remove_oldest_logs(self._path, self._bounds, self._log.size, self._file)
         if self._log.size >= self._bounds.file_bytes:
             self._log.close()
             self._next()
@@ -86,8 +86,8 @@ class BoundedLog:
     def _next(self) -> None:
         """Open the next file; its name and its beginning are on the disk when this returns."""
         self._number = min(self._number + 1, _PARTS)
-        self._file = part(self._path, self._number)
-        make_room(self._path, self._bounds, 0, self._file)
+        self._file = part_path(self._path, self._number)
+        remove_oldest_logs(self._path, self._bounds, 0, self._file)
         log = CycleLog(self._file, self._layout, self._provenance)
         self._log = log
         log.flush()

@@ -29,8 +29,10 @@ from segway_ecc.node.cycle.status import Status
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_message import CycleMessage
-from segway_ecc.node.recording.happenings import happenings, texts, to_nobody
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.events import discard_answer, encode_events, events_of
+from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.log_quota import LogQuota
+from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.safety.modes import Action, Mode
 
 CYCLE: Final = ord("C")
@@ -51,6 +53,22 @@ _encode: Final = _encoder.encode
 _encode_into: Final = _encoder.encode_into
 _NOTHING: Final = Inbox()
 _INT64: Final = 2**63 - 1
+
+
+class RecorderSettings(msgspec.Struct, frozen=True):
+    """What the writer's process receives first, as one line of JSON.
+
+    Attributes:
+        path: The log to write.
+        layout: Names of what each cycle holds.
+        provenance: Where the run comes from.
+        bounds: How much disk space it may take.
+    """
+
+    path: str
+    layout: CycleLayout
+    provenance: Provenance
+    bounds: LogQuota
 
 
 class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
@@ -173,7 +191,7 @@ def unpack_cycle(body: bytes) -> CycleRecord:
         Inbox(
             packed.setpoints,
             packed.set_values,
-            [Request(action, to_nobody) for action, _ in packed.requests],
+            [Request(action, discard_answer) for action, _ in packed.requests],
             packed.written,
             packed.stations,
         ),
@@ -200,15 +218,15 @@ class CycleCodec:
         size: Of a cycle on its way to the writer in which nothing happened, bytes at most.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: CycleLayout) -> None:
         """Make the codec for a layout."""
         self.message = CycleMessage(layout)
         self.size = _largest(layout)
 
     def messages(self, record: CycleRecord) -> tuple[bytes | None, bytes]:
         """What happened in a cycle, as a message where anything did, and the cycle itself."""
-        pieces = happenings(record)
-        events = cdr.cycle_events(record.stamp_ns, record.cycle, texts(pieces)) if pieces else None
+        pieces = events_of(record)
+        events = cdr.cycle_events(record.stamp_ns, record.cycle, encode_events(pieces)) if pieces else None
         return events, self.message.pack(record, len(pieces))
 
     def bodies(self, kind: int, body: bytes) -> list[Message]:
@@ -232,7 +250,7 @@ class CycleCodec:
         return [(CYCLE, cycle)] if events is None else [(EVENTS, events), (CYCLE, cycle)]
 
 
-def _largest(layout: Layout) -> int:
+def _largest(layout: CycleLayout) -> int:
     sensors, inputs, outputs, commands, published = (
         (math.nan,) * len(names)
         for names in (layout.sensors, layout.inputs, layout.outputs, layout.commands, layout.published)

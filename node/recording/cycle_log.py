@@ -9,12 +9,12 @@ from segway_ecc.node.cycle.status import Status
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from segway_ecc.node.recording.layout import Layout, layout_of
+from segway_ecc.node.recording.layout import CycleLayout, layout_of
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
 from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 
-__all__ = ["EVENTS_TOPIC", "LAYOUT_FILE", "CycleLog", "Layout", "layout_of"]
+__all__ = ["EVENTS_TOPIC", "LAYOUT_FILE", "CycleLayout", "CycleLog", "layout_of"]
 
 EVENTS_TOPIC = "/cycle_events"
 LAYOUT_FILE = "layout.json"
@@ -29,7 +29,7 @@ class CycleLog:
     ROS shows it: `/odom`, `/joint_states`, `/imu/data`, `/setpoint`, `/diagnostics`.
     """
 
-    def __init__(self, path: Path, layout: Layout, provenance: Provenance = NO_PROVENANCE) -> None:
+    def __init__(self, path: Path, layout: CycleLayout, provenance: Provenance = NO_PROVENANCE) -> None:
         """Create the log; it stands alone, with all that says where it comes from.
 
         Raises:

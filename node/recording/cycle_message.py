@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import PHASES, CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.recording.layout import Layout, field_names
+from segway_ecc.node.recording.layout import CycleLayout, field_names
 from segway_ecc.node.recording.schemas import definition
 from segway_ecc.node.safety.modes import Mode
 
@@ -43,7 +43,7 @@ class CycleMessage:
         schema: Its definition.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: CycleLayout) -> None:
         """Make the message for a layout."""
         groups = (
             layout.sensors,
@@ -138,7 +138,7 @@ def stamp_of(data: bytes) -> int:
     return int(seconds * _NS_PER_S + rest_ns)
 
 
-def _schema(layout: Layout) -> str:
+def _schema(layout: CycleLayout) -> str:
     """The definition: a field for each group that has members, and a type for each such field."""
     groups: dict[str, tuple[str, str, Sequence[str]]] = {
         "duration_ns": ("Durations", "int64", _PHASES),

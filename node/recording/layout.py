@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # the process that writes needs no robot
     from segway_ecc.node.robot import Robot
 
 
-class Layout(msgspec.Struct, frozen=True, kw_only=True):
+class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     """Names of everything a cycle holds, in the order it holds it.
 
     Attributes:
@@ -47,10 +47,10 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.json.format(msgspec.json.encode(self)).decode()
 
 
-def layout_of(robot: "Robot") -> Layout:
+def layout_of(robot: "Robot") -> CycleLayout:
     """The layout of a robot's cycles."""
     ros = robot.file.ros
-    return Layout(
+    return CycleLayout(
         robot=robot.file.name,
         published=tuple(robot.wiring.published),
         sensors=tuple(robot.hardware.signals),

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
-from segway_ecc.node.recording.bounds import claim
+from segway_ecc.node.recording.log_quota import lock_log
 from segway_ecc.node.recording.schemas import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
@@ -263,7 +263,7 @@ def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes
         raise RecordingError(
             f"The log {path} cannot be written ({error}): name a file in a directory that this user can write."
         ) from error
-    claim(stream.fileno())
+    lock_log(stream.fileno())
     return stream, str(path), True
 
 

@@ -10,14 +10,26 @@ from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.cycle.status import Status
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.helper import end_helper, start_helper, tell_helper
-from segway_ecc.node.recording.bounds import Bounds
-from segway_ecc.node.recording.codec import CYCLE, DIAGNOSTICS, CycleCodec, pack_cycle, pack_diagnostics
-from segway_ecc.node.recording.job import Job, ring_slots
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.codec import (
+    CYCLE,
+    DIAGNOSTICS,
+    CycleCodec,
+    RecorderSettings,
+    pack_cycle,
+    pack_diagnostics,
+)
+from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.log_quota import LogQuota
 from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
-from segway_ecc.node.ring import LARGEST, RingWriter, open_ring
+from segway_ecc.node.ring import LARGEST, RingWriter, open_ring, slots_for
 
 _CLOSE_S: Final = 10.0
+_BUSY_NS: Final = 5_000_000_000
+"""So long a disk may be busy."""
+_FEWEST: Final = 256
+_MOST: Final = 1024
+_DIAGNOSTICS_BYTES: Final = 65_536
+"""Of as long."""
 _logger = logging.getLogger(__name__)
 
 
@@ -31,7 +43,7 @@ class ProcessRecorder:
     __slots__ = ("_buffer", "_path", "_process", "_ring", "dropped")
 
     def __init__(
-        self, path: Path, layout: Layout, provenance: Provenance = NO_PROVENANCE, bounds: Bounds | None = None
+        self, path: Path, layout: CycleLayout, provenance: Provenance = NO_PROVENANCE, bounds: LogQuota | None = None
     ) -> None:
         """Start the writer.
 
@@ -54,7 +66,7 @@ class ProcessRecorder:
             self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
-        tell_helper(self._process, Job(str(path), layout, provenance, bounds or Bounds()))
+        tell_helper(self._process, RecorderSettings(str(path), layout, provenance, bounds or LogQuota()))
 
     def write(self, record: CycleRecord) -> None:
         """Hand over a cycle; one that finds no room is dropped and counted."""
@@ -94,3 +106,14 @@ def _check_writable(path: Path) -> None:
     except OSError as error:
         reason = "a folder on the way is a file" if isinstance(error, FileExistsError) else error.strerror
         raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error
+
+
+def ring_slots(period_ns: int, cycle_bytes: int) -> int:
+    """Slots of the ring between the loop and the writer, for what comes while a disk is busy.
+
+    Args:
+        period_ns: Of the loop; 0 where it is not known.
+        cycle_bytes: What a cycle takes; there is room for 256 to 1,024 of them.
+    """
+    cycles = min(max(_BUSY_NS // period_ns, _FEWEST), _MOST) if period_ns else _MOST
+    return cycles * slots_for(cycle_bytes) + slots_for(_DIAGNOSTICS_BYTES)

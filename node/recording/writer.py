@@ -13,8 +13,7 @@ import msgspec
 
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.bounded_log import BoundedLog
-from segway_ecc.node.recording.codec import CycleCodec, Message
-from segway_ecc.node.recording.job import Job
+from segway_ecc.node.recording.codec import CycleCodec, Message, RecorderSettings
 from segway_ecc.node.recording.provenance import with_surroundings
 from segway_ecc.node.ring import RingReader
 
@@ -42,10 +41,12 @@ def write_log(source: int, memory: int) -> None:
     Raises:
         RecordingError: The log cannot be written, or its end is missing.
     """
-    job = msgspec.json.decode(_line(source), type=Job)
-    codec = CycleCodec(job.layout)
+    settings = msgspec.json.decode(_line(source), type=RecorderSettings)
+    codec = CycleCodec(settings.layout)
     ring = RingReader(memory)
-    log = BoundedLog(Path(job.path), job.layout, with_surroundings(job.provenance), job.bounds, _tell)
+    log = BoundedLog(
+        Path(settings.path), settings.layout, with_surroundings(settings.provenance), settings.bounds, _tell
+    )
     damaged, pause_s = 0, _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
     while not _is_over(source, pause_s):
@@ -60,7 +61,7 @@ def write_log(source: int, memory: int) -> None:
         looks_for_nothing += taken == 0
     damaged += ring.damaged
     if damaged:
-        _tell(f"{damaged} records were damaged on their way and are missing in the log {job.path}")
+        _tell(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
     log.close()
 
 

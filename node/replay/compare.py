@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from segway_ecc.node.cycle.seams import CycleRecord
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 
 
 class Difference(NamedTuple):
@@ -42,7 +42,7 @@ class Values(NamedTuple):
     computed: Sequence[float]
 
 
-def differences(layout: Layout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
+def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
     """What differs between a cycle as recorded and as computed: the port and both values; commands first."""
     pairs = (
         Values("command", layout.commands, recorded.commands, computed.commands),

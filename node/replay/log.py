@@ -11,11 +11,11 @@ from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
-from segway_ecc.node.recording.bounds import parts
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage
-from segway_ecc.node.recording.happenings import restored
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.events import restore_events
+from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.log_quota import part_paths
 from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE
 from segway_ecc.node.recording.salvage import Salvage
 
@@ -43,7 +43,7 @@ class RecordedRun:
         first = Salvage(path)
         next(first.messages(), None)
         self.robot = _decoded(first, ROBOT_FILE, RobotFile)
-        self.layout = _decoded(first, LAYOUT_FILE, Layout)
+        self.layout = _decoded(first, LAYOUT_FILE, CycleLayout)
         self.model_hash = first.metadata.get(MODEL, {}).get("sha256", "")
         self._message = CycleMessage(self.layout)
 
@@ -59,7 +59,7 @@ class RecordedRun:
             self.gap = _gap(record, expected, events, len(texts))
             if self.gap is not None:
                 return
-            yield restored(record, texts)
+            yield restore_events(record, texts)
             texts = []
             expected += 1
 
@@ -71,7 +71,7 @@ class RecordedRun:
         return record, events
 
     def _messages(self) -> Iterator[tuple[str, bytes]]:
-        for path in parts(self._path):
+        for path in part_paths(self._path):
             file = Salvage(path)
             for topic, message in file.messages():
                 if topic in {CYCLE_TOPIC, EVENTS_TOPIC}:

@@ -6,7 +6,7 @@ from typing import Final
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, NoStage
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 
 _NO_LIMIT: Final = float("inf")
 
@@ -48,7 +48,7 @@ class RecordedHardware:
 
     health: Mapping[str, str] = {}
 
-    def __init__(self, layout: Layout, recorded: Recorded) -> None:
+    def __init__(self, layout: CycleLayout, recorded: Recorded) -> None:
         """Have the signals and commands of a layout; their units do not matter here."""
         self.signals: Mapping[str, str] = dict.fromkeys(layout.sensors, "")
         self.commands: Mapping[str, str] = dict.fromkeys(layout.commands, "")

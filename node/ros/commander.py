@@ -15,8 +15,8 @@ from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stam
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.ros.untyped import RosObject
 from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
-from segway_ecc.node.sequence.manoeuvre import Said
-from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, Progress
+from segway_ecc.node.sequence.manoeuvre import TimedSetpoint
+from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
 
 _DEPTH: Final = 10
 _HEARD_DEPTH: Final = 1000
@@ -43,7 +43,7 @@ class Commander:
         Args:
             node: Who speaks.
             robot_node: Who is spoken to.
-            stopped: Asked often; tells the signal that is to end what goes on, or None. (An exception raised in a
+            stopped: Polled often; returns the signal that is to end what goes on, or None. (An exception raised in a
                 signal handler would be lost where it hits rclpy's C++ code.)
         """
         executors = importlib.import_module("rclpy.executors")
@@ -103,14 +103,14 @@ class Commander:
         """
         player.lead_ns = self._on_grid(LEAD_NS)
         del self._heard[:-1]
-        progress, heard_s = Progress.RUNNING, time.monotonic()
-        while progress is Progress.RUNNING:
+        progress, heard_s = PlayState.RUNNING, time.monotonic()
+        while progress is PlayState.RUNNING:
             if self._heard:
                 heard_s = time.monotonic()
             for odometry in self._heard:
-                progress = player.hear(odometry)
+                progress = player.update(odometry)
             self._heard.clear()
-            self._send(player.start_ns, player.say())
+            self._send(player.start_ns, player.due_setpoints())
             on_progress(player.fraction)
             self._check_robot(time.monotonic() - heard_s)
             if self._stopped() is not None:
@@ -141,7 +141,7 @@ class Commander:
         now_ns = self._heard[-1].stamp_ns
         if not told or now_ns > told[-1] + round(_TELL_S * NS_PER_S):
             told.append(now_ns + self._on_grid(_TELL_AHEAD_NS))
-            self._send(told[-1], [Said(0, REST)])
+            self._send(told[-1], [TimedSetpoint(0, REST)])
         return not self.confirmed.isdisjoint(told)
 
     def _on_grid(self, duration_ns: int) -> int:
@@ -161,7 +161,7 @@ class Commander:
         if self.mode not in ACTIVE:
             raise RobotLostError(f"the robot went to {self.mode}: {self.reason}")
 
-    def _send(self, start_ns: int | None, said: Iterable[Said]) -> None:
+    def _send(self, start_ns: int | None, said: Iterable[TimedSetpoint]) -> None:
         for offset_ns, setpoint in said:
             message = self._twist_type()
             set_stamp(message.header, (start_ns or 0) + offset_ns)

@@ -19,18 +19,18 @@ from segway_ecc.node.cycle.status import Status
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.ring import RingReader, RingWriter
-from segway_ecc.node.ros.arrivals import Arrivals, Waiting
-from segway_ecc.node.ros.exchanged import (
+from segway_ecc.node.ros.protocol import (
     FromLoop,
-    decode_answered,
+    RosSettings,
+    decode_answer,
     decode_report,
     decode_stamp,
     decode_status,
-    decode_write_done,
+    decode_write_result,
 )
-from segway_ecc.node.ros.job import Job
 from segway_ecc.node.ros.runtime import preload, ros_node
 from segway_ecc.node.ros.stage import RosStage
+from segway_ecc.node.ros.subscriptions import Subscriptions, WaitSet
 
 _AFTER_NS: Final = 200_000
 """From the time a report bears to where it is looked for: the loop hands it over within that."""
@@ -49,10 +49,10 @@ _LEAVES_S: Final = 4
 class Publishing:
     """Publishes what the loop hands over until it says that it ends, or has gone."""
 
-    def __init__(self, stage: RosStage, arrivals: Arrivals, reports: RingReader, period_ns: int) -> None:
+    def __init__(self, stage: RosStage, subscriptions: Subscriptions, reports: RingReader, period_ns: int) -> None:
         """Publish on `stage` what comes through `reports`, about once in `period_ns`."""
         self._stage = stage
-        self._arrivals = arrivals
+        self._subscriptions = subscriptions
         self._reports = reports
         self._period_ns = period_ns
         self._statuses: list[Status] = []
@@ -65,7 +65,7 @@ class Publishing:
         signal.alarm(HANGS_S)
         pause_s, looked_s = _SHORTEST_S, time.monotonic()
         self._look_who_listens()
-        while not self._is_over and self._arrivals.is_running:
+        while not self._is_over and self._subscriptions.is_running:
             before_ns = self._reported_ns
             for kind, body in self._reports.take_all():
                 self._do(kind, body)
@@ -88,7 +88,7 @@ class Publishing:
     def _look_who_listens(self) -> None:
         was_heard, self._is_heard = self._is_heard, self._stage.look_who_listens()
         if self._is_heard is not was_heard:
-            self._arrivals.tell_heard(is_heard=self._is_heard)
+            self._subscriptions.tell_heard(is_heard=self._is_heard)
 
     def _do(self, kind: int, body: bytes) -> None:
         match kind:
@@ -103,9 +103,9 @@ class Publishing:
                 self._stage.publish_diagnostics(decode_stamp(body), self._statuses)
                 self._statuses = []
             case FromLoop.ANSWER:
-                self._arrivals.answer(decode_answered(body))
+                self._subscriptions.answer(decode_answer(body))
             case FromLoop.WRITTEN:
-                self._arrivals.write_done(decode_write_done(body))
+                self._subscriptions.write_done(decode_write_result(body))
             case _:
                 self._is_over = True
 
@@ -114,33 +114,35 @@ def _has_ended(source: int) -> bool:
     return bool(select.select([source], [], [], 0.0)[0])
 
 
-def speak(job: Job, source: int) -> None:
+def speak(settings: RosSettings, source: int) -> None:
     """Be the robot in ROS until the loop ends.
 
     Args:
-        job: What the robot is.
+        settings: What the robot is.
         source: A file descriptor, which ends when the loop's process has.
 
     Raises:
         RosUnavailableError: ROS does not start.
     """
-    arrivals = Arrivals(RingWriter(job.inboxes), job.period_ns)
-    ros = job.ros
+    subscriptions = Subscriptions(RingWriter(settings.inboxes), settings.period_ns)
+    ros = settings.ros
     with contextlib.ExitStack() as stack:
         with helping_threads():  # those of DDS and the one that listens; the one that publishes is this one
-            node = stack.enter_context(ros_node(ros.node_name, job.namespace, job.ros_arguments, parameters=True))
-            stage = RosStage(node, job, arrivals.write)
-            waiting = Waiting(node, stage)
-            listening = threading.Thread(target=arrivals.run, args=(waiting, stage), name="arrivals")
+            node = stack.enter_context(
+                ros_node(ros.node_name, settings.namespace, settings.ros_arguments, parameters=True)
+            )
+            stage = RosStage(node, settings, subscriptions.write)
+            waiting = WaitSet(node, stage)
+            listening = threading.Thread(target=subscriptions.run, args=(waiting, stage), name="subscriptions")
             listening.start()
-        publishing = Publishing(stage, arrivals, RingReader(job.reports), job.period_ns)
+        publishing = Publishing(stage, subscriptions, RingReader(settings.reports), settings.period_ns)
         _tell("ready")
         try:
             with real_time_priority(HELPERS_PRIORITY):
                 publishing.run(source)
         finally:
             signal.alarm(_LEAVES_S)
-            arrivals.stop()
+            subscriptions.stop()
             waiting.wake()
             listening.join()
             waiting.close()
@@ -161,7 +163,7 @@ def main() -> int:
         line = sys.stdin.buffer.readline()  # empty where the loop's process has ended before it had a robot
         if line:
             with messages():
-                speak(msgspec.json.decode(line, type=Job), sys.stdin.fileno())
+                speak(msgspec.json.decode(line, type=RosSettings), sys.stdin.fileno())
     except RosUnavailableError as error:
         with contextlib.suppress(BrokenPipeError):
             _tell(str(error))

@@ -18,16 +18,16 @@ from segway_ecc.node.helper import end_helper, start_helper, tell_helper
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
 from segway_ecc.node.robot import Robot
-from segway_ecc.node.ros.exchanged import (
+from segway_ecc.node.ros.protocol import (
     FromLoop,
+    RosSettings,
     ToLoop,
-    ToWrite,
-    decode_arrived,
-    decode_heard,
-    decode_to_write,
+    WriteRequest,
+    decode_inbox,
+    decode_subscribed,
+    decode_write_request,
     encoder,
 )
-from segway_ecc.node.ros.job import Job
 from segway_ecc.node.safety.modes import ACTIVE, Answer
 
 _REPORTS: Final = 64
@@ -40,7 +40,7 @@ _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
 
 
-class Speaker:
+class RosBridge:
     """The process that speaks ROS, which imports what it needs while the robot is built, and waits to be told of it.
 
     Attributes:
@@ -56,7 +56,7 @@ class Speaker:
         self._process = start_helper("segway_ecc.node.ros.process", (), self._descriptors, subprocess.PIPE)
         self.pid = self._process.pid
 
-    def tell(self, job: Job) -> None:
+    def tell(self, settings: RosSettings) -> None:
         """Say what it is to do, and wait until the robot is in ROS.
 
         Raises:
@@ -65,7 +65,7 @@ class Speaker:
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
         self._release()  # both are mapped by now, here and, by the same numbers, open there
         with contextlib.suppress(BrokenPipeError):  # it has ended, and has said why
-            tell_helper(self._process, job)
+            tell_helper(self._process, settings)
         with self._process.stdout as told:
             line = told.readline().decode(errors="replace").strip()
         if line != "ready":
@@ -100,11 +100,11 @@ class RemoteStage:
         dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
-    def __init__(self, speaker: Speaker, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
+    def __init__(self, bridge: RosBridge, robot: Robot, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
         """Bring a robot into ROS.
 
         Args:
-            speaker: The process that is to speak for it.
+            bridge: The process that is to speak for it.
             robot: The robot that is to be in ROS.
             namespace: Where it lives in the ROS graph.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
@@ -115,12 +115,12 @@ class RemoteStage:
         self.over: str | None = None
         self.dropped = 0
         self._model: Model = robot.model
-        self._speaker = speaker
+        self._bridge = bridge
         self._buffer = bytearray()
         self._is_gone = False
         self.is_heard = True
         wiring = robot.wiring
-        job = Job(
+        settings = RosSettings(
             robot=robot.file.name,
             ros=robot.file.ros,
             namespace=namespace,
@@ -130,13 +130,13 @@ class RemoteStage:
             topics=tuple(wiring.topics),
             set_names=wiring.set_names,
             parameters=tuple(dataclasses.replace(v, value=self._model.read(v.name)) for v in self._model.parameters),
-            reports=speaker.reports,
-            inboxes=speaker.inboxes,
+            reports=bridge.reports,
+            inboxes=bridge.inboxes,
         )
-        size_ring(job.reports, _REPORTS * slots_for(job.report_bytes))
-        size_ring(job.inboxes, INBOX_SLOTS)
-        self._reports, self._inboxes = RingWriter(job.reports), RingReader(job.inboxes)
-        speaker.tell(job)
+        size_ring(settings.reports, _REPORTS * slots_for(settings.report_bytes))
+        size_ring(settings.inboxes, INBOX_SLOTS)
+        self._reports, self._inboxes = RingWriter(settings.reports), RingReader(settings.inboxes)
+        bridge.tell(settings)
 
     def take(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
@@ -149,9 +149,9 @@ class RemoteStage:
             try:
                 match kind:
                     case ToLoop.WRITE:
-                        self._write(decode_to_write(body), inbox)
-                    case ToLoop.HEARD:
-                        self.is_heard = decode_heard(body)
+                        self._write(decode_write_request(body), inbox)
+                    case ToLoop.SUBSCRIBED:
+                        self.is_heard = decode_subscribed(body)
                     case _:
                         self._receive(body, inbox)
             except msgspec.DecodeError:  # whatever that process does, the loop goes on
@@ -170,8 +170,8 @@ class RemoteStage:
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
         """Hand over diagnostics, one status at a time so that each fits."""
-        # Asked here, about once a second in the slack of a cycle, because handing over does not show it.
-        if not self._is_gone and (status := self._speaker.status) is not None:
+        # NumberedRequest here, about once a second in the slack of a cycle, because handing over does not show it.
+        if not self._is_gone and (status := self._bridge.status) is not None:
             self._is_gone = self.is_heard = True  # so that it is seen when the robot is no longer armed
             _logger.warning(
                 "the process that speaks ROS has ended with status %d: the robot goes on without ROS while it is "
@@ -188,19 +188,19 @@ class RemoteStage:
     def close(self) -> None:
         """Let the robot leave ROS."""
         self._put(FromLoop.END, None)
-        self._speaker.close()
+        self._bridge.close()
         if self.dropped and not self._is_gone:
             _logger.warning("%d messages to or from ROS did not get through: its process did not keep up", self.dropped)
 
     def _receive(self, body: bytes, inbox: Inbox) -> None:
-        arrived = decode_arrived(body)
+        arrived = decode_inbox(body)
         inbox.setpoints += arrived.setpoints
         inbox.values += arrived.values
         inbox.stations += arrived.stations
         for action, number in arrived.requests:
             inbox.requests.append(Request(action, functools.partial(self._answer, number)))
 
-    def _write(self, wanted: ToWrite, inbox: Inbox) -> None:
+    def _write(self, wanted: WriteRequest, inbox: Inbox) -> None:
         refusal = None
         try:
             self._model.write(wanted.name, wanted.value)

@@ -9,10 +9,10 @@ from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetVa
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import Status
 from segway_ecc.node.ros.graph import mismatch
-from segway_ecc.node.ros.job import Job
 from segway_ecc.node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
 from segway_ecc.node.ros.mode import make_mode_publisher
 from segway_ecc.node.ros.parameters import ModelParameters
+from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.publishers import (
     AHEAD_DEPTH,
     Topic,
@@ -37,22 +37,22 @@ _logger = logging.getLogger(__name__)
 class RosStage:
     """Publishes what the loop reports, and takes what arrives for it; each may be done by a thread of its own."""
 
-    def __init__(self, node: RosObject, job: Job, write: Callable[[str, float], None]) -> None:
+    def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[str, float], None]) -> None:
         """Offer a robot's topics, services and parameters.
 
         Args:
             node: Whose they are to be.
-            job: What the robot is.
+            settings: What the robot is.
             write: Writes a parameter of the model by its name, or raises `ModelError`.
         """
         self._node = node
-        ros, set_names = job.ros, job.set_names
+        ros, set_names = settings.ros, settings.set_names
         stand = set_names.index(_STAND) if _STAND in set_names else None
         self._topics = [
-            make_mode_publisher(node, job.robot, stand=stand),  # the first: a stop is confirmed by it
+            make_mode_publisher(node, settings.robot, stand=stand),  # the first: a stop is confirmed by it
             make_setpoint_publisher(node, ros),
-            *make_publishers(node, ros, job.published),
-            *make_scalar_publishers(node, job.topics),
+            *make_publishers(node, ros, settings.published),
+            *make_scalar_publishers(node, settings.topics),
         ]
         self._heard: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
@@ -68,7 +68,7 @@ class RosStage:
         station = self._subscribe("station", "std_msgs/msg/Header", newest_only(), _take_heartbeat, at_once=1)
         self._subscriptions.append(station)
         self._services = [self._serve(action) for action in Action]
-        self._parameters = ModelParameters(node, job.parameters, write, self._services)
+        self._parameters = ModelParameters(node, settings.parameters, write, self._services)
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._looks = 0

@@ -1,4 +1,4 @@
-"""A manoeuvre: segments of constant set-points, and when each of them has to be said."""
+"""A manoeuvre: segments of constant set-points, and when each of them has to be sent."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 
 RENEW_NS: Final = 100_000_000
-"""A set-point that stays the same is said again this often, well within a robot's time-out."""
+"""A set-point that stays the same is sent again this often, well within a robot's time-out."""
 
 LONGEST_S: Final = 86_400.0
 """Length of the longest segment, s."""
@@ -34,7 +34,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Manoeuvre(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Segments, one after the other; at the end the robot is told to rest."""
+    """Segments, one after the other; at the end the set-point is zero."""
 
     segments: Annotated[tuple[Segment, ...], msgspec.Meta(min_length=1)]
 
@@ -44,7 +44,7 @@ class Manoeuvre(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return sum(_ns(segment.duration) for segment in self.segments)
 
 
-class Said(NamedTuple):
+class TimedSetpoint(NamedTuple):
     """A set-point and when it is for, ns since the start of the manoeuvre."""
 
     offset_ns: int
@@ -80,16 +80,16 @@ def single_segment(linear: float, angular: float, duration: float) -> Manoeuvre:
     return Manoeuvre(segments=segments)
 
 
-def schedule(manoeuvre: Manoeuvre) -> Iterator[Said]:
-    """Everything that has to be said, in order: each segment's set-point at its start and renewed, rest at the end."""
+def schedule(manoeuvre: Manoeuvre) -> Iterator[TimedSetpoint]:
+    """Every set-point to send, in order: each segment's set-point at its start and renewed, rest at the end."""
     start_ns = 0
     for segment in manoeuvre.segments:
         end_ns = start_ns + _ns(segment.duration)
         setpoint = Setpoint(segment.linear, segment.angular)
         for offset_ns in range(start_ns, end_ns, RENEW_NS):
-            yield Said(offset_ns, setpoint)
+            yield TimedSetpoint(offset_ns, setpoint)
         start_ns = end_ns
-    yield Said(start_ns, REST)
+    yield TimedSetpoint(start_ns, REST)
 
 
 def _ns(seconds: float) -> int:

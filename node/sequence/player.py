@@ -1,4 +1,4 @@
-"""Plays a manoeuvre to a robot it sees only through what the robot publishes; knows no ROS and no clock."""
+"""Plays a manoeuvre to a robot that it follows only through what the robot publishes; knows no ROS and no clock."""
 
 import enum
 from collections.abc import Collection, Iterator
@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from segway_ecc.node.cycle.setpoints import REST
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, schedule
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, TimedSetpoint, schedule
 
 LEAD_NS: Final = 500_000_000
 
 
 class Odometry(NamedTuple):
-    """What the robot said of itself: stamp (ns since the Unix epoch), m, m, rad, m/s, rad/s."""
+    """The robot's published odometry: stamp (ns since the Unix epoch), m, m, rad, m/s, rad/s."""
 
     stamp_ns: int
     x: float
@@ -23,7 +23,7 @@ class Odometry(NamedTuple):
 
 
 @enum.unique
-class Progress(enum.Enum):
+class PlayState(enum.Enum):
     """How far the manoeuvre has come."""
 
     RUNNING = enum.auto()
@@ -32,24 +32,24 @@ class Progress(enum.Enum):
 
 @dataclass(slots=True)
 class Player:
-    """Turns the robot's stamps into set-points to send, and keeps what the robot said meanwhile.
+    """Turns the robot's stamps into set-points to send, and keeps the odometry received meanwhile.
 
     Time is the robot's own: the manoeuvre starts a lead after the first stamp seen, and every set-point is stamped
     relative to that start. So durations are counted in model time, and delays on the way change nothing.
 
     Attributes:
         lead_ns: How far ahead of the robot's time set-points are stamped; far more than any delay on the way.
-        start_ns: Stamp of the start; None until the robot was heard.
-        heard: The robot's odometry from the start to the end of the manoeuvre.
+        start_ns: Stamp of the start; None until the first odometry.
+        received: The robot's odometry from the start to the end of the manoeuvre.
     """
 
     manoeuvre: Manoeuvre
     lead_ns: int = LEAD_NS
     start_ns: int | None = None
-    heard: list[Odometry] = field(default_factory=list)
-    _pending: Iterator[Said] = field(init=False)
-    _next: Said | None = field(init=False)
-    _sent_ahead: list[Said] = field(default_factory=list)
+    received: list[Odometry] = field(default_factory=list)
+    _pending: Iterator[TimedSetpoint] = field(init=False)
+    _next: TimedSetpoint | None = field(init=False)
+    _sent_ahead: list[TimedSetpoint] = field(default_factory=list)
     _latest_ns: int = 0
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class Player:
 
     @property
     def end_ns(self) -> int | None:
-        """Stamp of the end; None until the robot was heard."""
+        """Stamp of the end; None until the first odometry."""
         return None if self.start_ns is None else self.start_ns + self.manoeuvre.duration_ns
 
     @property
@@ -69,27 +69,27 @@ class Player:
             return 0.0
         return min(max((self._latest_ns - self.start_ns) / self.manoeuvre.duration_ns, 0.0), 1.0)
 
-    def hear(self, odometry: Odometry) -> Progress:
-        """Take the robot's newest odometry."""
+    def update(self, odometry: Odometry) -> PlayState:
+        """Receive the robot's newest odometry."""
         self._latest_ns = odometry.stamp_ns
         if self.start_ns is None:
             self.start_ns = odometry.stamp_ns + self.lead_ns
         end_ns = self.start_ns + self.manoeuvre.duration_ns
         if self.start_ns <= odometry.stamp_ns <= end_ns:
-            self.heard.append(odometry)
-        return Progress.DONE if odometry.stamp_ns >= end_ns else Progress.RUNNING
+            self.received.append(odometry)
+        return PlayState.DONE if odometry.stamp_ns >= end_ns else PlayState.RUNNING
 
-    def say(self) -> list[Said]:
+    def due_setpoints(self) -> list[TimedSetpoint]:
         """The set-points to send now; their offsets are from `start_ns`."""
         if self.start_ns is None:
             return []
-        said = []
+        due = []
         while self._next is not None and self.start_ns + self._next.offset_ns <= self._latest_ns + self.lead_ns:
-            said.append(self._next)
+            due.append(self._next)
             self._next = next(self._pending, None)
         now_ns = self._latest_ns - self.start_ns
-        self._sent_ahead = [s for s in self._sent_ahead if s.offset_ns >= now_ns] + said
-        return said
+        self._sent_ahead = [s for s in self._sent_ahead if s.offset_ns >= now_ns] + due
+        return due
 
     def unconfirmed(self, confirmed: Collection[int]) -> int:
         """How many set-points the robot did not bring into force in their own cycle.
@@ -99,13 +99,12 @@ class Player:
         """
         if self.start_ns is None:
             return 0
-        due = (self.start_ns + said.offset_ns for said in schedule(self.manoeuvre))
-        return sum(stamp_ns not in confirmed for stamp_ns in due)
+        return sum(self.start_ns + timed.offset_ns not in confirmed for timed in schedule(self.manoeuvre))
 
-    def abandon(self) -> list[Said]:
+    def abandon(self) -> list[TimedSetpoint]:
         """What to send to stop now: rest at once, and in place of everything that was sent ahead."""
         if self.start_ns is None:
             return []
         self._next = None
         now_ns = self._latest_ns - self.start_ns
-        return [Said(now_ns, REST), *(Said(s.offset_ns, REST) for s in self._sent_ahead)]
+        return [TimedSetpoint(now_ns, REST), *(TimedSetpoint(s.offset_ns, REST) for s in self._sent_ahead)]

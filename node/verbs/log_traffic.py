@@ -10,7 +10,7 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_robot, print_json, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.recording.bounds import MB
+from segway_ecc.node.recording.log_quota import MB
 from segway_ecc.node.recording.traffic import CandumpLog, listen
 
 _LONGEST_S: Final = 1e9

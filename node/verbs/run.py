@@ -27,8 +27,8 @@ from segway_ecc.node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.service import service_of
 from segway_ecc.node.errors import ConfigurationError, RobotLostError
 from segway_ecc.node.logs import messages
-from segway_ecc.node.recording.bounds import MB, Bounds
 from segway_ecc.node.recording.layout import layout_of
+from segway_ecc.node.recording.log_quota import MB, LogQuota
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import robot_provenance
 from segway_ecc.node.robot import Robot, build_robot
@@ -37,7 +37,7 @@ from segway_ecc.node.sequence.player import Player
 from segway_ecc.node.sequence.stage import ManoeuvreStage
 
 if TYPE_CHECKING:  # a robot without ROS starts without it
-    from segway_ecc.node.ros.remote import Speaker
+    from segway_ecc.node.ros.remote import RosBridge
 
 _LONGEST_S: Final = 1e9
 _SMALLEST_LOG_MB: Final = 1.0
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log-limit",
         type=float,
-        default=Bounds().total_bytes / MB,
+        default=LogQuota().total_bytes / MB,
         metavar="MB",
         help="room for logs; the oldest is removed first (default: %(default)g)",
     )
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--log-file-size",
         type=float,
         metavar="MB",
-        help=f"size at which the next file of a log begins (default: {Bounds().file_bytes / MB:g}; a quarter at most)",
+        help=f"size at which a log's next file begins (default: {LogQuota().file_bytes / MB:g}; a quarter at most)",
     )
 
 
@@ -79,10 +79,10 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
     file = robot_file(options)
     with messages(), contextlib.ExitStack() as stack:
-        speaker = _speaker(stack, options)
+        bridge = _bridge(stack, options)
         robot = build_robot(file, RealClock())
         recorder = _recorder(options, robot)
-        stage = _stage(options, robot, speaker)
+        stage = _stage(options, robot, bridge)
         loop = robot.loop(stage, recorder)
         loop.service = service_of(os.environ, robot.period_ns)
         with stopped_by_signals(loop.stop), real_time(lock=True):
@@ -98,7 +98,7 @@ def _cycles(duration_s: float | None, robot: Robot) -> int | None:
     return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
 
 
-def _speaker(stack: contextlib.ExitStack, options: argparse.Namespace) -> "Speaker | None":
+def _bridge(stack: contextlib.ExitStack, options: argparse.Namespace) -> "RosBridge | None":
     """What speaks ROS for the robot; None where it is not to be in ROS, or was not asked to be and ROS is missing."""
     if options.sequence is not None or options.ros is False:
         return None
@@ -110,19 +110,19 @@ def _speaker(stack: contextlib.ExitStack, options: argparse.Namespace) -> "Speak
     if missing:
         _logger.warning("ROS 2 is not available here (no %s): running without it", ", ".join(missing))
         return None
-    from segway_ecc.node.ros.remote import Speaker  # noqa: PLC0415 - only with ROS
+    from segway_ecc.node.ros.remote import RosBridge  # noqa: PLC0415 - only with ROS
 
-    return stack.enter_context(contextlib.closing(Speaker()))
+    return stack.enter_context(contextlib.closing(RosBridge()))
 
 
-def _stage(options: argparse.Namespace, robot: Robot, speaker: "Speaker | None") -> Stage:
+def _stage(options: argparse.Namespace, robot: Robot, bridge: "RosBridge | None") -> Stage:
     if options.sequence is not None:
         return ManoeuvreStage(Player(load_manoeuvre(options.sequence)), list(robot.wiring.published), robot.clock)
-    if speaker is None:
+    if bridge is None:
         return NoStage()
     from segway_ecc.node.ros.remote import RemoteStage  # noqa: PLC0415 - only with ROS
 
-    return RemoteStage(speaker, robot, options.namespace, options.ros_arguments)
+    return RemoteStage(bridge, robot, options.namespace, options.ros_arguments)
 
 
 def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
@@ -134,17 +134,17 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), bounds)
 
 
-def _bounds(options: argparse.Namespace) -> Bounds:
+def _bounds(options: argparse.Namespace) -> LogQuota:
     total, one = options.log_limit, options.log_file_size
     if one is None:  # so that removing the oldest file never takes nearly all there is
-        one = max(min(Bounds().file_bytes / MB, total / _FILES_AT_LEAST), _SMALLEST_LOG_MB)
+        one = max(min(LogQuota().file_bytes / MB, total / _FILES_AT_LEAST), _SMALLEST_LOG_MB)
     if not _SMALLEST_LOG_MB <= one <= total <= _LARGEST_LOG_MB:
         raise ConfigurationError(
             f"--log-file-size must be {_SMALLEST_LOG_MB:g} MB at least and --log-limit no less, "
             f"not {one:g} MB and {total:g} MB"
         )
     # Every log in the folder that is ours may go; beside a file that the user named, only parts of this run may.
-    return Bounds(round(total * MB), round(one * MB), is_own_folder=options.log is None)
+    return LogQuota(round(total * MB), round(one * MB), is_own_folder=options.log is None)
 
 
 def _played(stage: Stage) -> dict[str, int | None] | None:

@@ -85,7 +85,7 @@ def _progress() -> Callable[[float], None]:
 
 def _last(player: Player) -> Odometry:
     """The odometry that bears the stamp of the end."""
-    for odometry in reversed(player.heard):
+    for odometry in reversed(player.received):
         if odometry.stamp_ns == player.end_ns:
             return odometry
     raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
@@ -106,6 +106,6 @@ def _write_csv(path: Path, player: Player) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(Odometry._fields)
-            writer.writerows(player.heard)
+            writer.writerows(player.received)
     except OSError as error:
         raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error

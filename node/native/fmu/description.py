@@ -17,7 +17,7 @@ _ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class FmuLayout:
     """A description, and where its variables are in the FMU.
 
     Attributes:
@@ -37,7 +37,7 @@ class Layout:
     followers: tuple[int, ...]
 
 
-def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None, path: Path) -> Layout:
+def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None, path: Path) -> FmuLayout:
     """Describe an FMU.
 
     Args:
@@ -71,7 +71,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
         states=tuple(_state(variable, twenty_sim) for variable in states),
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
-    return Layout(
+    return FmuLayout(
         description,
         inputs=_references(inputs),
         outputs=_references(outputs),

@@ -15,7 +15,7 @@ from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.native.fmu.archive import unpack
 from segway_ecc.node.native.fmu.binary import exported, find_library, private_copy
 from segway_ecc.node.native.fmu.compile import shim
-from segway_ecc.node.native.fmu.description import Layout, describe
+from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import Facts, read_facts
 from segway_ecc.node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
 from segway_ecc.node.native.library import Kind, NativeModel
@@ -36,7 +36,7 @@ class _Group(ctypes.Structure):
     )
 
 
-class _Plan(ctypes.Structure):
+class _FmuPlan(ctypes.Structure):
     """`Plan` of calls.h."""
 
     _fields_ = (
@@ -66,7 +66,7 @@ class FmuModel(NativeModel):
     """
 
     def __init__(
-        self, layout: Layout, library: Path, facts: Facts, twenty_sim: TwentySim | None, resources: Path
+        self, layout: FmuLayout, library: Path, facts: Facts, twenty_sim: TwentySim | None, resources: Path
     ) -> None:
         """Load a private copy of an FMU's library into a seat of its own.
 
@@ -81,7 +81,7 @@ class FmuModel(NativeModel):
         copy.plan = _plan(layout, facts, twenty_sim)
         copy.plan.library = str(private_copy(library, resources, place)).encode()
         copy.plan.resources = _resources(facts, resources)
-        self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_Plan),)
+        self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_FmuPlan),)
         self._check(self._library.ecc_fmu_open(ctypes.byref(copy.plan)), "load")
 
 
@@ -91,7 +91,7 @@ class _Copy:
     def __init__(self, library: ctypes.CDLL, place: Path) -> None:
         self.library = library
         self.place = place
-        self.plan = _Plan()
+        self.plan = _FmuPlan()
         self.process = os.getpid()
 
     def release(self) -> None:
@@ -126,9 +126,9 @@ def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
         raise ModelError(f"FMU {path}: {error}") from error
 
 
-def _plan(layout: Layout, facts: Facts, twenty_sim: TwentySim | None) -> _Plan:
+def _plan(layout: FmuLayout, facts: Facts, twenty_sim: TwentySim | None) -> _FmuPlan:
     description = layout.description
-    plan = _Plan(
+    plan = _FmuPlan(
         prefix=f"{facts.identifier}_".encode(),
         name=(facts.name or facts.identifier).encode(),
         token=facts.token.encode(),

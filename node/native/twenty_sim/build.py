@@ -40,7 +40,7 @@ class Built:
 
 
 @dataclass(frozen=True, slots=True)
-class _Plan:
+class _BuildPlan:
     """Everything that decides the outcome: the files by name, the units to compile, and where headers are."""
 
     folder: Folder
@@ -69,7 +69,7 @@ def build(parts: Parts, shim: Shim) -> Built:
     return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
 
 
-def _plan(parts: Parts, shim: Shim) -> _Plan:
+def _plan(parts: Parts, shim: Shim) -> _BuildPlan:
     folder = parts.folder
     ending = "cpp" if parts.is_cpp else "c"
     files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
@@ -78,7 +78,7 @@ def _plan(parts: Parts, shim: Shim) -> _Plan:
     files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [f"-I{TREE}/{place}" for place in folder.include_folders]
-    return _Plan(folder, files, units, [*includes, "-Isupplied", "-I."], parts.is_cpp)
+    return _BuildPlan(folder, files, units, [*includes, "-Isupplied", "-I."], parts.is_cpp)
 
 
 def _is_cpp(name: str) -> bool:
@@ -102,7 +102,7 @@ def _identity(compiler: Path) -> str:
     return f"{real.name} {status.st_size} {status.st_mtime_ns}"
 
 
-def _make(plan: _Plan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:
+def _make(plan: _BuildPlan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:
     work = draft / "work"
     for name, content in plan.files.items():
         file = work / name
@@ -123,7 +123,7 @@ def _make(plan: _Plan, compilers: Mapping[bool, Path], draft: Path, key: str) ->
     shutil.rmtree(work)
 
 
-def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _Plan) -> str:
+def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _BuildPlan) -> str:
     """Run a compiler and return what it says.
 
     Raises:
@@ -141,7 +141,7 @@ def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _Plan
     return said
 
 
-def _failure(plan: _Plan, said: str) -> str:
+def _failure(plan: _BuildPlan, said: str) -> str:
     path = plan.folder.path
     missing = dict.fromkeys(re.findall(r"undefined reference to [`'](.+?)'", said))
     if missing:

@@ -27,7 +27,7 @@ _MAIN: Final = re.compile(r"\b(?:main|WinMain)\s*\([^;{]*\)\s*\{")
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceFile:
     """One file of the folder.
 
     Attributes:
@@ -85,9 +85,9 @@ class Folder:
     """
 
     path: Path
-    sources: tuple[Source, ...]
-    headers: tuple[Source, ...]
-    tables: tuple[Source, ...]
+    sources: tuple[SourceFile, ...]
+    headers: tuple[SourceFile, ...]
+    tables: tuple[SourceFile, ...]
     data: Mapping[str, Path]
 
     @property
@@ -126,15 +126,15 @@ def read_folder(path: Path) -> Folder:
     )
 
 
-def _read(path: Path) -> tuple[list[Source], list[Path]]:
-    files: list[Source] = []
+def _read(path: Path) -> tuple[list[SourceFile], list[Path]]:
+    files: list[SourceFile] = []
     places: list[Path] = []
     try:
         for place in _walk(path):
             places.append(place)
             if place.suffix.lower() in _TEXTS and not _COPY.match(place.name):
                 content = place.read_bytes()
-                files.append(Source(place.relative_to(path).as_posix(), content, _encoding(content)))
+                files.append(SourceFile(place.relative_to(path).as_posix(), content, _encoding(content)))
     except OSError as error:
         raise ModelError(f"cannot read the model folder {path}: {error}") from error
     return files, places
@@ -168,16 +168,16 @@ def _refuse_others(path: Path, names: Sequence[str]) -> None:
         raise ModelError(f"{path} is an unpacked FMU: give the .fmu file itself")
 
 
-def _refuse_unrecognised(path: Path, files: Sequence[Source]) -> None:
+def _refuse_unrecognised(path: Path, files: Sequence[SourceFile]) -> None:
     if not any(file.generator for file in files):
         raise ModelError(f"{path} holds no code that 20-sim generated: no file says so in its header comment")
 
 
-def _is_a_program(file: Source) -> bool:
+def _is_a_program(file: SourceFile) -> bool:
     return PurePosixPath(file.name).name.startswith("test_") or _MAIN.search(file.code) is not None
 
 
-def _with_called(generated: list[Source], own: list[Source]) -> list[Source]:
+def _with_called(generated: list[SourceFile], own: list[SourceFile]) -> list[SourceFile]:
     """Add the user's files that define what is called, and what those call in their turn."""
     taken = list(generated)
     for file in taken:
@@ -186,8 +186,8 @@ def _with_called(generated: list[Source], own: list[Source]) -> list[Source]:
     return taken
 
 
-def _without_copies(path: Path, sources: Sequence[Source]) -> list[Source]:
-    kept: dict[str, Source] = {}
+def _without_copies(path: Path, sources: Sequence[SourceFile]) -> list[SourceFile]:
+    kept: dict[str, SourceFile] = {}
     for file in sorted(sources, key=lambda file: (file.name.count("/"), file.name)):
         other = kept.setdefault(PurePosixPath(file.name).name, file)
         if other.content != file.content:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.node.native.twenty_sim.c_text import code_of
-from segway_ecc.node.native.twenty_sim.files import Folder, Source
+from segway_ecc.node.native.twenty_sim.files import Folder, SourceFile
 
 TREE: Final = "model"
 """Where the user's files lie in the folder that is compiled."""
@@ -31,7 +31,7 @@ def supplied_headers(folder: Folder) -> dict[str, str]:
     return found
 
 
-def _unresolved(folder: Folder, source: Source, files: set[str]) -> Iterator[str]:
+def _unresolved(folder: Folder, source: SourceFile, files: set[str]) -> Iterator[str]:
     places = [posixpath.dirname(source.name), *folder.include_folders]
     for match in _INCLUDE.finditer(code_of(source.text, keep_strings=True)):
         name = match[2].replace("\\", "/").strip()

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.node.native.twenty_sim.files import Source
+from segway_ecc.node.native.twenty_sim.files import SourceFile
 
 _LABEL: Final = re.compile(r"(.*?)\s*(?:\{([^{}]*)\})?\s*$")
 _QUOTED: Final = re.compile(r'"((?:\\.|[^"\\])*)"')
@@ -49,7 +49,7 @@ def label_of(comment: str) -> Label:
     return Label(match[1].strip(), (match[2] or "").strip()) if match else Label()
 
 
-def read_tables(files: Sequence[Source]) -> Table:
+def read_tables(files: Sequence[SourceFile]) -> Table:
     """Read the XML files of the folder; what is not 20-sim's is passed over."""
     file, tokens, labels, warnings = "", dict[str, str](), dict[str, Sequence[Label]](), list[str]()
     for source in files:

@@ -13,7 +13,7 @@ from typing import Final
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.description import Flavour
 from segway_ecc.node.native.twenty_sim.c_text import Function, assignments
-from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Source
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, SourceFile
 
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")
@@ -63,7 +63,7 @@ class Parts:
 
     folder: Folder
     flavour: Flavour
-    model: Source
+    model: SourceFile
     name: str
     build: str
     prefix: str
@@ -156,7 +156,7 @@ def find_method(parts: Parts) -> str:
     return ""
 
 
-def _model_file(folder: Folder) -> Source:
+def _model_file(folder: Folder) -> SourceFile:
     found = [source for source in folder.sources if any(_role(name) == "CalculateDynamic" for name in source.functions)]
     if not found:
         raise ModelError(f"{folder.path} holds no model: none of its C or C++ files has dynamic equations")
@@ -201,7 +201,7 @@ def _flavour(owner: str, roles: Mapping[str, Function]) -> Flavour:
     return Flavour.C_SUBMODEL if whole else Flavour.C_PARTIAL
 
 
-def _types(files: Iterable[Source]) -> dict[str, str]:
+def _types(files: Iterable[SourceFile]) -> dict[str, str]:
     pattern = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
     return {match[2]: match[1].strip() for file in files for match in pattern.finditer(file.code)}
 
@@ -214,7 +214,7 @@ def _real(types: Mapping[str, str]) -> str:
     return kind
 
 
-def _prefix(folder: Folder, model: Source) -> str:
+def _prefix(folder: Folder, model: SourceFile) -> str:
     for pattern in (r"(?<!\w)(\w*?)step_size\s*=(?!=)", r"(?<!\w)(\w*?)s\s*\[\s*\d+\s*\]\s*=(?!=)", r"(\w*_)V\s*\["):
         for source in (model, *folder.sources):
             if match := re.search(pattern, source.code):
@@ -222,7 +222,7 @@ def _prefix(folder: Folder, model: Source) -> str:
     raise ModelError(f"cannot tell what the variables in {model.name} begin with: it sets neither step size nor states")
 
 
-def _symbols(sources: Iterable[Source], prefix: str) -> dict[str, Symbol]:
+def _symbols(sources: Iterable[SourceFile], prefix: str) -> dict[str, Symbol]:
     pattern = re.compile(
         rf"^[ \t]*(\w+)\s*(\*?)\s*{re.escape(prefix)}(\w+)\s*(\[[^\]]*\])?\s*(?:=[^;]*)?;", re.MULTILINE
     )

@@ -16,7 +16,7 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.twenty_sim.c_text import Function
 from segway_ecc.node.native.twenty_sim.data_files import embedded
-from segway_ecc.node.native.twenty_sim.files import Source
+from segway_ecc.node.native.twenty_sim.files import SourceFile
 from segway_ecc.node.native.twenty_sim.includes import TREE
 from segway_ecc.node.native.twenty_sim.parts import Parts
 from segway_ecc.node.native.twenty_sim.ports import Ports
@@ -161,7 +161,7 @@ def _class(parts: Parts) -> list[str]:
     ]
 
 
-def _class_header(parts: Parts) -> Source:
+def _class_header(parts: Parts) -> SourceFile:
     pattern = re.compile(rf"\bclass\s+{re.escape(parts.owner)}\b[^;{{]*\{{")
     for header in parts.folder.headers:
         if pattern.search(header.code):

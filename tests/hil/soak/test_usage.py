@@ -11,7 +11,7 @@ import pytest
 
 from segway_ecc.hil.soak.usage import children, usage
 from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
-from segway_ecc.node.recording.bounds import MB
+from segway_ecc.node.recording.log_quota import MB
 
 SIZE = 8 << 20
 

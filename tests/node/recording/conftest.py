@@ -7,7 +7,7 @@ import pytest
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.recording.cycle_log import Layout
+from segway_ecc.node.recording.cycle_log import CycleLayout
 from segway_ecc.node.safety.modes import Mode
 
 PERIOD_NS = 10_000_000
@@ -15,8 +15,8 @@ START_NS = 1_700_000_000_000_000_000
 
 
 @pytest.fixture
-def layout() -> Layout:
-    return Layout(
+def layout() -> CycleLayout:
+    return CycleLayout(
         robot="testbot",
         published=(
             "odometry.x",

@@ -12,9 +12,9 @@ from mcap.reader import make_reader
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.bounded_log import BoundedLog
-from segway_ecc.node.recording.bounds import Bounds
 from segway_ecc.node.recording.codec import CYCLE, CycleCodec
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.log_quota import LogQuota
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.recording.salvage import Salvage
 
@@ -25,7 +25,7 @@ KB = 1000
 class Feed:
     """Hands cycles to a log as the writer does, and flushes as often as it is told."""
 
-    def __init__(self, log: BoundedLog, layout: Layout, record: Callable[[int], CycleRecord]) -> None:
+    def __init__(self, log: BoundedLog, layout: CycleLayout, record: Callable[[int], CycleRecord]) -> None:
         self._log = log
         self._codec = CycleCodec(layout)
         self._record = record
@@ -64,10 +64,10 @@ def cycles(path: Path) -> list[int]:
 
 
 def test_a_long_run_is_in_files_that_each_stand_alone(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, Bounds(1000 * KB, 20 * KB), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(1000 * KB, 20 * KB), said.append)
     Feed(log, layout, record)(600)
     log.close()
     files = sorted(tmp_path.iterdir(), key=lambda found: (len(found.name), found.name))
@@ -83,11 +83,11 @@ def test_a_long_run_is_in_files_that_each_stand_alone(
 
 
 def test_the_files_together_stay_within_the_bound_and_the_newest_stay(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
 ) -> None:
     path = tmp_path / "run.mcap"
     bound = 100 * KB
-    log = BoundedLog(path, layout, PROVENANCE, Bounds(bound, 20 * KB), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(bound, 20 * KB), said.append)
     feed = Feed(log, layout, record)
     for _ in range(60):
         feed(20, flush_every=20)
@@ -102,13 +102,13 @@ def test_the_files_together_stay_within_the_bound_and_the_newest_stay(
 
 def test_a_full_disk_costs_what_comes_while_it_is_full(
     tmp_path: Path,
-    layout: Layout,
+    layout: CycleLayout,
     record: Callable[[int], CycleRecord],
     said: list[str],
     small_files: Callable[[int | None], None],
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, Bounds(), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(), said.append)
     feed = Feed(log, layout, record)
     feed(40)
     small_files(100)  # less than what a file begins with
@@ -129,12 +129,12 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(
 
 def test_a_disk_that_was_full_to_the_end_is_told_at_the_end(
     tmp_path: Path,
-    layout: Layout,
+    layout: CycleLayout,
     record: Callable[[int], CycleRecord],
     said: list[str],
     small_files: Callable[[int | None], None],
 ) -> None:
-    log = BoundedLog(tmp_path / "run.mcap", layout, PROVENANCE, Bounds(), said.append)
+    log = BoundedLog(tmp_path / "run.mcap", layout, PROVENANCE, LogQuota(), said.append)
     feed = Feed(log, layout, record)
     feed(20)
     small_files(100)
@@ -148,7 +148,7 @@ def test_a_disk_that_was_full_to_the_end_is_told_at_the_end(
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may mount")
 def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
 ) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -158,7 +158,7 @@ def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
     if mounted.returncode:
         pytest.skip("no tmpfs can be mounted here")
     try:
-        log = BoundedLog(disk / "run.mcap", layout, PROVENANCE, Bounds(), said.append)
+        log = BoundedLog(disk / "run.mcap", layout, PROVENANCE, LogQuota(), said.append)
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(200 * KB))
         feed = Feed(log, layout, record)

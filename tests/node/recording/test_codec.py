@@ -33,7 +33,7 @@ from segway_ecc.node.recording.codec import (
     unpack_diagnostics,
 )
 from segway_ecc.node.recording.cycle_message import stamp_of
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.safety.modes import Action, Mode
 
 SNAPSHOT = {"values", "ages", "valid", "faults", "ready", "events", "off"}
@@ -43,9 +43,9 @@ names = st.integers(0, 4)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 
 
-def layout_with(counts: Sequence[int]) -> Layout:
+def layout_with(counts: Sequence[int]) -> CycleLayout:
     published, sensors, inputs, outputs, commands = (tuple(f"name{i}" for i in range(count)) for count in counts)
-    return Layout(
+    return CycleLayout(
         robot="r",
         published=published,
         sensors=sensors,
@@ -60,7 +60,7 @@ def layout_with(counts: Sequence[int]) -> Layout:
 
 
 @st.composite
-def layouts_and_records(draw: st.DrawFn) -> tuple[Layout, CycleRecord]:
+def layouts_and_records(draw: st.DrawFn) -> tuple[CycleLayout, CycleRecord]:
     counts = draw(st.tuples(names, names, names, names, names))
 
     def values(count: int) -> tuple[float, ...]:
@@ -102,7 +102,7 @@ def packed(record: CycleRecord) -> bytes:
 
 
 @given(layouts_and_records())
-def test_a_cycle_survives_packing_bit_for_bit(drawn: tuple[Layout, CycleRecord]) -> None:
+def test_a_cycle_survives_packing_bit_for_bit(drawn: tuple[CycleLayout, CycleRecord]) -> None:
     layout, record = drawn
     codec = CycleCodec(layout)
     ((kind, body),) = codec.bodies(CYCLE, packed(record))

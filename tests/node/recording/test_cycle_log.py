@@ -11,7 +11,7 @@ from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer
 from segway_ecc.node.cycle.status import Level, Status
-from segway_ecc.node.recording.cycle_log import CycleLog, Layout, layout_of
+from segway_ecc.node.recording.cycle_log import CycleLayout, CycleLog, layout_of
 from segway_ecc.node.recording.layout import field_names
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.robot import build_robot
@@ -40,7 +40,7 @@ def read(path: Path) -> tuple[dict[str, str], dict[str, list[tuple[int, Any]]]]:
 
 
 def test_a_cycle_is_one_message_with_a_field_for_every_name(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout)
@@ -65,7 +65,7 @@ def test_a_cycle_is_one_message_with_a_field_for_every_name(
 
 
 def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout)
@@ -85,7 +85,7 @@ def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
 
 
 def test_structured_messages_bear_the_frames_joints_and_stamp(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout)
@@ -104,12 +104,12 @@ def test_structured_messages_bear_the_frames_joints_and_stamp(
 
 
 def test_an_imu_is_on_its_topic_where_there_is_one(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
     signals = [f"imu.{quantity}_{axis}" for quantity in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
     fields = {name: getattr(layout, name) for name in layout.__struct_fields__}
-    log = CycleLog(path, Layout(**fields | {"published": (*layout.published, *signals)}))
+    log = CycleLog(path, CycleLayout(**fields | {"published": (*layout.published, *signals)}))
     plain = record(3)
     log.write(plain._replace(published=(*plain.published, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0)))
     log.close()
@@ -128,10 +128,10 @@ def test_an_imu_is_on_its_topic_where_there_is_one(
 
 
 def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
-    bare = Layout(**{name: getattr(layout, name) for name in layout.__struct_fields__} | {"published": ()})
+    bare = CycleLayout(**{name: getattr(layout, name) for name in layout.__struct_fields__} | {"published": ()})
     log = CycleLog(path, bare)
     log.write(record(0)._replace(published=()))
     log.close()
@@ -140,7 +140,7 @@ def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
     assert set(types) == {"/cycle", "/setpoint"}
 
 
-def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: Layout) -> None:
+def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: CycleLayout) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout, Provenance({"robot.yaml": "name: testbot"}, {"model": {"sha256": "12"}}))
     log.write_diagnostics(START_NS, [Status(Level.WARN, "board", "warm", {"temperature": "81"})])
@@ -156,7 +156,7 @@ def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: Layout) ->
     assert [(pair.key, pair.value) for pair in status.values] == [("temperature", "81")]
     assert attachments.pop("robot.yaml") == b"name: testbot"
     assert list(attachments) == ["layout.json"]
-    assert msgspec.json.decode(attachments["layout.json"], type=Layout) == layout
+    assert msgspec.json.decode(attachments["layout.json"], type=CycleLayout) == layout
     assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}}
 
 

@@ -13,10 +13,10 @@ from rosbags.highlevel import AnyReader
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.cycle_message import CYCLE_TYPE, CycleMessage
-from segway_ecc.node.recording.layout import Layout, field_names
+from segway_ecc.node.recording.layout import CycleLayout, field_names
 
 
-def test_mcap_ros2_support_reads_every_field(layout: Layout, record: Callable[[int], CycleRecord]) -> None:
+def test_mcap_ros2_support_reads_every_field(layout: CycleLayout, record: Callable[[int], CycleRecord]) -> None:
     message = CycleMessage(layout)
     decode = generate_dynamic(CYCLE_TYPE, message.schema)[CYCLE_TYPE]
     read = decode(message.pack(record(9), 3))
@@ -25,7 +25,7 @@ def test_mcap_ros2_support_reads_every_field(layout: Layout, record: Callable[[i
     assert [getattr(read.published, field) for field in field_names(layout.published)] == list(record(9).published)
 
 
-def test_rosbags_reads_every_field(tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]) -> None:
+def test_rosbags_reads_every_field(tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]) -> None:
     log = CycleLog(tmp_path / "run.mcap", layout)
     log.write(record(9))
     log.close()
@@ -43,7 +43,7 @@ def test_rosbags_reads_every_field(tmp_path: Path, layout: Layout, record: Calla
 
 
 def test_a_robot_without_hardware_has_no_empty_parts(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     bare = msgspec.structs.replace(layout, sensors=(), commands=(), inputs=())
     sensors = record(0).sensors

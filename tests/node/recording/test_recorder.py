@@ -25,7 +25,7 @@ from segway_ecc.node.cycle.status import Level, Status
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
-from segway_ecc.node.recording.layout import Layout, layout_of
+from segway_ecc.node.recording.layout import CycleLayout, layout_of
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.salvage import Salvage
@@ -42,7 +42,7 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def recorder(path: Path, layout: Layout) -> Iterator[ProcessRecorder]:
+def recorder(path: Path, layout: CycleLayout) -> Iterator[ProcessRecorder]:
     made = ProcessRecorder(path, layout, Provenance({"robot.yaml": "name: testbot"}, {}))
     yield made
     if made._process.poll() is None:
@@ -210,7 +210,7 @@ def test_a_cycle_in_which_much_happens_arrives_whole(
 
 
 def test_a_record_that_is_damaged_on_its_way_costs_itself_and_is_told(
-    path: Path, layout: Layout, record: Callable[[int], CycleRecord], capfd: pytest.CaptureFixture[str]
+    path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], capfd: pytest.CaptureFixture[str]
 ) -> None:
     recorder = ProcessRecorder(path, layout)
     recorder.write(record(0))
@@ -244,7 +244,7 @@ def test_a_message_that_would_not_fit_whole_is_dropped(recorder: ProcessRecorder
     assert [status.name for message in messages for status in message.status] == ["two"]
 
 
-def test_a_path_that_cannot_be_written_is_told_before_anything_starts(tmp_path: Path, layout: Layout) -> None:
+def test_a_path_that_cannot_be_written_is_told_before_anything_starts(tmp_path: Path, layout: CycleLayout) -> None:
     (tmp_path / "file").touch()
     for bad in (tmp_path, tmp_path / "file" / "run.mcap"):
         with pytest.raises(RecordingError, match=r"cannot write the log .*; choose another with --log"):
@@ -253,7 +253,7 @@ def test_a_path_that_cannot_be_written_is_told_before_anything_starts(tmp_path: 
 
 def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_room(
     path: Path,
-    layout: Layout,
+    layout: CycleLayout,
     record: Callable[[int], CycleRecord],
     caplog: pytest.LogCaptureFixture,
     capfd: pytest.CaptureFixture[str],
@@ -288,7 +288,7 @@ def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_
 
 def test_a_disk_that_stays_full_is_told_once(
     path: Path,
-    layout: Layout,
+    layout: CycleLayout,
     record: Callable[[int], CycleRecord],
     caplog: pytest.LogCaptureFixture,
     capfd: pytest.CaptureFixture[str],
@@ -316,7 +316,7 @@ def test_what_was_handed_over_is_on_the_disk_soon_without_closing(
 
 
 def test_a_robot_with_many_ports_is_recorded(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     names = tuple(f"port{n}" for n in range(2000))
     recorder = ProcessRecorder(tmp_path / "run.mcap", msgspec.structs.replace(layout, inputs=names))
@@ -332,7 +332,7 @@ def test_a_robot_with_many_ports_is_recorded(
     ("period_ns", "cycles"), [(10_000_000, 500), (5_000_000, 1000), (1_000_000, 1024), (200_000_000, 256)]
 )
 def test_the_ring_holds_what_comes_while_a_disk_is_busy_for_5_s(
-    tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord], period_ns: int, cycles: int
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], period_ns: int, cycles: int
 ) -> None:
     recorder = ProcessRecorder(tmp_path / "run.mcap", msgspec.structs.replace(layout, period_ns=period_ns))
     recorder._process.send_signal(signal.SIGSTOP)
@@ -348,7 +348,7 @@ def test_the_ring_holds_what_comes_while_a_disk_is_busy_for_5_s(
     assert dropped == 0
 
 
-def test_a_robot_whose_cycle_is_too_large_is_refused(tmp_path: Path, layout: Layout) -> None:
+def test_a_robot_whose_cycle_is_too_large_is_refused(tmp_path: Path, layout: CycleLayout) -> None:
     large = msgspec.structs.replace(layout, inputs=tuple(f"port{n}" for n in range(8000)))
     with pytest.raises(RecordingError, match=r"a cycle of robot 'testbot' takes 7\d{4} bytes"):
         ProcessRecorder(tmp_path / "run.mcap", large)
@@ -361,11 +361,11 @@ import msgspec
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.safety.modes import Mode
 
-layout = msgspec.json.decode(sys.argv[2], type=Layout)
+layout = msgspec.json.decode(sys.argv[2], type=CycleLayout)
 recorder = ProcessRecorder(Path(sys.argv[1]), layout)
 count = len(layout.sensors)
 sensors = Sensors((1.0,) * count, (1.0,) * count, (True,) * count)
@@ -386,7 +386,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.parametrize("state", ["running", "stopped"])
-def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layout: Layout, state: str) -> None:
+def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layout: CycleLayout, state: str) -> None:
     command = [sys.executable, "-c", NODE, str(path), layout.as_json(), state]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         assert node.stdout is not None

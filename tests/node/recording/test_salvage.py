@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.recording.salvage import Salvage
 
@@ -23,7 +23,7 @@ CHUNK = 0x06
 
 
 def written(
-    path: Path, layout: Layout, records: Sequence[CycleRecord], flushed_every: int = FLUSHED_EVERY
+    path: Path, layout: CycleLayout, records: Sequence[CycleRecord], flushed_every: int = FLUSHED_EVERY
 ) -> tuple[Path, list[int]]:
     """A whole log, and how long the file was after each flush."""
     sizes = []
@@ -39,13 +39,13 @@ def written(
 
 
 @pytest.fixture
-def log(tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]) -> tuple[Path, list[int]]:
+def log(tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]) -> tuple[Path, list[int]]:
     """A whole log, and how long the file was after each flush."""
     return written(tmp_path / "run.mcap", layout, [record(cycle) for cycle in range(CYCLES)])
 
 
 @pytest.fixture
-def small_log(tmp_path: Path, layout: Layout, record: Callable[[int], CycleRecord]) -> tuple[Path, list[int]]:
+def small_log(tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]) -> tuple[Path, list[int]]:
     """One of a robot that measures and publishes nothing, which is read thousands of times in a few seconds."""
     bare = msgspec.structs.replace(layout, sensors=(), commands=(), inputs=(), published=())
     records = [

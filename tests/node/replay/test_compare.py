@@ -9,11 +9,11 @@ import pytest
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.seams import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.replay.compare import Difference, differences, same
 from segway_ecc.node.safety.modes import Mode
 
-LAYOUT = Layout(
+LAYOUT = CycleLayout(
     robot="r",
     published=("odometry.x",),
     sensors=(),

@@ -15,7 +15,7 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
-from segway_ecc.node.recording.layout import Layout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
@@ -211,7 +211,7 @@ def test_the_layout_of_a_log_is_read_back(path: Path, run: Run) -> None:
     run(path)
     layout = RecordedRun(path).layout
 
-    assert isinstance(layout, Layout)
+    assert isinstance(layout, CycleLayout)
     assert (layout.robot, layout.period_ns) == ("cart", 10_000_000)
 
 

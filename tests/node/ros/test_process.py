@@ -10,8 +10,8 @@ import os, time
 from segway_ecc.node.cycle.seams import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
-from segway_ecc.node.ros.arrivals import Arrivals
-from segway_ecc.node.ros.exchanged import FromLoop, encoder
+from segway_ecc.node.ros.subscriptions import Subscriptions
+from segway_ecc.node.ros.protocol import FromLoop, encoder
 from segway_ecc.node.safety.modes import Mode
 
 process.HANGS_S = 1
@@ -28,7 +28,7 @@ class Hanging:
 
 reports, inboxes = open_ring(4), open_ring(4)
 loop = RingWriter(reports)
-publishing = process.Publishing(Hanging(), Arrivals(RingWriter(inboxes), 10**7), RingReader(reports), 10**7)
+publishing = process.Publishing(Hanging(), Subscriptions(RingWriter(inboxes), 10**7), RingReader(reports), 10**7)
 loop.put(FromLoop.REPORT, encoder.encode(Report(0, Mode.ARMED, [], None)))
 publishing.run(0)
 """
@@ -38,8 +38,8 @@ import itertools, threading, time
 from segway_ecc.node.cycle.seams import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
-from segway_ecc.node.ros.arrivals import Arrivals
-from segway_ecc.node.ros.exchanged import FromLoop, ToLoop, decode_heard, encoder
+from segway_ecc.node.ros.subscriptions import Subscriptions
+from segway_ecc.node.ros.protocol import FromLoop, ToLoop, decode_subscribed, encoder
 from segway_ecc.node.safety.modes import Mode
 
 
@@ -59,8 +59,8 @@ def report(stage):
     told = True
     for cycle in itertools.count(1):
         for kind, body in inbox.take_all():
-            assert kind == ToLoop.HEARD
-            told = decode_heard(body)
+            assert kind == ToLoop.SUBSCRIBED
+            told = decode_subscribed(body)
             said.append(told)
         if told:
             assert loop.put(FromLoop.REPORT, encoder.encode(Report(0, Mode.ARMED, [], None, cycle=cycle, at_ns=cycle)))
@@ -72,7 +72,7 @@ def report(stage):
 
 reports, inboxes = open_ring(64), open_ring(4)
 loop, stage, said, inbox = RingWriter(reports), Stage(), [], RingReader(inboxes)
-publishing = process.Publishing(stage, Arrivals(RingWriter(inboxes), 10**6), RingReader(reports), 10**6)
+publishing = process.Publishing(stage, Subscriptions(RingWriter(inboxes), 10**6), RingReader(reports), 10**6)
 threading.Thread(target=report, args=(stage,)).start()
 publishing.run(0)
 (looks, first), (_, second), (_, third) = stage.told[:3]

@@ -15,8 +15,8 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, slots_for
 from segway_ecc.node.robot import Robot, build_robot
-from segway_ecc.node.ros.exchanged import ToLoop, decode_report, encoder
-from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, Speaker
+from segway_ecc.node.ros.protocol import ToLoop, decode_report, encoder
+from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, RosBridge
 from segway_ecc.node.ros.stage import LONGEST_NAME
 from segway_ecc.node.safety.modes import Mode
 
@@ -32,10 +32,10 @@ def alone(monkeypatch: pytest.MonkeyPatch, ros_environment: dict[str, str]) -> N
 
 
 @pytest.fixture
-def speaker() -> Iterator[Speaker]:
-    speaker = Speaker()
-    yield speaker
-    speaker.close()
+def bridge() -> Iterator[RosBridge]:
+    bridge = RosBridge()
+    yield bridge
+    bridge.close()
 
 
 @pytest.fixture
@@ -44,8 +44,8 @@ def robot() -> Robot:
 
 
 @pytest.fixture
-def stage(speaker: Speaker, robot: Robot) -> Iterator[RemoteStage]:
-    stage = RemoteStage(speaker, robot)
+def stage(bridge: RosBridge, robot: Robot) -> Iterator[RemoteStage]:
+    stage = RemoteStage(bridge, robot)
     yield stage
     stage.close()
 
@@ -67,14 +67,14 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
-    stage: RemoteStage, speaker: Speaker, caplog: pytest.LogCaptureFixture
+    stage: RemoteStage, bridge: RosBridge, caplog: pytest.LogCaptureFixture
 ) -> None:
-    os.kill(speaker.pid, signal.SIGSTOP)
-    os.waitpid(speaker.pid, os.WUNTRACED)
+    os.kill(bridge.pid, signal.SIGSTOP)
+    os.waitpid(bridge.pid, os.WUNTRACED)
     publish(stage, 1000)
     lost = stage.dropped
     assert 0 < lost <= 1000 - 64
-    os.kill(speaker.pid, signal.SIGCONT)
+    os.kill(bridge.pid, signal.SIGCONT)
     wait_for(lambda: stage._reports.held() == 0)
     publish(stage, 64)
     assert stage.dropped == lost
@@ -121,7 +121,7 @@ def test_it_is_heard_where_its_process_says_so(stage: RemoteStage) -> None:
     process, stage._inboxes = RingWriter(memory), RingReader(memory)
     os.close(memory)
     for is_heard in (False, True, False):
-        assert process.put(ToLoop.HEARD, encoder.encode(is_heard))
+        assert process.put(ToLoop.SUBSCRIBED, encoder.encode(is_heard))
         assert stage.take() == Inbox()
         assert stage.is_heard is is_heard
     assert stage.dropped == 0
@@ -141,24 +141,24 @@ def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind
 
 
 def test_a_process_that_never_ends_is_ended(
-    stage: RemoteStage, speaker: Speaker, monkeypatch: pytest.MonkeyPatch
+    stage: RemoteStage, bridge: RosBridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("segway_ecc.node.ros.remote._CLOSE_S", 0.01)
-    os.kill(speaker.pid, signal.SIGSTOP)
+    os.kill(bridge.pid, signal.SIGSTOP)
     stage.close()
-    assert speaker.status == -signal.SIGKILL
+    assert bridge.status == -signal.SIGKILL
 
 
-def test_where_ros_does_not_start_it_is_said_why(speaker: Speaker, robot: Robot) -> None:
+def test_where_ros_does_not_start_it_is_said_why(bridge: RosBridge, robot: Robot) -> None:
     with pytest.raises(RosUnavailableError, match="ROS 2 does not start: "):
-        RemoteStage(speaker, robot, ros_arguments=["--ros-args", "-r", "not a rule"])
+        RemoteStage(bridge, robot, ros_arguments=["--ros-args", "-r", "not a rule"])
 
 
-def test_a_process_that_dies_before_it_is_ready_is_told(speaker: Speaker, robot: Robot) -> None:
-    os.kill(speaker.pid, signal.SIGKILL)
+def test_a_process_that_dies_before_it_is_ready_is_told(bridge: RosBridge, robot: Robot) -> None:
+    os.kill(bridge.pid, signal.SIGKILL)
     with pytest.raises(RosUnavailableError, match="its process ended with status -9"):
-        RemoteStage(speaker, robot)
+        RemoteStage(bridge, robot)
 
 
-def test_a_process_that_is_told_of_no_robot_ends(speaker: Speaker) -> None:
-    assert speaker.close() == 0
+def test_a_process_that_is_told_of_no_robot_ends(bridge: RosBridge) -> None:
+    assert bridge.close() == 0

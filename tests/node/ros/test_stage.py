@@ -9,7 +9,7 @@ from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.seams import Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST
 from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS
-from segway_ecc.node.ros.job import Job
+from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.safety.modes import Mode
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 
 TOPICS = ["mode", "setpoint", "linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data"]
 TOPICS += ["battery_state", "track"]
-JOB = Job(
+JOB = RosSettings(
     robot="alice",
     ros=RosSection(),
     namespace="",

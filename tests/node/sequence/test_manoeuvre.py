@@ -4,7 +4,14 @@ import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, Segment, load_manoeuvre, schedule, single_segment
+from segway_ecc.node.sequence.manoeuvre import (
+    Manoeuvre,
+    Segment,
+    TimedSetpoint,
+    load_manoeuvre,
+    schedule,
+    single_segment,
+)
 
 MS = 1_000_000
 AHEAD, TURN = Setpoint(1.0, 0.0), Setpoint(1.0, -0.5)
@@ -30,11 +37,11 @@ def test_every_set_point_is_said_at_its_start_and_renewed_and_rest_at_the_end() 
         segments=(Segment(linear=1.0, duration=0.25), Segment(linear=1.0, angular=-0.5, duration=0.1))
     )
     assert list(schedule(manoeuvre)) == [
-        Said(0, AHEAD),
-        Said(100 * MS, AHEAD),
-        Said(200 * MS, AHEAD),
-        Said(250 * MS, TURN),
-        Said(350 * MS, REST),
+        TimedSetpoint(0, AHEAD),
+        TimedSetpoint(100 * MS, AHEAD),
+        TimedSetpoint(200 * MS, AHEAD),
+        TimedSetpoint(250 * MS, TURN),
+        TimedSetpoint(350 * MS, REST),
     ]
     assert manoeuvre.duration_ns == 350 * MS
 

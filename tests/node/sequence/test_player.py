@@ -1,8 +1,8 @@
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Said, Segment
-from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, Progress
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, TimedSetpoint
+from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
@@ -23,64 +23,64 @@ def at(ms: int) -> Odometry:
     return Odometry(EPOCH + ms * MS, float(ms), 0.0, 0.0, 0.0, 0.0)
 
 
-def offsets(said: list[Said]) -> list[float]:
+def offsets(said: list[TimedSetpoint]) -> list[float]:
     return [one.offset_ns / MS for one in said]
 
 
 def test_until_the_robot_is_heard_nothing_is_said_or_known(player: Player) -> None:
-    assert player.say() == []
+    assert player.due_setpoints() == []
     assert (player.start_ns, player.end_ns, player.fraction) == (None, None, 0.0)
     assert player.unconfirmed(()) == 0
     assert player.abandon() == []
 
 
 def test_the_manoeuvre_starts_a_lead_after_the_first_stamp_and_ends_after_its_length(player: Player) -> None:
-    player.hear(at(0))
-    player.hear(at(10))
+    player.update(at(0))
+    player.update(at(10))
     assert player.start_ns == EPOCH + LEAD * MS
     assert player.end_ns == EPOCH + (LEAD + 550) * MS
     assert Player(MANOEUVRE).lead_ns == LEAD_NS == 500 * MS
 
 
 def test_every_set_point_is_said_once_and_a_lead_ahead(player: Player) -> None:
-    said: list[tuple[int, Said]] = []
+    said: list[tuple[int, TimedSetpoint]] = []
     for ms in range(0, 1000, 10):
-        player.hear(at(ms))
-        said += [(ms, one) for one in player.say()]
+        player.update(at(ms))
+        said += [(ms, one) for one in player.due_setpoints()]
     assert [(one.offset_ns // MS, one.setpoint) for _, one in said] == SAID
     # Heard at `ms`, the robot is at `ms - LEAD` of the manoeuvre; what is for `ms` or earlier is said now.
     assert [ms for ms, _ in said] == [0, 100, 200, 250, 350, 450, 550]
 
 
 def test_after_a_gap_everything_due_is_said_at_once(player: Player) -> None:
-    player.hear(at(0))
-    assert offsets(player.say()) == [0]
-    player.hear(at(260))
-    assert offsets(player.say()) == [100, 200, 250]
-    assert player.say() == []
+    player.update(at(0))
+    assert offsets(player.due_setpoints()) == [0]
+    player.update(at(260))
+    assert offsets(player.due_setpoints()) == [100, 200, 250]
+    assert player.due_setpoints() == []
 
 
 def test_it_is_done_when_the_robot_reaches_the_end(player: Player) -> None:
-    assert [player.hear(at(ms)) for ms in (0, LEAD, LEAD + 549)] == [Progress.RUNNING] * 3
-    assert [player.hear(at(ms)) for ms in (LEAD + 550, LEAD + 560)] == [Progress.DONE] * 2
+    assert [player.update(at(ms)) for ms in (0, LEAD, LEAD + 549)] == [PlayState.RUNNING] * 3
+    assert [player.update(at(ms)) for ms in (LEAD + 550, LEAD + 560)] == [PlayState.DONE] * 2
 
 
 def test_what_was_heard_is_that_from_start_to_end_both_included(player: Player) -> None:
     for ms in (0, LEAD - 1, LEAD, LEAD + 300, LEAD + 550, LEAD + 551):
-        player.hear(at(ms))
-    assert player.heard == [at(LEAD), at(LEAD + 300), at(LEAD + 550)]
+        player.update(at(ms))
+    assert player.received == [at(LEAD), at(LEAD + 300), at(LEAD + 550)]
 
 
 def test_the_fraction_is_that_of_the_manoeuvre(player: Player) -> None:
     fractions = []
     for ms in (0, LEAD, LEAD + 275, LEAD + 550, LEAD + 9999):
-        player.hear(at(ms))
+        player.update(at(ms))
         fractions.append(player.fraction)
     assert fractions == [0.0, 0.0, 0.5, 1.0, 1.0]
 
 
 def test_what_the_robot_did_not_bring_into_force_in_its_own_cycle_is_counted(player: Player) -> None:
-    player.hear(at(0))
+    player.update(at(0))
     start = EPOCH + LEAD * MS
     due = {start + ms * MS for ms, _ in SAID}
     assert player.unconfirmed(()) == 7
@@ -89,23 +89,23 @@ def test_what_the_robot_did_not_bring_into_force_in_its_own_cycle_is_counted(pla
 
 
 def test_abandoning_says_rest_now_and_in_place_of_all_that_was_sent_ahead(player: Player) -> None:
-    player.hear(at(0))
-    player.say()
-    player.hear(at(270))  # at 120 ms of the manoeuvre
-    assert offsets(player.say()) == [100, 200, 250]
-    assert player.abandon() == [Said(ms * MS, REST) for ms in (120, 100, 200, 250)]
+    player.update(at(0))
+    player.due_setpoints()
+    player.update(at(270))  # at 120 ms of the manoeuvre
+    assert offsets(player.due_setpoints()) == [100, 200, 250]
+    assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (120, 100, 200, 250)]
 
 
 def test_what_lies_behind_is_not_said_again_on_abandoning(player: Player) -> None:
     for ms in (0, 270, 380):  # at 230 ms of the manoeuvre at last
-        player.hear(at(ms))
-        player.say()
-    assert player.abandon() == [Said(ms * MS, REST) for ms in (230, 250, 350)]
+        player.update(at(ms))
+        player.due_setpoints()
+    assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (230, 250, 350)]
 
 
 def test_after_abandoning_nothing_more_is_said(player: Player) -> None:
-    player.hear(at(0))
-    player.say()
+    player.update(at(0))
+    player.due_setpoints()
     player.abandon()
-    player.hear(at(400))
-    assert player.say() == []
+    player.update(at(400))
+    assert player.due_setpoints() == []

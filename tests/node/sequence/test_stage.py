@@ -76,4 +76,4 @@ def test_what_is_published_reaches_the_player_in_its_order_and_what_is_not_count
 ) -> None:
     stage.publish(report(0))
     stage.publish(report(50, values=(2.0, 9.0, 1.0, 3.0, 4.0)))
-    assert stage.player.heard == [Odometry(EPOCH + 50 * MS, 1.0, 2.0, 3.0, 4.0, 0.0)]
+    assert stage.player.received == [Odometry(EPOCH + 50 * MS, 1.0, 2.0, 3.0, 4.0, 0.0)]

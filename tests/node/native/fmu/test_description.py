@@ -6,7 +6,7 @@ import pytest
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
-from segway_ecc.node.native.fmu.description import Layout, describe
+from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import read_facts
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, NAME_OF_INPUT, Shape, description
@@ -47,7 +47,7 @@ def laid_out(
     twenty_sim: TwentySim | None = None,
     step_size: float | None = None,
     encoding: str = "latin-1",
-) -> Layout:
+) -> FmuLayout:
     (folder / "modelDescription.xml").write_bytes(text.encode(encoding))
     return describe(read_facts(folder, Path("tiny.fmu")), twenty_sim, step_size, Path("tiny.fmu"))
 

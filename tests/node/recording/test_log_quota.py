@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.recording.bounds import Bounds, claim, make_room, part, parts
+from segway_ecc.node.recording.log_quota import LogQuota, lock_log, part_path, part_paths, remove_oldest_logs
 
 
 def log(folder: Path, name: str, size: int, age: int) -> Path:
@@ -28,8 +28,12 @@ def test_parts_are_numbered_and_found_in_their_order(tmp_path: Path) -> None:
     for name in ("run.mcap", "run-0010.mcap", "run-0002.mcap", *others):
         log(tmp_path, name, 1, 0)
 
-    assert names([part(first, 1), part(first, 2), part(first, 12)]) == ["run.mcap", "run-0002.mcap", "run-0012.mcap"]
-    assert names(parts(first)) == ["run.mcap", "run-0002.mcap", "run-0010.mcap"]
+    assert names([part_path(first, number) for number in (1, 2, 12)]) == [
+        "run.mcap",
+        "run-0002.mcap",
+        "run-0012.mcap",
+    ]
+    assert names(part_paths(first)) == ["run.mcap", "run-0002.mcap", "run-0010.mcap"]
 
 
 def test_the_oldest_logs_of_our_own_folder_go_until_all_fit(tmp_path: Path) -> None:
@@ -37,7 +41,7 @@ def test_the_oldest_logs_of_our_own_folder_go_until_all_fit(tmp_path: Path) -> N
         log(tmp_path, f"other{number}.mcap", 100, age=number)
     log(tmp_path, "notes.txt", 1000, age=99)
     path = log(tmp_path, "run.mcap", 100, age=50)
-    removed = make_room(path, Bounds(350, 100, is_own_folder=True), 100, path)
+    removed = remove_oldest_logs(path, LogQuota(350, 100, is_own_folder=True), 100, path)
 
     # 600 bytes with 350 allowed: three have to go, though the one being written is older than they are.
     assert names(removed) == ["other4.mcap", "other3.mcap", "other2.mcap"]
@@ -50,7 +54,7 @@ def test_beside_a_file_that_the_user_named_only_parts_of_the_run_go(tmp_path: Pa
     log(tmp_path, "run-0002.mcap", 100, age=2)
     present = log(tmp_path, "run-0003.mcap", 100, age=0)
 
-    assert names(make_room(first, Bounds(250, 100), 100, present)) == ["run.mcap"]
+    assert names(remove_oldest_logs(first, LogQuota(250, 100), 100, present)) == ["run.mcap"]
     assert (tmp_path / "precious.mcap").exists()
 
 
@@ -58,24 +62,24 @@ def test_a_log_that_somebody_writes_stays(tmp_path: Path) -> None:
     other = log(tmp_path, "other.mcap", 100, age=9)
     path = log(tmp_path, "run.mcap", 100, age=0)
     with other.open("rb+") as stream:
-        claim(stream.fileno())
-        assert make_room(path, Bounds(100, 100, is_own_folder=True), 100, path) == []
+        lock_log(stream.fileno())
+        assert remove_oldest_logs(path, LogQuota(100, 100, is_own_folder=True), 100, path) == []
         assert other.exists()
-    assert names(make_room(path, Bounds(100, 100, is_own_folder=True), 100, path)) == ["other.mcap"]
+    assert names(remove_oldest_logs(path, LogQuota(100, 100, is_own_folder=True), 100, path)) == ["other.mcap"]
 
 
 def test_what_is_claimed_by_somebody_else_is_no_error(tmp_path: Path) -> None:
     path = log(tmp_path, "run.mcap", 1, 0)
     with path.open("rb") as first, path.open("rb") as second:
         fcntl.flock(first, fcntl.LOCK_EX)
-        claim(second.fileno())
+        lock_log(second.fileno())
 
 
 def test_within_the_bounds_nothing_goes(tmp_path: Path) -> None:
     log(tmp_path, "other.mcap", 100, age=9)
     path = log(tmp_path, "run.mcap", 100, age=0)
 
-    assert make_room(path, Bounds(200, 100, is_own_folder=True), 100, path) == []
+    assert remove_oldest_logs(path, LogQuota(200, 100, is_own_folder=True), 100, path) == []
 
 
 def test_a_look_that_removes_nothing_interns_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,8 +93,8 @@ def test_a_look_that_removes_nothing_interns_no_name(tmp_path: Path, monkeypatch
         return text
 
     monkeypatch.setattr(sys, "intern", intern)
-    make_room(path, Bounds(200, 100), 100, path)
-    make_room(path, Bounds(200, 100, is_own_folder=True), 100, path)
+    remove_oldest_logs(path, LogQuota(200, 100), 100, path)
+    remove_oldest_logs(path, LogQuota(200, 100, is_own_folder=True), 100, path)
     found = interned.copy()
     monkeypatch.undo()
 

@@ -10,7 +10,15 @@ from typing import Final
 from segway_ecc.node.cycle.seams import Inbox
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import RingWriter
-from segway_ecc.node.ros.exchanged import Answered, Arrived, Asked, ToLoop, ToWrite, WriteDone, encoder
+from segway_ecc.node.ros.protocol import (
+    InboxMessage,
+    NumberedAnswer,
+    NumberedRequest,
+    ToLoop,
+    WriteRequest,
+    WriteResult,
+    encoder,
+)
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.ros.untyped import RosObject
 from segway_ecc.node.safety.modes import Action, Answer
@@ -23,7 +31,7 @@ _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is forgotten."""
 
 
-class Waiting:
+class WaitSet:
     """Waits for what arrives without taking it, as an executor would."""
 
     def __init__(self, node: RosObject, stage: RosStage) -> None:
@@ -60,7 +68,7 @@ class Waiting:
         self._waker.destroy_when_not_in_use()
 
 
-class Arrivals:
+class Subscriptions:
     """Waits for what arrives, and hands it to the loop.
 
     Attributes:
@@ -75,9 +83,9 @@ class Arrivals:
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
-        self._done: queue.SimpleQueue[WriteDone] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
 
-    def run(self, waiting: Waiting, stage: RosStage) -> None:
+    def run(self, waiting: WaitSet, stage: RosStage) -> None:
         """Listen until it is stopped."""
         look_s = time.monotonic()
         try:
@@ -97,9 +105,9 @@ class Arrivals:
 
     def tell_heard(self, *, is_heard: bool) -> None:
         """Tell the loop whether anybody subscribes to what it tells of each cycle; any thread may."""
-        self._put(ToLoop.HEARD, is_heard)
+        self._put(ToLoop.SUBSCRIBED, is_heard)
 
-    def answer(self, answered: Answered) -> None:
+    def answer(self, answered: NumberedAnswer) -> None:
         """Answer a request."""
         send = self._answers.pop(answered.number, None)
         if send is not None:
@@ -112,7 +120,7 @@ class Arrivals:
             ModelError: The model refuses it, or the loop does not answer.
         """
         self._number += 1
-        self._put(ToLoop.WRITE, ToWrite(self._number, name, value))
+        self._put(ToLoop.WRITE, WriteRequest(self._number, name, value))
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
@@ -125,7 +133,7 @@ class Arrivals:
                 return
         raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether '{name}' was written is not known")
 
-    def write_done(self, done: WriteDone) -> None:
+    def write_done(self, done: WriteResult) -> None:
         """Take the loop's word on a parameter."""
         self._done.put(done)
 
@@ -133,8 +141,8 @@ class Arrivals:
         requests = [self._asked(request.action, request.answer) for request in inbox.requests]
         setpoints, values, stations = inbox.setpoints, inbox.values, inbox.stations
         while setpoints or values or stations or requests:
-            arrived = Arrived(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
-            self._put(ToLoop.ARRIVED, arrived)
+            arrived = InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
+            self._put(ToLoop.INBOX, arrived)
             setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
 
     def _put(self, kind: ToLoop, what: object) -> None:
@@ -147,9 +155,9 @@ class Arrivals:
         with self._putting:
             return self._inboxes.put(kind, body)
 
-    def _asked(self, action: Action, answer: Callable[[Answer], None]) -> Asked:
+    def _asked(self, action: Action, answer: Callable[[Answer], None]) -> NumberedRequest:
         self._number += 1
         self._answers[self._number] = answer
         if len(self._answers) > _UNANSWERED:
             del self._answers[next(iter(self._answers))]
-        return Asked(action, self._number)
+        return NumberedRequest(action, self._number)

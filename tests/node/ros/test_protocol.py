@@ -15,20 +15,20 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import Level, Status
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
-from segway_ecc.node.ros import arrivals as arrivals_module
-from segway_ecc.node.ros.arrivals import Arrivals
-from segway_ecc.node.ros.exchanged import (
-    Answered,
+from segway_ecc.node.ros import subscriptions as subscriptions_module
+from segway_ecc.node.ros.protocol import (
+    NumberedAnswer,
     ToLoop,
-    WriteDone,
-    decode_answered,
-    decode_arrived,
+    WriteResult,
+    decode_answer,
+    decode_inbox,
     decode_report,
     decode_status,
-    decode_to_write,
+    decode_write_request,
     encoder,
 )
 from segway_ecc.node.ros.remote import INBOX_SLOTS
+from segway_ecc.node.ros.subscriptions import Subscriptions
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 PERIOD_NS = 1_000_000
@@ -57,14 +57,14 @@ def memory() -> Iterator[int]:
 
 
 @pytest.fixture
-def arrivals(memory: int) -> Arrivals:
-    return Arrivals(RingWriter(memory), PERIOD_NS)
+def subscriptions(memory: int) -> Subscriptions:
+    return Subscriptions(RingWriter(memory), PERIOD_NS)
 
 
 @pytest.fixture
-def loop(memory: int, arrivals: Arrivals) -> RingReader:
+def loop(memory: int, subscriptions: Subscriptions) -> RingReader:
     """The loop's end."""
-    assert arrivals.is_running
+    assert subscriptions.is_running
     return RingReader(memory)
 
 
@@ -95,20 +95,20 @@ def test_a_status_comes_as_it_was() -> None:
     assert decode_status(encoder.encode(status)) == status
 
 
-def test_answers_go_to_those_who_asked(arrivals: Arrivals, loop: RingReader) -> None:
+def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: RingReader) -> None:
     told: list[tuple[str, Answer]] = []
     requests = [
         Request(Action.STOP, lambda answer: told.append(("stop", answer))),
         Request(Action.ARM, lambda answer: told.append(("arm", answer))),
     ]
-    arrivals._hand_over(Inbox(requests=requests))
+    subscriptions._hand_over(Inbox(requests=requests))
     ((kind, body),) = loop.take_all()
-    asked = decode_arrived(body).requests
+    asked = decode_inbox(body).requests
     for action, number in reversed(asked):
         answer = Answer(accepted=action is Action.STOP, message=f"{action} was asked for")
-        arrivals.answer(decode_answered(encoder.encode(Answered(number, answer))))
+        subscriptions.answer(decode_answer(encoder.encode(NumberedAnswer(number, answer))))
 
-    assert kind == ToLoop.ARRIVED
+    assert kind == ToLoop.INBOX
     assert [action for action, _ in asked] == [Action.STOP, Action.ARM]
     assert told == [
         ("arm", Answer(accepted=False, message="arm was asked for")),
@@ -116,17 +116,17 @@ def test_answers_go_to_those_who_asked(arrivals: Arrivals, loop: RingReader) -> 
     ]
 
 
-def test_an_answer_that_nobody_waits_for_any_more_is_nothing(arrivals: Arrivals, loop: RingReader) -> None:
+def test_an_answer_without_a_pending_request_is_ignored(subscriptions: Subscriptions, loop: RingReader) -> None:
     told: list[Answer] = []
     for _ in range(150):
-        arrivals._hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
+        subscriptions._hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
         assert len(list(loop.take_all())) == 1
     for number in (0, 1, 50, 51, 151):
-        arrivals.answer(Answered(number, Answer(accepted=True, message="armed")))
+        subscriptions.answer(NumberedAnswer(number, Answer(accepted=True, message="armed")))
     assert len(told) == 1
 
 
-def test_what_arrives_comes_once_and_in_order_in_messages_that_fit(arrivals: Arrivals, loop: RingReader) -> None:
+def test_messages_are_split_to_fit_and_arrive_once_and_in_order(subscriptions: Subscriptions, loop: RingReader) -> None:
     inbox = Inbox(
         setpoints=[
             StampedSetpoint(Setpoint(math.pi * n, -math.e * n), 1_700_000_000_000_000_000 + n) for n in range(120)
@@ -134,9 +134,9 @@ def test_what_arrives_comes_once_and_in_order_in_messages_that_fit(arrivals: Arr
         values=[SetValue(n % 3, math.pi * n) for n in range(70)],
         stations=[Heartbeat("\u00e4" * 80, 2**62)],
     )
-    arrivals._hand_over(inbox)
+    subscriptions._hand_over(inbox)
     messages = [body for _, body in loop.take_all()]
-    arrived = [decode_arrived(body) for body in messages]
+    arrived = [decode_inbox(body) for body in messages]
 
     assert max(map(len, messages)) < INBOX_SLOTS * SLOT_BYTES // 2
     assert [setpoint for each in arrived for setpoint in each.setpoints] == inbox.setpoints
@@ -144,30 +144,30 @@ def test_what_arrives_comes_once_and_in_order_in_messages_that_fit(arrivals: Arr
     assert [station for each in arrived for station in each.stations] == inbox.stations
 
 
-def test_what_finds_no_room_waits_for_the_loop(arrivals: Arrivals, loop: RingReader) -> None:
+def test_messages_wait_while_the_ring_is_full(subscriptions: Subscriptions, loop: RingReader) -> None:
     inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(float(n), 0.0), None) for n in range(1000)])
-    thread = threading.Thread(target=arrivals._hand_over, args=(inbox,))
+    thread = threading.Thread(target=subscriptions._hand_over, args=(inbox,))
     thread.start()
     found: list[StampedSetpoint] = []
     while len(found) < len(inbox.setpoints):
-        found += [setpoint for _, body in loop.take_all() for setpoint in decode_arrived(body).setpoints]
+        found += [setpoint for _, body in loop.take_all() for setpoint in decode_inbox(body).setpoints]
     thread.join()
     assert found == inbox.setpoints
 
 
-def test_at_the_end_nothing_waits_for_the_loop(arrivals: Arrivals) -> None:
-    arrivals.stop()
-    arrivals._hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
-    assert not arrivals.is_running
+def test_stopping_does_not_block_on_a_full_ring(subscriptions: Subscriptions) -> None:
+    subscriptions.stop()
+    subscriptions._hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
+    assert not subscriptions.is_running
 
 
-def written(arrivals: Arrivals, loop: RingReader, *done: WriteDone) -> str:
+def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) -> str:
     """What came of writing a parameter where the loop answers so."""
     told: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def write() -> None:
         try:
-            arrivals.write("Track", 0.5)
+            subscriptions.write("Track", 0.5)
         except ModelError as error:
             told.put(str(error))
         else:
@@ -177,29 +177,29 @@ def written(arrivals: Arrivals, loop: RingReader, *done: WriteDone) -> str:
     thread.start()
     while (taken := loop.take()) is None:
         pass
-    asked = decode_to_write(taken[1])
+    asked = decode_write_request(taken[1])
     assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)
     for each in done:
-        arrivals.write_done(each._replace(number=asked.number + each.number))
+        subscriptions.write_done(each._replace(number=asked.number + each.number))
     thread.join()
     return told.get()
 
 
-def test_a_parameter_is_written_when_the_loop_says_so(arrivals: Arrivals, loop: RingReader) -> None:
-    assert written(arrivals, loop, WriteDone(0, None)) == "written"
+def test_a_write_returns_once_the_loop_confirms_it(subscriptions: Subscriptions, loop: RingReader) -> None:
+    assert written(subscriptions, loop, WriteResult(0, None)) == "written"
 
 
-def test_a_parameter_that_the_model_refuses_is_refused_in_its_words(arrivals: Arrivals, loop: RingReader) -> None:
-    assert written(arrivals, loop, WriteDone(0, "it cannot be so")) == "it cannot be so"
+def test_a_refused_parameter_write_carries_the_models_reason(subscriptions: Subscriptions, loop: RingReader) -> None:
+    assert written(subscriptions, loop, WriteResult(0, "it cannot be so")) == "it cannot be so"
 
 
-def test_an_answer_to_an_earlier_write_is_not_taken_for_this_ones(arrivals: Arrivals, loop: RingReader) -> None:
-    assert written(arrivals, loop, WriteDone(-1, "too late"), WriteDone(0, None)) == "written"
+def test_a_late_write_result_is_not_matched_to_the_next_write(subscriptions: Subscriptions, loop: RingReader) -> None:
+    assert written(subscriptions, loop, WriteResult(-1, "too late"), WriteResult(0, None)) == "written"
 
 
 def test_a_loop_that_does_not_answer_is_told(
-    arrivals: Arrivals, loop: RingReader, monkeypatch: pytest.MonkeyPatch
+    subscriptions: Subscriptions, loop: RingReader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(arrivals_module, "_ANSWER_S", 0.05)
-    told = written(arrivals, loop)
+    monkeypatch.setattr(subscriptions_module, "_ANSWER_S", 0.05)
+    told = written(subscriptions, loop)
     assert told == "the loop did not answer within 0.05 s: whether 'Track' was written is not known"

@@ -35,7 +35,7 @@ _encode: Final = json.JSONEncoder(separators=(",", ":")).encode
 Piece = Sequence[object]
 
 
-def happenings(record: CycleRecord) -> Sequence[Piece]:
+def events_of(record: CycleRecord) -> Sequence[Piece]:
     """What happened in a cycle; almost always nothing."""
     sensors, inbox = record.sensors, record.inbox
     # No call but of C: in a loop that sleeps between its cycles, a function of Python takes microseconds each time.
@@ -50,12 +50,12 @@ def happenings(record: CycleRecord) -> Sequence[Piece]:
     return list(_pieces(record))
 
 
-def texts(pieces: Iterable[Piece]) -> list[str]:
+def encode_events(pieces: Iterable[Piece]) -> list[str]:
     """Pieces as the log holds them."""
     return [_encode(piece) for piece in pieces]
 
 
-def restored(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
+def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
     """The cycle with what happened in it put back; what was asked in it is answered to nobody.
 
     Raises:
@@ -99,7 +99,7 @@ def _pieces(record: CycleRecord) -> Iterator[Piece]:
 
 def _arrived(kind: Any, value: object) -> object:  # noqa: ANN401 - one of the types that the inbox names
     if kind is Request:
-        return Request(Action(str(value)), to_nobody)
+        return Request(Action(str(value)), discard_answer)
     return msgspec.convert(value, kind)
 
 
@@ -107,5 +107,5 @@ def _not_one_of_ours(value: object) -> ValueError:
     return ValueError(f"{value!r}")
 
 
-def to_nobody(_answer: Answer) -> None:
+def discard_answer(_answer: Answer) -> None:
     """Whoever asked is long gone."""

@@ -15,7 +15,7 @@ _FIRST: Final = 1
 """Number of the part that bears the log's own name."""
 
 
-class Bounds(msgspec.Struct, frozen=True):
+class LogQuota(msgspec.Struct, frozen=True):
     """What logs may take.
 
     Attributes:
@@ -37,18 +37,18 @@ class _Log(NamedTuple):
     size: int
 
 
-def part(path: Path, number: int) -> Path:
+def part_path(path: Path, number: int) -> Path:
     """The file of the n-th part of a log, from 1 on: `run.mcap`, `run-0002.mcap`, ..."""
     return path if number == _FIRST else path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
 
 
-def parts(path: Path) -> list[Path]:
+def part_paths(path: Path) -> list[Path]:
     """The parts of a log that are there, the first one first."""
     numbers = [_number(path, entry.name) for entry in _entries(path.parent)]
-    return [path, *(part(path, number) for number in sorted(n for n in numbers if n is not None))]
+    return [path, *(part_path(path, number) for number in sorted(n for n in numbers if n is not None))]
 
 
-def make_room(path: Path, bounds: Bounds, taken: int, keep: Path) -> list[Path]:
+def remove_oldest_logs(path: Path, bounds: LogQuota, taken: int, keep: Path) -> list[Path]:
     """Remove the oldest logs until all of them fit.
 
     Args:
@@ -73,13 +73,13 @@ def make_room(path: Path, bounds: Bounds, taken: int, keep: Path) -> list[Path]:
     return removed
 
 
-def claim(descriptor: int) -> None:
+def lock_log(descriptor: int) -> None:
     """Mark a file as being written, until it is closed."""
     with contextlib.suppress(OSError):  # what cannot be locked is no file that would be removed
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _logs(path: Path, bounds: Bounds) -> Iterator[_Log]:
+def _logs(path: Path, bounds: LogQuota) -> Iterator[_Log]:
     """The logs that may be removed, and the one that is being written."""
     # By their names: each Path made of one would take a place among Python's interned strings, and their table grow.
     for entry in _entries(path.parent):

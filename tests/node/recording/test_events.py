@@ -20,7 +20,7 @@ from segway_ecc.node.cycle.seams import (
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.happenings import happenings, restored, texts
+from segway_ecc.node.recording.events import encode_events, events_of, restore_events
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 QUIET = CycleRecord(7, 0, Mode.ARMED, 0, Sensors(), Setpoint(0.0, 0.0), (), (), (), (), ())
@@ -42,12 +42,14 @@ INBOX = Inbox(
 
 def again(record: CycleRecord) -> CycleRecord:
     blank = msgspec.structs.replace(record.sensors, faults=(), events=())
-    return restored(record._replace(sensors=blank, inbox=None, answers=(), initial=None), texts(happenings(record)))
+    return restore_events(
+        record._replace(sensors=blank, inbox=None, answers=(), initial=None), encode_events(events_of(record))
+    )
 
 
 def test_a_cycle_in_which_nothing_happened_has_no_pieces() -> None:
-    assert happenings(QUIET) == ()
-    assert happenings(QUIET._replace(inbox=Inbox())) == ()
+    assert events_of(QUIET) == ()
+    assert events_of(QUIET._replace(inbox=Inbox())) == ()
 
 
 def test_everything_that_can_arrive_survives() -> None:
@@ -106,4 +108,4 @@ def test_setpoints_survive_bit_for_bit(drawn: list[tuple[float, float, int | Non
 )
 def test_what_is_not_understood_is_refused(text: str) -> None:
     with pytest.raises(RecordingError, match="what the log tells of cycle 7 is not understood"):
-        restored(QUIET, [text])
+        restore_events(QUIET, [text])

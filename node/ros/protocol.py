@@ -1,0 +1,127 @@
+"""What passes between the loop and the ROS process: its settings as JSON, then MessagePack in two rings."""
+
+import enum
+from typing import Final, NamedTuple
+
+import msgspec
+
+from segway_ecc.node.config import RosSection
+from segway_ecc.node.cycle.seams import Heartbeat, Report, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.safety.modes import Action, Answer
+
+_NUMBER_BYTES: Final = 9
+"""Of MessagePack, at most."""
+_REPORT_BYTES: Final = 1024
+"""All else of a report, and as much as it needs of diagnostics."""
+
+
+@enum.unique
+class FromLoop(enum.IntEnum):
+    """Kinds of messages from the loop."""
+
+    REPORT = 1
+    STATUS = 2
+    """One status of a set of diagnostics."""
+    DIAGNOSTICS = 3
+    """The statuses that went before are a set; the body is its stamp."""
+    ANSWER = 4
+    WRITTEN = 5
+    END = 6
+
+
+@enum.unique
+class ToLoop(enum.IntEnum):
+    """Kinds of messages to the loop."""
+
+    INBOX = 1
+    WRITE = 2
+    SUBSCRIBED = 3
+    """Whether anybody subscribes to what is published of each cycle."""
+
+
+class NumberedRequest(NamedTuple):
+    """A request, and the number that its answer bears."""
+
+    action: Action
+    number: int
+
+
+class InboxMessage(NamedTuple):
+    """What arrived from outside; see `segway_ecc.node.cycle.seams.Inbox`."""
+
+    setpoints: list[StampedSetpoint]
+    values: list[SetValue]
+    stations: list[Heartbeat]
+    requests: list[NumberedRequest]
+
+
+class NumberedAnswer(NamedTuple):
+    """The answer to a request."""
+
+    number: int
+    answer: Answer
+
+
+class WriteRequest(NamedTuple):
+    """A parameter that is to be written, and the number that the loop's word on it bears."""
+
+    number: int
+    name: str
+    value: float
+
+
+class WriteResult(NamedTuple):
+    """What came of writing a parameter: nothing, or why it was refused."""
+
+    number: int
+    refusal: str | None
+
+
+class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """What the process receives first, as one line of JSON.
+
+    Attributes:
+        robot: What the robot's file calls it.
+        ros: Names in ROS.
+        namespace: Where the robot lives in the ROS graph.
+        ros_arguments: What followed `--ros-args` on the command line, that flag included.
+        period_ns: Of the loop, ns.
+        published: The published signals, in the order of the wiring.
+        topics: Topics that variables are published on, in the order of the wiring.
+        set_names: Names of the values that anybody may set, in the order of the wiring.
+        parameters: The model's parameters, each with the value that it has now.
+        reports: File descriptor of the ring from the loop.
+        inboxes: That of the ring to the loop.
+    """
+
+    robot: str
+    ros: RosSection
+    namespace: str
+    ros_arguments: tuple[str, ...]
+    period_ns: int
+    published: tuple[str, ...]
+    topics: tuple[str, ...]
+    set_names: tuple[str, ...]
+    parameters: tuple[Variable, ...]
+    reports: int
+    inboxes: int
+
+    @property
+    def report_bytes(self) -> int:
+        """Size of a cycle's report, unless its reasons are long."""
+        numbers = len(self.published) + len(self.topics) + len(self.set_names)
+        return _REPORT_BYTES + _NUMBER_BYTES * numbers
+
+
+encoder: Final = msgspec.msgpack.Encoder(enc_hook=float)
+"""Numbers of other libraries pass as numbers."""
+decode_report: Final = msgspec.msgpack.Decoder(Report).decode
+decode_status: Final = msgspec.msgpack.Decoder(Status).decode
+decode_stamp: Final = msgspec.msgpack.Decoder(int).decode
+decode_answer: Final = msgspec.msgpack.Decoder(NumberedAnswer).decode
+decode_write_result: Final = msgspec.msgpack.Decoder(WriteResult).decode
+decode_inbox: Final = msgspec.msgpack.Decoder(InboxMessage).decode
+decode_write_request: Final = msgspec.msgpack.Decoder(WriteRequest).decode
+decode_subscribed: Final = msgspec.msgpack.Decoder(bool).decode
