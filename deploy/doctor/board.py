@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
+from segway_ecc.deploy.doctor.finding import Finding, bad, good, graded, warning
 from segway_ecc.deploy.doctor.system import System, Workload
 
 _THROTTLED: Final = "/sys/devices/platform/soc/soc:firmware/get_throttled"
@@ -16,47 +16,25 @@ _TOO_LITTLE_MIB: Final = 64
 
 
 def check_board(machine: System, _workload: Workload) -> Iterator[Finding]:
-    """Memory everywhere; temperature and power where the machine tells."""
+    """Memory everywhere; temperature and power where the machine measures them."""
     yield _memory(machine)
-    yield from _temperature(machine)
-    yield from _raspberry_pi(machine)
-
-
-def _memory(machine: System) -> Finding:
-    lines = (machine.read("/proc/meminfo") or "").splitlines()
-    sizes = {name: int(rest.split()[0]) // 1024 for name, _, rest in (line.partition(":") for line in lines) if rest}
-    if "MemAvailable" not in sizes:
-        return good("memory", "the kernel does not tell")
-    free, found = sizes["MemAvailable"], f"{sizes['MemAvailable']} of {sizes.get('MemTotal', 0)} MiB are free"
-    remedy = "end what takes it: ps aux --sort=-rss | head; or a computer with more"
-    if free < _TOO_LITTLE_MIB:
-        return bad("memory", found, "the kernel ends programs, the robot's among them", remedy)
-    if free < _LITTLE_MIB:
-        return warning("memory", found, "ROS and the recorder take about 200 MiB", remedy)
-    return good("memory", found)
-
-
-def _temperature(machine: System) -> Iterator[Finding]:
     texts = machine.read_all("/sys/class/thermal/thermal_zone*/temp").values()
-    values = [int(text) for text in texts if text.lstrip("-").isdecimal()]
-    if not values:
-        return
-    found = f"{max(values) / 1e3:.0f} degrees Celsius"
-    if max(values) < _HOT_MILLI_C:
-        yield good("temperature", found)
-    else:
-        yield warning(
-            "temperature", found, "the processor is soon made slower to cool it", "a heat sink, a fan, or less to do"
+    if milli_c := [int(text) for text in texts if text.lstrip("-").isdecimal()]:
+        yield graded(
+            "temperature",
+            f"{max(milli_c) / 1e3:.0f} degrees Celsius",
+            "the processor is soon made slower to cool it",
+            "a heat sink, a fan, or less to do",
+            fits=max(milli_c) < _HOT_MILLI_C,
         )
-
-
-def _raspberry_pi(machine: System) -> Iterator[Finding]:
-    text = machine.read(_THROTTLED)
-    if text is None:
+    throttled = machine.read(_THROTTLED)
+    if throttled is None:
         return
-    name, bits = "Raspberry Pi power", int(text, 16)
-    now = _named(bits)
-    before = _named(bits >> _SINCE_START)
+    name, bits = "Raspberry Pi power", int(throttled, 16)
+    now, before = (
+        ", ".join(text for bit, text in _CONDITIONS.items() if found >> bit & 1)
+        for found in (bits, bits >> _SINCE_START)
+    )
     remedy = "a supply of the board's rated current with a short cable, and a heat sink; vcgencmd get_throttled"
     if now:
         yield bad(name, f"now: {now}", "the processor is slowed down, or the board about to fail", remedy)
@@ -66,5 +44,13 @@ def _raspberry_pi(machine: System) -> Iterator[Finding]:
         yield good(name, "no under-voltage and no throttling since it was switched on")
 
 
-def _named(bits: int) -> str:
-    return ", ".join(text for bit, text in _CONDITIONS.items() if bits >> bit & 1)
+def _memory(machine: System) -> Finding:
+    lines = (machine.read("/proc/meminfo") or "").splitlines()
+    sizes = {name: int(rest.split()[0]) // 1024 for name, _, rest in (line.partition(":") for line in lines) if rest}
+    if "MemAvailable" not in sizes:
+        return good("memory", "not reported by the kernel")
+    free, found = sizes["MemAvailable"], f"{sizes['MemAvailable']} of {sizes.get('MemTotal', 0)} MiB are free"
+    remedy = "end what takes it: ps aux --sort=-rss | head; or a computer with more"
+    if free < _TOO_LITTLE_MIB:
+        return bad("memory", found, "the kernel ends programs, the robot's among them", remedy)
+    return graded("memory", found, "ROS and the recorder take about 200 MiB", remedy, fits=free >= _LITTLE_MIB)

@@ -5,19 +5,17 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.board import check_board
 from segway_ecc.deploy.doctor.can import check_can
-from segway_ecc.deploy.doctor.clocks import check_clock
 from segway_ecc.deploy.doctor.disk import check_disk
 from segway_ecc.deploy.doctor.drives import check_drives
 from segway_ecc.deploy.doctor.finding import Finding, bad
 from segway_ecc.deploy.doctor.idle import check_idle
-from segway_ecc.deploy.doctor.kernel import check_kernel
+from segway_ecc.deploy.doctor.kernel import check_kernel, check_python
 from segway_ecc.deploy.doctor.privileges import check_privileges
-from segway_ecc.deploy.doctor.python import check_python
 from segway_ecc.deploy.doctor.ros import check_ros
 from segway_ecc.deploy.doctor.serial import check_serial
 from segway_ecc.deploy.doctor.services import check_services
 from segway_ecc.deploy.doctor.system import System, Workload
-from segway_ecc.deploy.doctor.timing import check_timing
+from segway_ecc.deploy.doctor.timing import check_clock, check_timing
 
 Check = Callable[[System, Workload], Iterable[Finding]]
 
@@ -39,25 +37,19 @@ CHECKS: Final[Mapping[str, Check]] = {
 
 
 def examine(machine: System, workload: Workload, checks: Mapping[str, Check] = CHECKS) -> list[Finding]:
-    """Everything that the checks find, in their order."""
-    return [finding for name, check in checks.items() for finding in _survived(name, check, machine, workload)]
-
-
-def _survived(name: str, check: Check, machine: System, workload: Workload) -> list[Finding]:
-    """What a check finds; where it breaks, what it had found until then and that it broke."""
+    """Everything that the checks find, in their order; where one breaks, also what it had found until then."""
     findings: list[Finding] = []
-    try:
-        for finding in check(machine, workload):
-            findings.append(finding)  # noqa: PERF402 - what came before it broke is kept
-    except Exception as error:  # noqa: BLE001 - whatever it is, the other checks are still worth having
-        findings.append(_broken(name, error))
+    for name, check in checks.items():
+        try:
+            for finding in check(machine, workload):
+                findings.append(finding)  # noqa: PERF402 - what came before it broke is kept
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other checks are still worth having
+            findings.append(
+                bad(
+                    f"check of {name}",
+                    f"broke off: {type(error).__name__}: {error}",
+                    "what it did not get to is not known, and what is not known is not fit",
+                    "report it with: segway-ecc log bundle",
+                )
+            )
     return findings
-
-
-def _broken(name: str, error: Exception) -> Finding:
-    return bad(
-        f"check of {name}",
-        f"broke off: {type(error).__name__}: {error}",
-        "what it did not get to is not known, and what is not known is not fit",
-        "report it with: segway-ecc log bundle",
-    )

@@ -52,6 +52,11 @@ def bad(name: str, found: str, effect: str, remedy: str) -> Finding:
     return Finding(name, Verdict.BAD, found, effect, remedy)
 
 
+def graded(name: str, found: str, effect: str, remedy: str, *, fits: bool) -> Finding:
+    """Good where it fits, else a warning."""
+    return warning(name, found, effect, remedy) if not fits else good(name, found)
+
+
 def is_fit(findings: Iterable[Finding]) -> bool:
     """Whether nothing is bad."""
     return all(finding.verdict is not Verdict.BAD for finding in findings)

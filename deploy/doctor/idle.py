@@ -30,7 +30,7 @@ def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
     if not machine.path(_FILE).exists():
         yield good(_NAME, f"this kernel has no {_FILE}")
     elif unit:
-        yield _of_unit(machine, unit)
+        yield _for_unit(machine, unit)
     elif os.access(machine.path(_FILE), os.W_OK):
         yield good(_NAME, f"this user may write {_FILE}")
     else:
@@ -38,36 +38,24 @@ def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
         yield warning(_NAME, f"{_FILE} is not writable for this user", _EFFECT, remedy)
 
 
-def _of_unit(machine: System, unit: Mapping[str, str]) -> Finding:
-    if not _may_write(machine, unit):
+def _for_unit(machine: System, unit: Mapping[str, str]) -> Finding:
+    user, state = unit.get("User", ""), machine.path(_FILE).stat()
+    is_group_s = bool(state.st_mode & _GROUP_WRITES) and state.st_gid in _groups(machine, user, unit)
+    if user not in {"", "root"} and not state.st_mode & _ALL_WRITE and not is_group_s:
         return warning(_NAME, f"{_FILE} is not writable for the user of {NODE}", _EFFECT, _ALLOW)
     if unit.get("DevicePolicy", "") not in _OPEN_POLICIES and _FILE not in unit.get("DeviceAllow", "").split():
         remedy = f"DeviceAllow={_FILE} w by: sudo systemctl edit {NODE}"
-        return warning(_NAME, f"the unit of {NODE} does not let it have {_FILE}", _EFFECT, remedy)
+        return warning(_NAME, f"the unit of {NODE} does not allow it {_FILE}", _EFFECT, remedy)
     return good(_NAME, f"{NODE} may write {_FILE}")
-
-
-def _may_write(machine: System, unit: Mapping[str, str]) -> bool:
-    """By the file's mode, for the unit's user and groups."""
-    user = unit.get("User", "")
-    if user in {"", "root"}:
-        return True
-    state = machine.path(_FILE).stat()
-    if state.st_mode & _ALL_WRITE:
-        return True
-    return bool(state.st_mode & _GROUP_WRITES) and state.st_gid in _groups(machine, user, unit)
 
 
 def _groups(machine: System, user: str, unit: Mapping[str, str]) -> set[int]:
     """The numbers of a user's groups (passwd(5), group(5)), and of those that the unit adds."""
+    users, groups = (
+        [fields for line in (machine.read(path) or "").splitlines() if len(fields := line.split(":")) == count]
+        for path, count in (("/etc/passwd", 7), ("/etc/group", 4))
+    )
     added = unit.get("SupplementaryGroups", "").split()
-    own = {fields[3] for fields in _entries(machine, "/etc/passwd", 7) if fields[0] == user}
-    more = {
-        fields[2] for fields in _entries(machine, "/etc/group", 4) if fields[0] in added or user in fields[3].split(",")
-    }
+    own = {fields[3] for fields in users if fields[0] == user}
+    more = {fields[2] for fields in groups if fields[0] in added or user in fields[3].split(",")}
     return {int(number) for number in own | more if number.isdecimal()}
-
-
-def _entries(machine: System, path: str, fields: int) -> list[list[str]]:
-    lines = (machine.read(path) or "").splitlines()
-    return [found for line in lines if len(found := line.split(":")) == fields]

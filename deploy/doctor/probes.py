@@ -18,20 +18,16 @@ from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.cycle.timing import Histogram, Summary
 
 _MEASURED_NS: Final = 2_000_000_000
-_TOLD_EVERY_NS: Final = 200_000_000
+_PROGRESS_EVERY_NS: Final = 200_000_000
 _PIECES: Final = 8
 _PIECE_BYTES: Final = 512 * 1024
 
 
-def _tell_nobody(_fraction: float) -> None:
-    pass
-
-
 class RealProbes:
-    """Tries on this machine what `Probes` says."""
+    """Tries on this machine what `Probes` names."""
 
-    def __init__(self, on_progress: Callable[[float], None] = _tell_nobody, measured_ns: int = _MEASURED_NS) -> None:
-        """Tell `on_progress` how much of the measurement is done, 0 to 1; it takes `measured_ns`."""
+    def __init__(self, on_progress: Callable[[float], None] = lambda _: None, measured_ns: int = _MEASURED_NS) -> None:
+        """Pass `on_progress` how much of the measurement is done, 0 to 1; it takes `measured_ns`."""
         self._on_progress = on_progress
         self._measured_ns = measured_ns
 
@@ -51,7 +47,7 @@ class RealProbes:
         """Wait for deadlines as the robot's loop does, with the priority that it would get here."""
         lateness = Histogram()
         cycles = math.ceil(self._measured_ns / period_ns)
-        told_every = max(_TOLD_EVERY_NS // period_ns, 1)
+        progress_every = max(_PROGRESS_EVERY_NS // period_ns, 1)
         with real_time_priority():
             deadline_ns = time.monotonic_ns()
             for cycle in range(1, cycles + 1):
@@ -59,7 +55,7 @@ class RealProbes:
                 deadline_ns += period_ns * max(1, math.ceil((time.monotonic_ns() - deadline_ns) / period_ns))
                 sleep_until_ns(deadline_ns)
                 lateness.add(time.monotonic_ns() - deadline_ns)
-                if cycle % told_every == 0:
+                if cycle % progress_every == 0:
                     self._on_progress(cycle / cycles)
         return lateness.summary()
 

@@ -18,23 +18,29 @@ _CLEAR_DOMAINS: Final = (range(102), range(215, 233))
 """Those whose ports Linux does not hand out to other programs (ROS 2, 'About ROS domain IDs')."""
 _REACH: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _RANGES: Final = {"SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"}
+_ALONE: Final = "a base station on another machine does not find this robot"
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 def check_ros(machine: System, _workload: Workload) -> Iterator[Finding]:
-    """Whether ROS loads, and whom it finds."""
-    place, settings = _settings(machine)
-    yield _loads(machine, settings if place == SERVICE_ENVIRONMENT else {})
-    yield _domain(settings, place)
-    yield _range(settings, place)
+    """Whether ROS loads, and whom it finds; by the service's own settings where it has a file of them."""
+    place, settings, text = "the environment", machine.environment, machine.read(SERVICE_ENVIRONMENT)
+    if text is not None:
+        lines = (line.strip() for line in text.splitlines())
+        pairs = (line.partition("=") for line in lines if "=" in line and not line.startswith(("#", ";")))
+        place = SERVICE_ENVIRONMENT
+        settings = {name.strip(): value.strip().strip("\"'") for name, _, value in pairs}
+    yield _loads(machine, {} if text is None else settings)
+    yield _domain(settings.get("ROS_DOMAIN_ID", ""), place)
+    yield _discovery(settings, place)
     if _PROFILES in settings:
         yield _profiles(machine, settings[_PROFILES], place)
 
 
 def _loads(machine: System, own: Mapping[str, str]) -> Finding:
-    """Loaded in a child as the service would, which is what tells that all libraries are there and fit."""
+    """Loaded in a child as the service would: only that shows that all libraries are there and fit."""
     try:
-        said = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-c", _TRY]).split()
+        words = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-c", _TRY]).split()
     except NoAnswerError as error:
         reason = str(error)
         if _TOO_LONG in reason:
@@ -47,59 +53,41 @@ def _loads(machine: System, own: Mapping[str, str]) -> Finding:
             return warning("ROS 2", found, effect, _INSTALL)
         effect = "the node does not start, unless it is run with --no-ros"
         return bad("ROS 2", found, effect, f"fix what it names, such as RMW_IMPLEMENTATION; or anew: {_INSTALL}")
-    return good("ROS 2", f"rclpy loads, with {said[-1] if said else 'an unnamed middleware'}")
+    return good("ROS 2", f"rclpy loads, with {words[-1] if words else 'an unnamed middleware'}")
 
 
-def _settings(machine: System) -> tuple[str, Mapping[str, str]]:
-    """Where the settings are from, and what they are: the service's own where it has a file of them."""
-    text = machine.read(SERVICE_ENVIRONMENT)
-    if text is None:
-        return "the environment", machine.environment
-    lines = (line.strip() for line in text.splitlines())
-    pairs = (line.partition("=") for line in lines if "=" in line and not line.startswith(("#", ";")))
-    return SERVICE_ENVIRONMENT, {name.strip(): value.strip().strip("\"'") for name, _, value in pairs}
-
-
-def _domain(settings: Mapping[str, str], place: str) -> Finding:
-    name, text = "ROS domain", settings.get("ROS_DOMAIN_ID", "")
+def _domain(text: str, place: str) -> Finding:
+    name = "ROS domain"
     if not text:
         return good(name, "0")
-    remedy = f"ROS_DOMAIN_ID=0 to 101, in {place}"
+    found, remedy = f"ROS_DOMAIN_ID={text} in {place}", f"ROS_DOMAIN_ID=0 to 101, in {place}"
     if not text.isdecimal() or int(text) not in _DOMAINS:
-        return bad(name, f"ROS_DOMAIN_ID={text} in {place}", "ROS 2 does not start, and the node neither", remedy)
+        return bad(name, found, "ROS 2 does not start, and the node neither", remedy)
     if not any(int(text) in clear for clear in _CLEAR_DOMAINS):
         effect = "other programs may have its ports, and then robot and base station do not find each other"
-        return warning(name, f"ROS_DOMAIN_ID={text} in {place}", effect, remedy)
+        return warning(name, found, effect, remedy)
     return good(name, f"{text}, of {place}")
 
 
-def _range(settings: Mapping[str, str], place: str) -> Finding:
-    name = "ROS discovery"
+def _discovery(settings: Mapping[str, str], place: str) -> Finding:
+    name, reach = "ROS discovery", settings.get(_REACH) or "SUBNET"
     server, peers = settings.get("ROS_DISCOVERY_SERVER"), settings.get("ROS_STATIC_PEERS")
-    hindrance = _hindrance(settings)
-    if hindrance is not None:
-        setting, effect = hindrance
+    setting, effect = f"{_REACH}={reach}", ""
+    if settings.get("ROS_LOCALHOST_ONLY") == "1":
+        setting, effect = "ROS_LOCALHOST_ONLY=1", _ALONE
+    elif reach not in _RANGES:
+        effect = "ROS 2 does not know this value, and does not go beyond this machine"
+    elif reach == "OFF":
+        effect = "nobody finds this robot, static peers neither"
+    elif reach == "LOCALHOST" and not (server or peers):
+        effect = _ALONE
+    if effect:
         remedy = f"in {place}: ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET (and no ROS_LOCALHOST_ONLY), or ROS_STATIC_PEERS"
         return warning(name, f"{setting} in {place}", effect, remedy)
     if server:
         return good(name, f"by the discovery server {server}, of {place}")
-    reach = "this machine" if settings.get(_REACH) == "LOCALHOST" else "the whole subnet"
-    return good(name, f"{reach}, and static peers {peers}, of {place}" if peers else reach)
-
-
-def _hindrance(settings: Mapping[str, str]) -> tuple[str, str] | None:
-    """The setting that keeps others from finding this robot, and what it does."""
-    reach = settings.get(_REACH) or "SUBNET"
-    alone = "a base station on another machine does not find this robot"
-    if settings.get("ROS_LOCALHOST_ONLY") == "1":
-        return "ROS_LOCALHOST_ONLY=1", alone
-    if reach not in _RANGES:
-        return f"{_REACH}={reach}", "ROS 2 does not know this value, and does not go beyond this machine"
-    if reach == "OFF":
-        return f"{_REACH}={reach}", "nobody finds this robot, static peers neither"
-    if reach == "LOCALHOST" and not (settings.get("ROS_DISCOVERY_SERVER") or settings.get("ROS_STATIC_PEERS")):
-        return f"{_REACH}={reach}", alone
-    return None
+    where = "this machine" if reach == "LOCALHOST" else "the whole subnet"
+    return good(name, f"{where}, and static peers {peers}, of {place}" if peers else where)
 
 
 def _profiles(machine: System, text: str, place: str) -> Finding:

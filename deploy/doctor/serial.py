@@ -24,13 +24,10 @@ def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
     try:
         machine.probes.open_port(settings)
     except OSError as error:
-        found = f"does not open: {error.strerror or error}"
+        grade, effect = bad, "when the bus is lost there is nothing to fall back on"
         if error.errno in _TAKEN:
-            effect = "as it should be while the robot runs; else the robot cannot open it"
-            yield warning(title, found, effect, cure(settings, error))
-        else:
-            effect = "when the bus is lost there is nothing to fall back on"
-            yield bad(title, found, effect, cure(settings, error))
+            grade, effect = warning, "as it should be while the robot runs; else the robot cannot open it"
+        yield grade(title, f"does not open: {error.strerror or error}", effect, cure(settings, error))
     else:
         yield good(title, "opens")
     if _NUMBERED_AS_FOUND.fullmatch(settings.port):

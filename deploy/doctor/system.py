@@ -5,6 +5,7 @@ import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
@@ -30,8 +31,11 @@ class WriteSpeed(NamedTuple):
     slowest_s: float
 
 
+_answer_of_busy_machine: Final = partial(answer_of, patience_s=_PATIENCE_S)
+
+
 class Probes(Protocol):
-    """What no file tells of, and has to be tried."""
+    """What no file shows, and has to be tried."""
 
     def can_socket(self) -> None:
         """Make a raw CAN socket; OSError where the kernel does not."""
@@ -49,10 +53,6 @@ class Probes(Protocol):
         """Write into a folder, and wait until it is on the disk; OSError."""
 
 
-def _patient_answer(words: Sequence[str]) -> str:
-    return answer_of(words, _PATIENCE_S)
-
-
 @dataclass(frozen=True, slots=True)
 class System:
     """What the checks may look at.
@@ -60,16 +60,16 @@ class System:
     Attributes:
         probes: What has to be tried.
         root: Where /proc, /sys, /dev, /run and /etc are.
-        answer: What a program says, or NoAnswerError.
+        answer: What a program prints, or NoAnswerError.
         environment: Environment variables.
         python: Which Python runs this.
         is_debug_python: Whether it is a debug build.
-        processor: The machine's processor, as uname says it.
+        processor: The machine's processor, as uname has it.
     """
 
     probes: Probes
     root: Path = Path("/")
-    answer: Callable[[Sequence[str]], str] = _patient_answer
+    answer: Callable[[Sequence[str]], str] = _answer_of_busy_machine
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
     python: str = f"{platform.python_implementation()} {platform.python_version()}"
     is_debug_python: bool = hasattr(sys, "gettotalrefcount")
@@ -98,7 +98,7 @@ class Workload:
 
     Attributes:
         logs: Where logs go; a folder that may have to be made.
-        log_bytes: Room that they may take.
+        log_bytes: What they may take, together.
         robot: The robot file; None where no robot is named.
         period_ns: The period of its loop.
     """

@@ -27,7 +27,7 @@ def test_memory(fake: FakeMachine, mib: int, verdict: Verdict) -> None:
 
 def test_memory_that_is_not_told(fake: FakeMachine) -> None:
     fake.remove("/proc/meminfo")
-    assert looked(fake)["memory"].found == "the kernel does not tell"
+    assert looked(fake)["memory"].found == "not reported by the kernel"
 
 
 @pytest.mark.parametrize(("milli", "verdict"), [(79_999, Verdict.GOOD), (80_000, Verdict.WARNING)])

@@ -46,7 +46,7 @@ def test_the_wrong_bit_rate(fake: FakeMachine, actual: int, wanted: int) -> None
     fake.interface("can0", changed(bitrate=actual))
     found = looked(fake, bitrate=wanted)
     assert not_good(found) == {"CAN can0 bit rate": Verdict.BAD}
-    assert found["CAN can0 bit rate"].found == f"{actual} bit/s, the robot file says {wanted}"
+    assert found["CAN can0 bit rate"].found == f"{actual} bit/s, the robot file has {wanted}"
     assert f"type can bitrate {wanted} restart-ms 100" in found["CAN can0 bit rate"].remedy
 
 

@@ -17,7 +17,7 @@ def looked(fake: FakeMachine, log_bytes: int = 1000) -> dict[str, Finding]:
 def test_all_is_well_and_no_folder_is_made(fake: FakeMachine) -> None:
     found = looked(fake)
     assert {each.verdict for each in found.values()} == {Verdict.GOOD}
-    assert found["disk room"].found.endswith(f" MB free for {fake.root}/var/log/segway-ecc")
+    assert found["disk space"].found.endswith(f" MB free for {fake.root}/var/log/segway-ecc")
     assert found["disk speed"].found == f"20.0 MB/s, slowest wait 20 ms, in {fake.root}"
     assert not (fake.root / "var").exists()
 
@@ -28,7 +28,7 @@ def test_the_folder_itself_is_tried_where_it_is_there(fake: FakeMachine) -> None
 
 
 def test_too_little_room(fake: FakeMachine) -> None:
-    found = looked(fake, 10**18)["disk room"]
+    found = looked(fake, 10**18)["disk space"]
     assert found.verdict is Verdict.WARNING
     assert "--log-limit" in found.remedy
 

@@ -40,7 +40,7 @@ def test_a_robots_computer_as_it_should_be(fake: FakeMachine) -> None:
         "timer slack",
         "wake-ups",
         "memory",
-        "disk room",
+        "disk space",
         "disk speed",
         "Python",
         "ROS 2",

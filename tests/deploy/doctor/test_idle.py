@@ -63,7 +63,7 @@ def test_another_group(device: FakeMachine) -> None:
 def test_a_unit_that_keeps_devices_from_it(device: FakeMachine) -> None:
     device.systemd(node=f"{UNIT}DeviceAllow=char-ttyS rw\n")
     found = looked(device)
-    assert found.found == f"the unit of segway-ecc-node.service does not let it have {FILE}"
+    assert found.found == f"the unit of segway-ecc-node.service does not allow it {FILE}"
     assert found.remedy == f"DeviceAllow={FILE} w by: sudo systemctl edit segway-ecc-node.service"
     device.systemd(node=UNIT.replace("closed", "auto"))
     assert looked(device).verdict is Verdict.GOOD

@@ -1,5 +1,5 @@
 from segway_ecc.deploy.doctor.finding import Verdict
-from segway_ecc.deploy.doctor.python import check_python
+from segway_ecc.deploy.doctor.kernel import check_python
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 

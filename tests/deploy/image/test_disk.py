@@ -71,7 +71,7 @@ def test_the_doctor_finds_a_robot_s_computer(machine: DiskMachine) -> None:
     verdicts = {each["name"]: each["verdict"] for each in found}
     # A slow machine is one, so what is measured in real time is not asked.
     fit = ["kernel", "CAN in the kernel", "real-time scheduling", "memory lock", "processor idle states", "memory"]
-    fit += ["disk room", "Python", "segway-ecc-archive.service", "segway-ecc-station.service", "segway-ecc.target"]
+    fit += ["disk space", "Python", "segway-ecc-archive.service", "segway-ecc-station.service", "segway-ecc.target"]
     assert {name: verdicts[name] for name in fit} == dict.fromkeys(fit, "good")
     assert set(verdicts) >= {
         "wake-ups",

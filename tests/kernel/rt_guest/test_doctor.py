@@ -59,7 +59,7 @@ def test_an_interface_as_it_should_be() -> None:
 
 def test_the_wrong_bit_rate() -> None:
     found = looked("can0", 250_000)["CAN can0 bit rate"]
-    assert (found.verdict, found.found) == (Verdict.BAD, "500000 bit/s, the robot file says 250000")
+    assert (found.verdict, found.found) == (Verdict.BAD, "500000 bit/s, the robot file has 250000")
 
 
 @pytest.mark.usefixtures("other")
