@@ -165,6 +165,13 @@ def test_numbers_of_another_kind_are_numbers(kind: type) -> None:
     assert (again.u, again.y, again.sensors.values, again.sensors.valid) == ((2.0,), (2.0,), (2.0,), (True,))
 
 
+@pytest.mark.parametrize("truth", [True, np.True_])
+def test_a_model_output_that_is_a_truth_value_is_recorded_as_a_number(truth: float) -> None:
+    codec = CycleCodec(layout_with((0, 0, 0, 1, 0)))
+    ((_, body),) = codec.bodies(CYCLE, packed(EMPTY._replace(y=(truth,))))
+    assert codec.message.unpack(body).record.y == (1.0,)
+
+
 @pytest.mark.parametrize(
     ("kind", "body"), [(ord("X"), b""), (CYCLE, b""), (EVENTS, b"\x90"), (DIAGNOSTICS, b"\xc0"), (CYCLE, b"\x90")]
 )
@@ -192,6 +199,7 @@ def test_the_size_is_the_largest_there_is() -> None:
         published=(0.0,),
         durations_ns=(2**40,) * 5,
         start_ns=2**50,
+        inbox=Inbox(),
     )
     assert len(packed(most)) == codec.size
 
