@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from segway_ecc.hil.kernels.guest import GuestError, search_path
+from segway_ecc.hil.kernels.uml_registers import register_variables
 
 _MARK = "guest-mark"
 
@@ -68,7 +69,12 @@ class Machine:
                 stdin=subprocess.DEVNULL,
                 stdout=console,
                 stderr=subprocess.STDOUT,
-                env={"PATH": search_path(), "HOME": str(folder), "TMPDIR": "/dev/shm"},  # noqa: S108 - the kernel maps its memory executable
+                env={
+                    "PATH": search_path(),
+                    "HOME": str(folder),
+                    "TMPDIR": "/dev/shm",  # noqa: S108 - the kernel maps its memory executable
+                    **register_variables(),
+                },
                 start_new_session=True,
             )
         self._end = end

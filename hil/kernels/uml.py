@@ -25,6 +25,7 @@ from segway_ecc.hil.kernels.guest import (
     search_path,
     to_stdout,
 )
+from segway_ecc.hil.kernels.uml_registers import register_variables
 
 __all__ = ["GuestError", "GuestResult", "available", "main", "run_in_guest"]
 
@@ -91,6 +92,7 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
             "PATH": search_path(),
             "HOME": str(job.scratch),
             "TMPDIR": str(_memory_folder(memory_mib)),
+            **register_variables(),
         }
         return run_task(job, _kernel(job.scratch, memory_mib), variables, timeout_s)
 
