@@ -79,7 +79,7 @@ prove-%: $(READY)
 
 # Every line and branch of what turns bytes into values and back, of the guard and of safety.
 coverage: $(READY)
-	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/firmware_io tests/node/safety --cov --cov-report=term-missing:skip-covered
+	SEGWAY_ECC_EXAMPLES=10000 $(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/firmware_io tests/node/safety --cov --cov-report=term-missing:skip-covered
 
 bench: $(READY)
 	$(VENV)/bin/segway-ecc bench

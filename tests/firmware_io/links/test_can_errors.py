@@ -1,9 +1,10 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.links.can_errors import BusError, BusErrors, decode_error
 from segway_ecc.firmware_io.links.link import LinkState
+from tests.fuzzing import fuzzed
 
 CAUSES = {
     "tx_timeout",
@@ -89,7 +90,7 @@ def test_the_error_counters_are_read_where_they_are_said_to_be_there() -> None:
     assert decode_error(0x008, data)[2:] == (None, None)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(classes=st.integers(0, 0x1FFFFFFF), data=st.binary(max_size=16))
 def test_any_error_frame_is_read(classes: int, data: bytes) -> None:
     error = decode_error(classes, data)

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.links.cobs import CobsError, CobsReceiver, decode, encode
+from tests.fuzzing import fuzzed
 
 
 def _bytes(first: int, last: int) -> bytes:
@@ -53,7 +54,7 @@ def _check(data: bytes) -> None:
     assert decode(coded) == data
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=20))
 def test_every_packet_is_stuffed_as_defined_and_comes_back(data: bytes) -> None:
     _check(data)
@@ -65,7 +66,7 @@ def test_long_packets_are_too(data: bytes) -> None:
     _check(data)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=12), st.sampled_from([4, 8, 256]))
 def test_anything_else_is_refused_in_one_way(coded: bytes, values: int) -> None:
     coded = bytes(byte % values for byte in coded)

@@ -3,7 +3,7 @@ import struct
 from collections.abc import Mapping
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.links.interface_state import (
@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.links.interface_state import (
     read_interface_state,
 )
 from segway_ecc.firmware_io.links.link import LinkState
+from tests.fuzzing import fuzzed
 
 # What Linux 6.1 answered for a serial-line CAN interface that is up at 500 kbit/s, and for a virtual one: the header,
 # and of the attributes the one on the kind of link.
@@ -124,7 +125,7 @@ def test_an_attribute_with_a_false_length_ends_the_reading(length: int) -> None:
 REPLY = _reply(SLCAN)
 
 
-@settings(max_examples=2_000)
+@fuzzed
 @given(st.dictionaries(st.integers(0, len(REPLY) - 1), st.integers(0, 255), max_size=4), st.integers(0, len(REPLY)))
 def test_no_answer_however_damaged_raises(damage: dict[int, int], length: int) -> None:
     reply = bytearray(REPLY)

@@ -3,12 +3,13 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.deploy.station.views import Act, Command, Drive
 from segway_ecc.deploy.station.web.messages import RefusedMessageError, decode
 from segway_ecc.deploy.station.web.refusals import Cause
+from tests.fuzzing import fuzzed
 
 MAX = (1.0, 2.0)
 COMMAND = {"kind": "command", "id": 1, "robot": "/alice", "act": "arm"}
@@ -110,13 +111,13 @@ def _holds(message: str) -> None:
 
 
 @pytest.mark.timeout(600)  # so many examples take minutes where much else runs
-@settings(max_examples=10_000)
+@fuzzed
 @given(FIELDS.map(json.dumps) | st.text(max_size=200) | JSON.map(json.dumps))
 def test_nothing_gets_through_that_should_not(message: str) -> None:
     _holds(message)
 
 
-@settings(max_examples=2000)
+@fuzzed
 @given(st.sampled_from([COMMAND, DRIVE]), st.data())
 def test_nor_by_changing_what_is_right(message: dict[str, Any], data: st.DataObject) -> None:
     text = json.dumps(message)

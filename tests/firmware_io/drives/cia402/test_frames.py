@@ -2,7 +2,7 @@ import itertools
 
 import canopen.emcy
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.cia402.frames import (
@@ -20,8 +20,8 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     unpack_velocity,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from tests.fuzzing import fuzzed
 
-many = settings(max_examples=10_000)
 DECODERS = {
     "status": (Status.unpack, 8),
     "velocity": (unpack_velocity, 4),
@@ -64,7 +64,7 @@ def test_what_does_not_fit_a_command_is_refused(command: Command) -> None:
     assert refused.value.refusal is Refusal.RANGE
 
 
-@many
+@fuzzed
 @given(st.floats())
 def test_a_torque_is_packed_or_refused(share: float) -> None:
     try:
@@ -76,7 +76,7 @@ def test_a_torque_is_packed_or_refused(share: float) -> None:
         assert int.from_bytes(data[2:], "little", signed=True) == pytest.approx(share * 1000, abs=0.500001)
 
 
-@many
+@fuzzed
 @given(st.binary(min_size=8, max_size=8))
 def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
     def number(start: int, end: int, *, signed: bool = False) -> int:
@@ -94,7 +94,7 @@ def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
     assert sdo.pack() == data
 
 
-@many
+@fuzzed
 @given(st.binary(max_size=9))
 def test_a_decoder_gives_values_or_its_one_error(data: bytes) -> None:
     for decoder, length in DECODERS.values():

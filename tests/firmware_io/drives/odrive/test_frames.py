@@ -9,7 +9,7 @@ from typing import Any
 
 import cantools
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.odrive import commands as c
@@ -26,6 +26,7 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
+from tests.fuzzing import fuzzed
 
 FILES = {Firmware.V0_5: "odrive-cansimple-0.5.6.dbc", Firmware.V0_6: "odrive-cansimple-0.6.10.dbc"}
 
@@ -124,7 +125,7 @@ def _theirs(message: Any, values: dict[str, float]) -> bytes:
 DBC_MESSAGES = [(firmware, message) for firmware in Firmware for message in DBC[firmware].messages]
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, len(DBC_MESSAGES) - 1), st.binary(min_size=8, max_size=8))
 def test_bytes_are_cantools_bytes_both_ways(index: int, data: bytes) -> None:
     firmware, message = DBC_MESSAGES[index]
@@ -267,7 +268,7 @@ def test_every_identifier_and_length_is_taken_or_refused_as_listed(firmware: Fir
             assert refused.value.refusal is (Refusal.LENGTH if known else Refusal.UNKNOWN)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, 0x7FF), st.binary(min_size=5, max_size=9))
 @example(0x009, struct.pack("<ff", math.nan, 0.0))
 @example(0x01D, struct.pack("<ff", 0.0, -math.inf))

@@ -6,7 +6,7 @@ from operator import xor
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.odrive import commands as c
@@ -15,6 +15,7 @@ from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec,
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.serial_link import SerialCodec
+from tests.fuzzing import fuzzed
 
 Configure = Callable[..., OdriveSettings]
 NOW = 123_456_789
@@ -291,7 +292,7 @@ def test_every_flipped_bit_in_a_poll_is_noticed() -> None:
         assert line.decode(b"".join(replies(3)), NOW) == [LEFT, RIGHT, *BEATS]
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, (1 << 28) - 1), st.integers(0, (1 << 28) - 1))
 def test_whatever_replies_are_lost_or_cut_no_value_is_taken_for_another(kept: int, whole: int) -> None:
     line = _started()
@@ -308,7 +309,7 @@ def test_whatever_replies_are_lost_or_cut_no_value_is_taken_for_another(kept: in
 PIECES = [reply(text) for text in (*REPLIES, "8", "nan nan", "invalid motor 11", "invalid motor 12")]
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=40))
 def test_nothing_that_is_received_raises_or_makes_a_value_that_is_not_finite(drawn: bytes) -> None:
     line = _started()

@@ -1,12 +1,13 @@
 import contextlib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short, frames_of
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from segway_ecc.firmware_io.links.link import Frame
+from tests.fuzzing import fuzzed
 
 
 def test_a_question_fits_one_frame() -> None:
@@ -73,7 +74,7 @@ def test_a_mode_that_is_not_known_is_refused() -> None:
     assert refused.value.refusal is Refusal.RANGE
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=10))
 def test_a_short_packet_is_taken_as_it_was_sent_or_refused(data: bytes) -> None:
     with contextlib.suppress(FrameRefusedError):

@@ -4,7 +4,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.comm import (
@@ -20,6 +20,7 @@ from segway_ecc.firmware_io.drives.vesc.comm import (
     read_mask,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from tests.fuzzing import fuzzed
 
 SIZES = [2, 2, 4, 4, 4, 4, 2, 4, 2, 4, 4, 4, 4, 4, 4, 1, 4, 1, 6, 4, 4, 1]
 """Bytes of each bit's field."""
@@ -167,7 +168,7 @@ def test_a_value_that_does_not_fit_is_refused(value: float) -> None:
     assert refused.value.refusal is Refusal.RANGE
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=90))
 def test_decoding_gives_finite_values_that_encode_to_the_same_bytes_or_refuses(data: bytes) -> None:
     mask = int.from_bytes(data[:3], "big") & ALL_FIELDS

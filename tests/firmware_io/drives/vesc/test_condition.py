@@ -1,13 +1,14 @@
 import contextlib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, Answer, answer, ask, fault_name
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
+from tests.fuzzing import fuzzed
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def test_faults_have_names_where_they_are_known() -> None:
     assert fault_name(99) == "fault 99"
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=8))
 def test_an_answer_is_understood_or_refused(data: bytes) -> None:
     for packet in (data, b"\x07\x01\x32\x00\x00\x80\x00" + data[:1], b"\x07\x01\x32\x00\x20\x00\x00" + data[:1]):

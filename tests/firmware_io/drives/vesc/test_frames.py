@@ -6,7 +6,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.frames import (
@@ -35,6 +35,7 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
+from tests.fuzzing import fuzzed
 
 CASES: list[tuple[Command, int, Payload, str]] = [
     (Command.SET_DUTY, 0, Duty(-0.5), "FFFF3CB0"),
@@ -144,7 +145,7 @@ def test_each_command_has_its_lengths_and_no_other(length: int) -> None:
         assert refused.value.refusal is (Refusal.LENGTH if lengths else Refusal.UNKNOWN)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=8))
 def test_decoding_gives_finite_values_that_encode_to_the_same_bytes_or_refuses(data: bytes) -> None:
     for number in NUMBERS:
@@ -155,7 +156,7 @@ def test_decoding_gives_finite_values_that_encode_to_the_same_bytes_or_refuses(d
             assert again == (data[:6] + b"\0\0" if number == Command.STATUS_5 else data)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.floats())
 def test_encoding_keeps_a_value_within_half_a_step_or_refuses(value: float) -> None:
     for command, _, example, _ in CASES:

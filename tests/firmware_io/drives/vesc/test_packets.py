@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.packets import MAX_PACKET, PacketReceiver, frame_packet
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from tests.fuzzing import fuzzed
 
 PUBLISHED = [
     ("04", "02 01 04 40 84 03"),
@@ -155,7 +156,7 @@ def _check_stream(parts: list[tuple[bytes, bytes]], tail: bytes, size: int) -> N
     assert [packet for piece in pieces for packet in receiver.feed(piece)] == whole, "however it is cut"
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, 2**64))
 def test_every_good_packet_is_found_among_anything(seed: int) -> None:
     """Damaged, cut and extended packets and false beginnings, before, between and behind good ones."""

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, encode_values, mask_of
@@ -15,6 +15,7 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelS
 from segway_ecc.firmware_io.integrity import Refusal
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.serial_link import SerialCodec
+from tests.fuzzing import fuzzed
 
 NEAR, FAR = 5, 23
 QUESTION = "3200 22A1C4"  # motor current, duty, erpm, supply, tachometer, fault, identifier, flags
@@ -169,7 +170,7 @@ def test_the_bytes_are_those_of_the_reply_codec() -> None:
     assert frame_packet(encode_values(bytes.fromhex(QUESTION), VALUES)) == reply()
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, 2**64))
 def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) -> None:
     chance = random.Random(seed)  # noqa: S311 - a test's chance, not a secret

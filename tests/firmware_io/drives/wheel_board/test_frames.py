@@ -5,7 +5,7 @@ from typing import Any
 
 import cantools
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -23,11 +23,11 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     encode,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from tests.fuzzing import fuzzed
 
 Crc = Callable[[bytes], int]
 Signals = dict[str, float]
 
-steady = settings(derandomize=True, deadline=None, max_examples=10_000)
 
 with as_file(files("segway_ecc.firmware_io.drives.wheel_board") / "wheel_board.dbc") as _path:
     DBC: Any = cantools.database.load_file(_path)
@@ -103,7 +103,7 @@ def _by_cantools(reference_crc: Crc, frame_id: FrameId, signals: Signals, counte
     return _seal(reference_crc, frame_id, raw[:7])
 
 
-@steady
+@fuzzed
 @given(IN_RANGE, COUNTERS)
 def test_bytes_and_values_are_cantools_and_keep_every_value_to_half_a_step(
     reference_crc: Crc, drawn: tuple[FrameId, Signals], counter: int
@@ -218,13 +218,13 @@ def _check_what_decode_makes(identifier: int, data: bytes) -> None:
         assert signal.minimum <= value <= signal.maximum
 
 
-@steady
+@fuzzed
 @given(st.integers(0, 0x1FFFFFFF) | st.sampled_from(FrameId), st.binary(max_size=72))
 def test_arbitrary_bytes_are_refused_or_sound(identifier: int, data: bytes) -> None:
     _check_what_decode_makes(identifier, data)
 
 
-@steady
+@fuzzed
 @given(st.sampled_from(FrameId), st.binary(min_size=7, max_size=7))
 @example(FrameId.WHEEL_COMMAND, b"\x00\x80\x00\x80\xff\xff\xff")
 @example(FrameId.LEFT_WHEEL, b"\x00\x00\x00\x80\x00\x80\xff")

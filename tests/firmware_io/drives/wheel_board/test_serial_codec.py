@@ -13,6 +13,7 @@ from segway_ecc.firmware_io.drives.wheel_board.serial_codec import REQUEST_ID, B
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.serial_link import LOST, SerialCodec
+from tests.fuzzing import fuzzed
 
 NOW_NS = 123_456_789
 
@@ -213,7 +214,7 @@ def _part(rng: random.Random) -> tuple[bytes, bytes, Frame]:
     return part[rng.choice(["good", "good", "good", *part])], packet, Frame(identifier, data, NOW_NS)
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.integers(0, 2**64))
 def test_every_whole_packet_arrives_whatever_is_between_and_nothing_else(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311 - nothing secret

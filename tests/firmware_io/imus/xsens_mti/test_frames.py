@@ -7,11 +7,12 @@ from typing import Any, cast
 import cantools
 import pytest
 from cantools.database.can import Database
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message, decode, encode
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from tests.fuzzing import fuzzed
 
 DBC = """
 BO_ 1 error: 1 MTi
@@ -115,7 +116,7 @@ def test_known_messages_say_what_they_say(message: Message, data: str, values: t
     assert encode(message, values) == bytes.fromhex(data) or message is Message.DELTA_V
 
 
-@settings(max_examples=2_000)
+@fuzzed
 @given(st.sampled_from(FIXED), st.binary(min_size=8, max_size=8))
 def test_every_message_is_read_as_the_reference_reads_it(message: Message, eight: bytes) -> None:
     data = eight[: LENGTHS[message]]
@@ -134,7 +135,7 @@ def test_every_message_is_read_as_the_reference_reads_it(message: Message, eight
     assert encode(message, decode(message, data)) == data
 
 
-@settings(max_examples=10_000)
+@fuzzed
 @given(st.binary(max_size=9))
 @example(bytes.fromhex("7FFF7FFF7FFF11"))
 @example(bytes.fromhex("8000000000000000"))
