@@ -14,7 +14,7 @@ sys.exit(main(sys.argv[1:]))
 """
 _LONG_AGO: Final = (2020, 2, 2, 0, 0, 0)
 
-# Also an old python3 must be able to read this, to say that it is old. The program stays in memory and leaves nothing.
+# Also an old python3 must be able to read this, to report its age. The program stays in memory and leaves nothing.
 BOOTSTRAP: Final = """
 import sys
 if sys.version_info < (3, 11):

@@ -1,6 +1,5 @@
 """What is pushed: our wheel, the wheels of all it needs on that robot, pip itself, and the robot file."""
 
-import dataclasses
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -14,19 +13,6 @@ from segway_ecc.node.errors import ConfigurationError
 WHEEL: Final = "segway_ecc-*.whl"
 """Our own."""
 _DIGITS: Final = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Installing:
-    """How our wheel is installed.
-
-    Attributes:
-        extras: Extras of it that are installed too.
-        system_site: Whether the release sees the robot's own Python packages.
-    """
-
-    extras: tuple[str, ...] = ()
-    system_site: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,43 +35,44 @@ class Bundle:
 
     @property
     def name(self) -> str:
-        """The version and a digest of all content: other content never bears the same name."""
+        """The version and a digest of all content: other content never has the same name."""
         content = json.dumps([self.requirement, self.system_site, dict(self.entries)], sort_keys=True)
         return f"{self.version}-{hashlib.sha256(content.encode()).hexdigest()[:_DIGITS]}"
 
     def as_request(self, by: str) -> dict[str, Any]:
         """As the robot's side takes it."""
-        found = dataclasses.asdict(self)
-        return {key: found[key] for key in ("version", "requirement", "system_site")} | {
+        return {
             "name": self.name,
+            "version": self.version,
+            "requirement": self.requirement,
+            "system_site": self.system_site,
             "by": by,
             "files": dict(self.entries),
         }
 
 
 def bundle(
-    wheel: Path,
     wheels: Sequence[Path],
     robot: Mapping[str, Path],
-    how: Installing,
-    held: Mapping[str, Mapping[str, Any]],
+    extras: Sequence[str] = (),
+    *,
+    system_site: bool = False,
+    held: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Bundle:
     """Put a release together.
 
     Args:
-        wheel: Ours.
         wheels: All that pip collected, ours and pip's among them.
         robot: The robot file and what stands beside it, by path.
-        how: How our wheel is installed.
+        extras: Extras of our wheel that are installed too.
+        system_site: Whether the release sees the robot's own Python packages.
         held: ReleaseManifest entries of files that the robot has already and that belong to the release too.
     """
     files = {f"wheels/{path.name}": path for path in sorted(wheels)} | dict(robot)
-    entries: dict[str, Mapping[str, Any]] = {
-        path: {"sha256": sha256_of(place), "size": place.stat().st_size} for path, place in files.items()
-    }
-    entries |= held
-    named = f"[{','.join(sorted(how.extras))}]" if how.extras else ""
-    return Bundle(version_of(wheel), f"wheels/{wheel.name}{named}", files, entries, how.system_site)
+    entries = {path: {"sha256": sha256_of(place), "size": place.stat().st_size} for path, place in files.items()}
+    wheel = next(path for path in wheels if path.match(WHEEL))
+    named = f"[{','.join(sorted(extras))}]" if extras else ""
+    return Bundle(version_of(wheel), f"wheels/{wheel.name}{named}", files, entries | dict(held or {}), system_site)
 
 
 def version_of(wheel: Path) -> str:

@@ -5,7 +5,7 @@ import json
 import shlex
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
@@ -75,7 +75,7 @@ class Host:
 
         Args:
             request: What is to be done.
-            on_event: Told each event as it comes.
+            on_event: Called with each event as it comes.
             files: Where the files lie that the robot may ask for.
 
         Returns:
@@ -89,13 +89,18 @@ class Host:
         remote = ["python3", "-I", "-B", "-c", BOOTSTRAP]
         words = [*self.command(), shlex.join([*(["sudo", "-n", "--"] if self._sudo else []), *remote])]
         with tempfile.TemporaryFile() as errors:
-            process = _start(words, errors)
             try:
-                return self._talk(process, request, on_event, files or {}, errors)
+                process = subprocess.Popen(  # noqa: S603 - ssh, with one word that is quoted for the robot's shell
+                    words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors
+                )
+            except FileNotFoundError:
+                raise ConfigurationError("there is no ssh here: sudo apt-get install openssh-client") from None
+            try:
+                return self._exchange(process, request, on_event, files or {}, errors)
             finally:
                 _end(process)
 
-    def _talk(
+    def _exchange(
         self,
         process: subprocess.Popen[bytes],
         request: Mapping[str, Any],
@@ -105,9 +110,14 @@ class Host:
     ) -> Event:
         agent, step = agent_archive(), ""
         _send(process, f"{len(agent)}\n".encode(), agent, json.dumps(request).encode() + b"\n")
-        for event in _events(process):
+        for line in process.stdout or ():
+            try:
+                event = json.loads(line)
+                kind = event["event"]
+            except (ValueError, TypeError, KeyError):
+                continue  # what the robot's shell prints when it starts
             on_event(event)
-            match event["event"]:
+            match kind:
                 case "step":
                     step = event["step"]
                 case "need":
@@ -119,33 +129,24 @@ class Host:
                 case "failed":
                     raise UpdateFailedError(f"{self.address}: {event['text']}; see: segway-ecc deploy status")
                 case "end":
-                    return event
+                    return dict(event)
         raise self._lost(process, step, errors)
 
     def _lost(self, process: subprocess.Popen[bytes], step: str, errors: IO[bytes]) -> Exception:
         code = process.wait()
         errors.seek(0)
-        said = errors.read().decode(errors="replace").strip().splitlines()
-        why = said[-1] if said else f"ssh ended with {code}"
+        lines = errors.read().decode(errors="replace").strip().splitlines()
+        why = lines[-1] if lines else f"ssh ended with {code}"
         if step:
             return ConnectionLostError(
                 f"the connection to {self.address} was lost in the step '{step}' ({why}); the robot goes on or stays "
-                f"as it was, and tells how it ended: segway-ecc deploy status {self.address}"
+                f"as it was, and reports how it ended: segway-ecc deploy status {self.address}"
             )
         if code == _NO_CONNECTION or code < 0:
             return UnreachableError(f"no connection to {self.address}: {why}")
         if code == _NO_COMMAND:
             return UpdateRefusedError(f"{self.address}: it has no python3, and 3.11 or later is needed")
         return UpdateRefusedError(f"{self.address}: {why}")
-
-
-def _start(words: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
-    try:
-        return subprocess.Popen(  # noqa: S603 - ssh, with one word that is quoted for the robot's shell
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors
-        )
-    except FileNotFoundError:
-        raise ConfigurationError("there is no ssh here: sudo apt-get install openssh-client") from None
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -161,19 +162,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.stdout.close()
 
 
-def _events(process: subprocess.Popen[bytes]) -> Iterator[Event]:
-    """The robot's events; what its shell says of itself when it starts is none."""
-    for line in process.stdout or ():
-        try:
-            event = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(event, dict) and isinstance(event.get("event"), str):
-            yield event
-
-
 def _send(process: subprocess.Popen[bytes], *pieces: bytes) -> None:
-    """Send; where the other end has gone, its last words tell more than a broken pipe."""
+    """Send; where the other end has gone, its last message is worth more than a broken pipe."""
     with contextlib.suppress(BrokenPipeError):
         for piece in pieces:
             if process.stdin is not None:

@@ -2,14 +2,11 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 from segway_ecc.deploy.release.agent.files import is_safe
 from segway_ecc.deploy.release.agent.install import ROBOT_FILE
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
-
-_NOT_NEEDED: Final = ("__pycache__",)
 
 
 def robot_files(path: Path, file: RobotFile) -> dict[str, Path]:
@@ -40,7 +37,7 @@ def _beside(folder: Path, source: str) -> Iterator[Path]:
         if place.is_file():
             yield place
         elif place.is_dir() and source and folder.resolve() in place.resolve().parents:
-            yield from (at for at in sorted(place.rglob("*")) if at.is_file() and not set(_NOT_NEEDED) & set(at.parts))
+            yield from (at for at in sorted(place.rglob("*")) if at.is_file() and "__pycache__" not in at.parts)
         else:
             continue
         return

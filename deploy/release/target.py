@@ -1,4 +1,4 @@
-"""Which wheels fit a robot, from what it says of itself; the names are those of PEP 425, 600 and 656."""
+"""Which wheels fit a robot, from what it reports of itself; the names are those of PEP 425, 600 and 656."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Target:
 
 
 def target_from(probe: Mapping[str, Any]) -> Target:
-    """The target as its probe tells it.
+    """The target by the answer to a probe.
 
     Raises:
         UpdateRefusedError: No wheels are made for such a machine.

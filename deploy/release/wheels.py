@@ -41,7 +41,8 @@ def collect(wheel: Path, extras: Sequence[str], target: Target, folder: Path, *,
     Raises:
         ConfigurationError: Something has no wheel for it, or the index cannot be reached.
     """
-    cache = _cache_folder() / target.key
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    cache = caches / "segway-ecc" / "wheels" / target.key
     cache.mkdir(parents=True, exist_ok=True)
     named = f"[{','.join(sorted(extras))}]" if extras else ""
     words = ["download", *target.pip_options, "--find-links", str(cache), "--dest", str(folder)]
@@ -65,20 +66,16 @@ def _from_index(words: Sequence[str], cache: Path) -> subprocess.CompletedProces
     done = _pip(words)
     for _ in range(_MOST_BUILT):
         lacking = _NO_WHEEL.search(done.stderr)
-        if not done.returncode or lacking is None or not _build(lacking[1], cache):
+        if not done.returncode or lacking is None:
             break
+        with tempfile.TemporaryDirectory(prefix="segway-ecc-wheel-") as folder:
+            _pip(["wheel", "--no-deps", "--wheel-dir", folder, lacking[1]])
+            built = next(Path(folder).glob("*-none-any.whl"), None)  # the same on every machine
+            if built is None:
+                break
+            _keep(built, cache)
         done = _pip(words)
     return done
-
-
-def _build(requirement: str, cache: Path) -> bool:
-    """Build a wheel of what is the same on every machine; False where there is no such thing."""
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-wheel-") as folder:
-        _pip(["wheel", "--no-deps", "--wheel-dir", folder, requirement])
-        built = next(Path(folder).glob("*-none-any.whl"), None)
-        if built is not None:
-            _keep(built, cache)
-    return built is not None
 
 
 def _keep(path: Path, cache: Path) -> None:
@@ -87,11 +84,6 @@ def _keep(path: Path, cache: Path) -> None:
         new = cache / f".{path.name}.{os.getpid()}"
         shutil.copyfile(path, new)
         new.replace(kept)
-
-
-def _cache_folder() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "segway-ecc" / "wheels"
 
 
 def _pip(words: Sequence[str]) -> subprocess.CompletedProcess[str]:
@@ -103,4 +95,4 @@ def _last(text: str) -> str:
     lines = [line.removeprefix("ERROR: ") for line in text.splitlines() if line.startswith("ERROR")]
     with contextlib.suppress(IndexError):
         return (lines or text.strip().splitlines())[-1]
-    return "pip does not say why"
+    return "pip gives no reason"

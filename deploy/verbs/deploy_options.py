@@ -1,13 +1,15 @@
 """What the verbs that update a robot over ssh share: options, progress, and how an update ended."""
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import Any, Final
 
+from segway_ecc.deploy.release.agent.update import Rules
 from segway_ecc.deploy.release.errors import UpdateFailedError
 from segway_ecc.deploy.release.host import Event, Host
-from segway_ecc.deploy.release.requests import RemotePaths, Trying
+from segway_ecc.deploy.release.requests import RemotePaths
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 
@@ -46,23 +48,26 @@ def connection(options: argparse.Namespace) -> Host:
     return Host(options.host, config=options.ssh_config, sudo=options.sudo)
 
 
-def place(options: argparse.Namespace) -> RemotePaths:
+def paths(options: argparse.Namespace) -> RemotePaths:
     """Where releases and the robot file lie on the robot."""
     return RemotePaths(options.root, options.config)
 
 
-def trial(options: argparse.Namespace) -> Trying:
-    """How a version proves healthy.
+def rules(options: argparse.Namespace) -> Rules:
+    """How a version proves healthy; the command as words, since no shell will see it.
 
     Raises:
-        ConfigurationError: A figure is out of its range.
+        ConfigurationError: A figure is out of its range, or the command cannot be split.
     """
     for name in ("trial", "start"):
         if not 0.0 < getattr(options, name) <= _LONGEST_S:
             raise ConfigurationError(f"--{name} must be more than 0 s and at most {_LONGEST_S:g} s")
     if not 1 <= options.keep <= _MOST_KEPT:
         raise ConfigurationError(f"--keep must be 1 to {_MOST_KEPT}")
-    return Trying(options.trial, options.start, options.keep, options.restart)
+    try:
+        return Rules(options.trial, options.start, options.keep, shlex.split(options.restart))
+    except ValueError as error:
+        raise ConfigurationError(f"--restart: {error}") from None
 
 
 def show_step(event: Event) -> None:

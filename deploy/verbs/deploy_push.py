@@ -15,10 +15,10 @@ from segway_ecc.deploy.verbs.deploy_options import (
     add_host,
     add_trial,
     connection,
-    place,
+    paths,
     report_end,
+    rules,
     show_step,
-    trial,
 )
 from segway_ecc.node.cli.options import robot_file
 from segway_ecc.node.config import packaged_robots
@@ -58,4 +58,4 @@ def run(options: argparse.Namespace) -> int:
             path = _PACKAGED / f"{options.robot}.yaml" if is_packaged else Path(options.robot)
             robot = robot_files(path, robot_file(loaded))
         content = Content(options.wheel, robot, options.extra, options.ros, options.refresh, options.again)
-        return report_end(push(host, place(options), trial(options), content, show_step), options)
+        return report_end(push(host, paths(options), rules(options), content, show_step), options)

@@ -11,10 +11,10 @@ from segway_ecc.deploy.verbs.deploy_options import (
     add_host,
     add_trial,
     connection,
-    place,
+    paths,
     report_end,
+    rules,
     show_step,
-    trial,
 )
 
 
@@ -28,4 +28,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Go back, and wait until the release is healthy."""
     with connection(options) as host:
-        return report_end(rollback(host, place(options), trial(options), options.to, show_step), options)
+        return report_end(rollback(host, paths(options), rules(options), options.to, show_step), options)

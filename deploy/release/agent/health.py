@@ -6,12 +6,12 @@ from typing import Final
 from segway_ecc.deploy.release.agent.services import NODE, Service, show
 
 _POSTURE: Final = frozenset({"imu_still", "tilt", "wheels_still"})
-"""Items of the checklist that tell how the robot stands, not how well its software runs."""
+"""Pre-arm checks of how the robot stands, not of how well its software runs."""
 RATE_TOLERANCE: Final = 0.01
 
 
 class Trial:
-    """Watches a node that was just restarted; pure: it is told what systemd shows, and when.
+    """Watches a node that was just restarted; pure: it is given what systemd shows, and when.
 
     Args:
         for_s: How long it must be healthy on end, s.
@@ -28,7 +28,7 @@ class Trial:
         self.reason = "nothing was seen of it yet"
 
     def watch(self, node: Service, elapsed_s: float) -> bool | None:
-        """True once it is healthy, False once it is not and `reason` says why, None while that is open."""
+        """True once it is healthy, False once it is not, for `reason`, None while that is open."""
         if (fatal := self._fatal(node)) is not None:
             self.reason = fatal
             return False
@@ -58,10 +58,10 @@ class Trial:
         if node.active != "active":
             return f"{NODE} is still {node.active} ({node.sub})"
         if node.status is None:
-            return f"{NODE} says nothing of itself"
+            return f"{NODE} reports no status"
         rate = node.status.get("rate_hz")
         if not isinstance(rate, int | float):
-            return "the node does not tell its rate"
+            return "the node does not report its rate"
         if self._rate_hz is not None and not abs(rate - self._rate_hz) <= RATE_TOLERANCE * self._rate_hz:
             return f"its loop runs at {rate:g} Hz instead of {self._rate_hz:g} Hz"
         blocked = node.blocked_by() - _POSTURE - self._before.blocked_by()

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Final
 from segway_ecc.deploy.release.agent.environment import write_environment
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder
 from segway_ecc.deploy.release.agent.journal import stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, NAME, FileDigest, ReleaseManifest, entries_of
+from segway_ecc.deploy.release.agent.manifest import NAME, FileDigest, ReleaseManifest, entries_of
 from segway_ecc.deploy.release.agent.report import Reporter
 from segway_ecc.deploy.release.agent.store import Store
 
@@ -22,7 +22,7 @@ _GROWTH: Final = 4
 """How much larger wheels are once they are installed, together with themselves."""
 _SPARE_BYTES: Final = 64 * 2**20
 _CHUNK: Final = 2**18
-_MODESTLY: Final = ("nice", "-n", "10")
+_NICE: Final = ("nice", "-n", "10")
 """The robot's own programs, and the connection that this is asked over, come first."""
 _INSTALL_S: Final = 1800.0
 _TEST_S: Final = 120.0
@@ -34,7 +34,7 @@ class ReleaseSpec:
 
     Attributes:
         name: Of the release.
-        version: What it has to say of itself.
+        version: What its `--version` has to print.
         by: Who pushes it.
         requirement: What pip is to install: a wheel of the release, perhaps with extras.
         system_site: Whether it sees the system's Python packages, as for the system's ROS.
@@ -63,131 +63,105 @@ def release_spec_from(request: Mapping[str, Any]) -> ReleaseSpec:
     return ReleaseSpec(system_site=bool(request["system_site"]), files=files, **fields)
 
 
-def room_needed(wanted: ReleaseSpec) -> int:
-    """Bytes that the disk must have free."""
-    return _GROWTH * sum(entry.size for entry in wanted.files.values()) + _SPARE_BYTES
-
-
-def check_room(store: Store, wanted: ReleaseSpec) -> None:
+def check_free_space(store: Store, spec: ReleaseSpec) -> None:
     """Refuse what does not fit.
 
     Raises:
-        AgentRefusedError: The disk has too little room.
+        AgentRefusedError: The disk has too little free space.
     """
-    state, needed = os.statvfs(store.root), room_needed(wanted)
+    state = os.statvfs(store.root)
+    needed = _GROWTH * sum(digest.size for digest in spec.files.values()) + _SPARE_BYTES
     free = state.f_bavail * state.f_frsize
     if free < needed:
         raise AgentRefusedError(f"{store.root} has {free / 1e6:.0f} MB free and {needed / 1e6:.0f} MB are needed")
 
 
-def receive(store: Store, wanted: ReleaseSpec, stream: BinaryIO, reporter: Reporter) -> None:
+def receive(store: Store, spec: ReleaseSpec, stream: BinaryIO, reporter: Reporter) -> None:
     """Take what the robot does not have yet; files that are whole are kept when the connection is cut.
 
     Raises:
         AgentRefusedError: A file did not arrive as announced.
     """
-    folder = store.incoming(wanted.name)
-    _reopen(store, wanted.name)
-    others = store.complete()  # once: reading a manifest of thousands of files takes a small computer a second
-    for path, entry in wanted.files.items():
-        place = folder / path
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if not _is_there(place, entry):
-            _borrow(store, others, path, entry, place)
-    missing = [path for path, entry in wanted.files.items() if not _is_there(folder / path, entry)]
-    reporter.event("need", files=missing)
-    for path in missing:
-        _take(stream, folder / path, wanted.files[path])
-    _drop_others(folder, set(wanted.files))
-    folder.rename(store.folder(wanted.name))
-    sync_folder(store.releases)
-
-
-def install(store: Store, wanted: ReleaseSpec, reporter: Reporter) -> None:
-    """Make the virtual environment, and complete the release: its manifest comes last, once all is on the disk.
-
-    Raises:
-        AgentRefusedError: Python or pip cannot do it.
-    """
-    folder = store.folder(wanted.name)
-    reporter.step("venv")
-    options = ["--system-site-packages"] if wanted.system_site else []
-    _must([sys.executable, "-I", "-m", "venv", "--without-pip", *options, str(folder / "venv")], _INSTALL_S)
-    reporter.step("install")
-    pip = next((path for path in wanted.files if path.startswith("wheels/pip-")), None)
-    if pip is None:
-        raise AgentRefusedError("the push brings no pip")
-    python, wheels = str(folder / "venv" / "bin" / "python"), str(folder / "wheels")
-    what = str(folder / wanted.requirement)
-    quiet = ["--no-index", "--no-cache-dir", "--disable-pip-version-check", "--quiet", "--root-user-action=ignore"]
-    _must([python, "-I", str(folder / pip / "pip"), "install", *quiet, "--find-links", wheels, what], _INSTALL_S)
-    reporter.step("complete")
-    write_environment(folder)
-    manifest = ReleaseManifest(wanted.name, wanted.version, stamp(), wanted.by, entries_of(folder))
-    os.sync()
-    manifest.write(folder)
-
-
-def self_test(store: Store, manifest: ReleaseManifest, robot: Path) -> ReleaseManifest:
-    """Have the release say its version and load the robot file, before anything is switched.
-
-    Raises:
-        AgentRefusedError: It does not.
-    """
-    folder = store.folder(manifest.name)
-    command = str(folder / "venv" / "bin" / "segway-ecc")
-    said = _must([command, "--version"], _TEST_S).strip()
-    if said != manifest.version:
-        raise AgentRefusedError(f"{command} --version says {said!r}, not {manifest.version!r}")
-    found = _must([command, "deploy", "check", "--json", str(robot)], _TEST_S)
-    try:
-        rate_hz = float(json.loads(found)["rate_hz"])
-    except (ValueError, KeyError, TypeError):
-        raise AgentRefusedError(f"{command} deploy check does not tell the robot's rate") from None
-    tested = dataclasses.replace(manifest, rate_hz=rate_hz)
-    if tested != manifest:
-        tested.write(folder)
-    return tested
-
-
-def robot_of(store: Store, name: str, config: Path) -> Path:
-    """The robot file that a release runs with: its own, else that of the machine."""
-    own = store.folder(name) / ROBOT_FILE
-    return own if own.exists() else config / "robot.yaml"
-
-
-def refuse_failed(manifest: ReleaseManifest | None, *, again: bool) -> None:
-    """Refuse what was not healthy before.
-
-    Raises:
-        AgentRefusedError: It was not, and nobody said to try again.
-    """
-    if manifest is not None and manifest.state == FAILED and not again:
-        raise AgentRefusedError(f"{manifest.name} failed before: {manifest.reason}; mend it, or push with --again")
-
-
-def is_healthy(manifest: ReleaseManifest | None) -> bool:
-    """Whether a release was found healthy."""
-    return manifest is not None and manifest.state == HEALTHY
-
-
-def _reopen(store: Store, name: str) -> None:
-    """What an interrupted push left of the same release is used again, but for what it had installed."""
-    folder, incoming = store.folder(name), store.incoming(name)
-    if incoming.exists() and folder.exists():
-        store.remove(name)
+    folder, incoming = store.folder(spec.name), store.incoming(spec.name)
+    # What an interrupted push left of the same release is used again, but for what it had installed.
+    if folder.exists() and incoming.exists():
+        store.remove(spec.name)
     elif folder.exists():
         (folder / NAME).unlink(missing_ok=True)
         folder.rename(incoming)
     shutil.rmtree(incoming / "venv", ignore_errors=True)
     incoming.mkdir(parents=True, exist_ok=True)
+    others = store.complete()  # once: reading a manifest of thousands of files takes a small computer a second
+    for path, digest in spec.files.items():
+        place = incoming / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if digest.mismatch(place):
+            _reuse_file(store, others, path, digest, place)
+    missing = [path for path, digest in spec.files.items() if digest.mismatch(incoming / path)]
+    reporter.event("need", files=missing)
+    for path in missing:
+        _receive_file(stream, incoming / path, spec.files[path])
+    for place in incoming.rglob("*"):
+        if not place.is_dir() and place.relative_to(incoming).as_posix() not in spec.files:
+            place.unlink()
+    incoming.rename(folder)
+    sync_folder(store.releases)
 
 
-def _borrow(store: Store, others: Sequence[ReleaseManifest], path: str, entry: FileDigest, place: Path) -> None:
+def install(store: Store, spec: ReleaseSpec, reporter: Reporter) -> None:
+    """Make the virtual environment, and complete the release: its manifest comes last, once all is on the disk.
+
+    Raises:
+        AgentRefusedError: Python or pip cannot do it.
+    """
+    folder = store.folder(spec.name)
+    reporter.step("venv")
+    options = ["--system-site-packages"] if spec.system_site else []
+    _run([sys.executable, "-I", "-m", "venv", "--without-pip", *options, str(folder / "venv")], _INSTALL_S)
+    reporter.step("install")
+    pip = next((path for path in spec.files if path.startswith("wheels/pip-")), None)
+    if pip is None:
+        raise AgentRefusedError("the push brings no pip")
+    python, wheels = str(folder / "venv" / "bin" / "python"), str(folder / "wheels")
+    what = str(folder / spec.requirement)
+    quiet = ["--no-index", "--no-cache-dir", "--disable-pip-version-check", "--quiet", "--root-user-action=ignore"]
+    _run([python, "-I", str(folder / pip / "pip"), "install", *quiet, "--find-links", wheels, what], _INSTALL_S)
+    reporter.step("complete")
+    write_environment(folder)
+    manifest = ReleaseManifest(spec.name, spec.version, stamp(), spec.by, entries_of(folder))
+    os.sync()
+    manifest.write(folder)
+
+
+def self_test(store: Store, manifest: ReleaseManifest, config: Path, reporter: Reporter) -> None:
+    """Have the release print its version and load the robot file, before anything is switched.
+
+    Raises:
+        AgentRefusedError: It does not.
+    """
+    reporter.step("selftest")
+    folder = store.folder(manifest.name)
+    own = folder / ROBOT_FILE
+    robot = own if own.exists() else config / "robot.yaml"
+    command = str(folder / "venv" / "bin" / "segway-ecc")
+    version = _run([command, "--version"], _TEST_S).strip()
+    if version != manifest.version:
+        raise AgentRefusedError(f"{command} --version prints {version!r}, not {manifest.version!r}")
+    found = _run([command, "deploy", "check", "--json", str(robot)], _TEST_S)
+    try:
+        rate_hz = float(json.loads(found)["rate_hz"])
+    except (ValueError, KeyError, TypeError):
+        raise AgentRefusedError(f"{command} deploy check does not print the robot's rate") from None
+    tested = dataclasses.replace(manifest, rate_hz=rate_hz)
+    if tested != manifest:
+        tested.write(folder)
+
+
+def _reuse_file(store: Store, others: Sequence[ReleaseManifest], path: str, digest: FileDigest, place: Path) -> None:
     """Take a file from another release that has it."""
     for manifest in others:
         theirs = store.folder(manifest.name) / path
-        if manifest.files.get(path) == entry and _is_there(theirs, entry):
+        if manifest.files.get(path) == digest and not digest.mismatch(theirs):
             place.unlink(missing_ok=True)
             if path.startswith("wheels/"):
                 place.hardlink_to(theirs)
@@ -196,36 +170,23 @@ def _borrow(store: Store, others: Sequence[ReleaseManifest], path: str, entry: F
             return
 
 
-def _is_there(place: Path, entry: FileDigest) -> bool:
-    try:
-        return place.stat().st_size == entry.size and sha256_of(place) == entry.sha256
-    except OSError:
-        return False
-
-
-def _take(stream: BinaryIO, place: Path, entry: FileDigest) -> None:
+def _receive_file(stream: BinaryIO, place: Path, digest: FileDigest) -> None:
     part = place.with_name(f".{place.name}.part")
-    left = entry.size
+    left = digest.size
     with part.open("wb") as file:
         while left and (piece := stream.read(min(left, _CHUNK))):
             file.write(piece)
             left -= len(piece)
-    if left or sha256_of(part) != entry.sha256:
+    if left or sha256_of(part) != digest.sha256:
         part.unlink()
         raise AgentRefusedError(f"{place.name} did not arrive whole; push again")
     part.replace(place)
 
 
-def _drop_others(folder: Path, paths: set[str]) -> None:
-    for place in folder.rglob("*"):
-        if not place.is_dir() and place.relative_to(folder).as_posix() not in paths:
-            place.unlink()
-
-
-def _must(words: Sequence[str], within_s: float) -> str:
+def _run(words: Sequence[str], within_s: float) -> str:
     try:
         done = subprocess.run(  # noqa: S603 - our own words, each an argument of its own
-            [*_MODESTLY, *words],
+            [*_NICE, *words],
             capture_output=True,
             text=True,
             timeout=within_s,

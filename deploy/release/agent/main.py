@@ -9,17 +9,15 @@ from typing import Any, BinaryIO, Final
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, locked, write_whole
 from segway_ecc.deploy.release.agent.install import (
-    check_room,
+    ReleaseSpec,
+    check_free_space,
     install,
-    is_healthy,
     receive,
-    refuse_failed,
     release_spec_from,
-    robot_of,
     self_test,
 )
 from segway_ecc.deploy.release.agent.journal import Transaction, stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, ReleaseManifest
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, ReleaseManifest
 from segway_ecc.deploy.release.agent.report import Reporter
 from segway_ecc.deploy.release.agent.robot_link import is_robot_file_linked, link_robot_file
 from segway_ecc.deploy.release.agent.services import NODE, show
@@ -53,14 +51,10 @@ def serve(agent: bytes, stream: BinaryIO, reporter: Reporter) -> int:
             case "status":
                 reporter.event("end", **status(store, verify=bool(request["verify"])))
                 return 0
-        _prepare(store)
+        store.releases.mkdir(parents=True, exist_ok=True)
         with locked(store.root):
             write_whole(store.root / AGENT, agent)
-            rules = Rules(**request["rules"])
-            reporter.step("check")
-            if request["verb"] == "rollback":
-                return _rollback(store, request, rules, reporter, stream)
-            return _push(store, request, rules, reporter, stream)
+            return _change_release(store, request, reporter, stream)
     except AgentRefusedError as error:
         reporter.event("refused", text=str(error))
     except PermissionError as error:
@@ -71,7 +65,7 @@ def serve(agent: bytes, stream: BinaryIO, reporter: Reporter) -> int:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """`settle [ROOT]`: before the services start, leave an update that the power cut interrupted."""
+    """`settle [ROOT]`: before the services start, go back from an update that the power cut interrupted."""
     if arguments[:1] != ["settle"]:
         sys.stderr.write("usage: agent.pyz settle [ROOT]\n")
         return 2
@@ -88,61 +82,76 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _prepare(store: Store) -> None:
-    store.releases.mkdir(parents=True, exist_ok=True)
-
-
-def _push(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
-    wanted, config = release_spec_from(request["release"]), Path(request["config"])
-    _refuse_unsafe()
+def _change_release(store: Store, request: Mapping[str, Any], reporter: Reporter, stream: BinaryIO) -> int:
+    rules, kind = Rules(**request["rules"]), request["verb"]
+    reporter.step("check")
+    node = show()
+    if node.load != "loaded":
+        raise AgentRefusedError(f"{NODE} is not installed there ({node.load}): see the first steps in docs/deploy.md")
+    if (why_not := node.why_not_safe()) is not None:
+        raise AgentRefusedError(why_not)
     recover(store, reporter, rules.restart, restarts=True)
-    found = store.manifest(wanted.name)
-    refuse_failed(found, again=bool(request["again"]))
-    whole = _is_whole(store, wanted.name)
-    if whole and is_healthy(found) and store.current() == wanted.name:
-        store.tidy(set())
-        store.prune(rules.keep, set())
-        reporter.event("end", outcome="already", reason="", release=wanted.name, current=wanted.name)
-        return 0
-    if not whole:
-        if store.current() == wanted.name:
+    if kind == "rollback":
+        name, by = _prepare_rollback(store, request, reporter), str(request["by"])
+    else:
+        spec = release_spec_from(request["release"])
+        name, by = spec.name, spec.by
+        if not _prepare_push(store, spec, request, reporter, stream):
+            store.tidy(set())
+            store.prune(rules.keep, set())
+            reporter.event("end", outcome="already", reason="", release=name, current=name)
+            return 0
+    # Switch only while somebody is there: a connection that was cut, even silently, never sends `go`.
+    reporter.event("ready")
+    if stream.readline() != b"go\n":
+        raise AgentRefusedError("the connection ended before the switch: nothing was switched")
+    transaction = Transaction(kind, name, _way_back(store, name), by, stamp())
+    return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
+
+
+def _prepare_push(
+    store: Store, spec: ReleaseSpec, request: Mapping[str, Any], reporter: Reporter, stream: BinaryIO
+) -> bool:
+    """Have a release complete and tested; False where it is in use and healthy already."""
+    found = store.manifest(spec.name)
+    if found is not None and found.state == FAILED and not request["again"]:
+        raise AgentRefusedError(f"{found.name} failed before: {found.reason}; fix it, or push with --again")
+    is_current = store.current() == spec.name
+    try:
+        store.verify(spec.name)
+    except AgentRefusedError:
+        if is_current:
             raise AgentRefusedError(
-                f"{wanted.name} is in use and was changed by hand: roll back first, then push it again"
-            )
-        store.tidy({wanted.name, store.incoming(wanted.name).name})
-        check_room(store, wanted)
+                f"{spec.name} is in use and was changed by hand: roll back first, then push it again"
+            ) from None
+        store.tidy({spec.name, store.incoming(spec.name).name})
+        check_free_space(store, spec)
         reporter.step("receive")
-        receive(store, wanted, stream, reporter)
-        install(store, wanted, reporter)
-        found = store.manifest(wanted.name)
+        receive(store, spec, stream, reporter)
+        install(store, spec, reporter)
+        found = store.manifest(spec.name)
     if found is None:
-        raise AgentRefusedError(f"{wanted.name} was not completed")
-    reporter.step("selftest")
-    self_test(store, found, robot_of(store, wanted.name, config))
-    link_robot_file(store, config, wanted.name)
-    _await_go(stream, reporter)
-    transaction = Transaction("push", wanted.name, _way_back(store, wanted.name), wanted.by, stamp())
-    return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
+        raise AgentRefusedError(f"{spec.name} was not completed")
+    if is_current and found.state == HEALTHY:
+        return False
+    config = Path(request["config"])
+    self_test(store, found, config, reporter)
+    link_robot_file(store, config, spec.name)
+    return True
 
 
-def _rollback(store: Store, request: Mapping[str, Any], rules: Rules, reporter: Reporter, stream: BinaryIO) -> int:
-    config, target = Path(request["config"]), request["to"]
-    _refuse_unsafe()
-    recover(store, reporter, rules.restart, restarts=True)
-    target = target or store.before(store.current())
-    if target is None:
+def _prepare_rollback(store: Store, request: Mapping[str, Any], reporter: Reporter) -> str:
+    """Have the release tested that is gone back to; its name."""
+    config, name = Path(request["config"]), request["to"] or store.before(store.current())
+    if name is None:
         raise AgentRefusedError("there is no older healthy release to go back to; name one with --to")
-    if target == store.current():
-        raise AgentRefusedError(f"{target} is in use already")
-    store.verify(target)
-    reporter.step("selftest")
-    manifest = store.manifest(target) or ReleaseManifest(target)
-    self_test(store, manifest, robot_of(store, target, config))
+    if name == store.current():
+        raise AgentRefusedError(f"{name} is in use already")
+    store.verify(name)
+    self_test(store, store.manifest(name) or ReleaseManifest(name), config, reporter)
     if is_robot_file_linked(store, config):
-        link_robot_file(store, config, target)
-    _await_go(stream, reporter)
-    transaction = Transaction("rollback", target, _way_back(store, target), str(request["by"]), stamp())
-    return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
+        link_robot_file(store, config, name)
+    return str(name)
 
 
 def _way_back(store: Store, name: str) -> str | None:
@@ -151,27 +160,4 @@ def _way_back(store: Store, name: str) -> str | None:
     manifest = store.manifest(current) if current is not None else None
     if manifest is not None and manifest.state != FAILED and current != name:
         return current
-    return next((m.name for m in reversed(store.complete()) if is_healthy(m) and m.name != name), None)
-
-
-def _await_go(stream: BinaryIO, reporter: Reporter) -> None:
-    """Switch only while somebody is there: a connection that was cut, even silently, never says go."""
-    reporter.event("ready")
-    if stream.readline() != b"go\n":
-        raise AgentRefusedError("the connection ended before the switch: nothing was switched")
-
-
-def _is_whole(store: Store, name: str) -> bool:
-    try:
-        store.verify(name)
-    except AgentRefusedError:
-        return False
-    return True
-
-
-def _refuse_unsafe() -> None:
-    node = show()
-    if node.load != "loaded":
-        raise AgentRefusedError(f"{NODE} is not installed there ({node.load}): see the first steps in docs/deploy.md")
-    if (why_not := node.why_not_safe()) is not None:
-        raise AgentRefusedError(why_not)
+    return next((m.name for m in reversed(store.complete()) if m.state == HEALTHY and m.name != name), None)

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from segway_ecc.deploy.release.agent.files import sha256_of, write_whole
 
@@ -24,6 +24,14 @@ class FileDigest:
     sha256: str
     size: int
 
+    def mismatch(self, path: Path) -> str:
+        """What is wrong with a file that should be this one; empty where it is."""
+        try:
+            same = path.stat().st_size == self.size and sha256_of(path) == self.sha256
+        except OSError:
+            return "is missing"
+        return "" if same else "was changed"
+
 
 @dataclass(frozen=True, slots=True)
 class ReleaseManifest:
@@ -31,7 +39,7 @@ class ReleaseManifest:
 
     Attributes:
         name: Of its folder.
-        version: What its `segway-ecc --version` says.
+        version: What its `segway-ecc --version` prints.
         created: When it was completed, ISO 8601, UTC.
         by: Who pushed it.
         files: Every file of it by its path, but for compiled Python.
@@ -64,11 +72,10 @@ def read_manifest(folder: Path) -> ReleaseManifest | None:
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
     texts = {key: str(found[key]) for key in ("version", "created", "by", "state", "reason") if key in found}
-    return ReleaseManifest(name=folder.name, files=files, rate_hz=_number(found.get("rate_hz")), **texts)
-
-
-def _number(value: Any) -> float | None:  # noqa: ANN401 - anything that JSON can hold
-    return float(value) if isinstance(value, int | float) else None
+    rate = found.get("rate_hz")
+    return ReleaseManifest(
+        name=folder.name, files=files, rate_hz=float(rate) if isinstance(rate, int | float) else None, **texts
+    )
 
 
 def entries_of(folder: Path) -> dict[str, FileDigest]:
@@ -81,13 +88,5 @@ def entries_of(folder: Path) -> dict[str, FileDigest]:
 
 
 def differences(folder: Path, files: Mapping[str, FileDigest]) -> list[str]:
-    """The files that are not as the manifest says, with what is wrong; none for a release that is whole."""
-    return [f"{path} {wrong}" for path, entry in files.items() if (wrong := _wrong(folder / path, entry))]
-
-
-def _wrong(path: Path, entry: FileDigest) -> str:
-    try:
-        same = path.stat().st_size == entry.size and sha256_of(path) == entry.sha256
-    except OSError:
-        return "is missing"
-    return "" if same else "was changed"
+    """The files that are not as in the manifest, with what is wrong; none for a release that is whole."""
+    return [f"{path} {wrong}" for path, digest in files.items() if (wrong := digest.mismatch(folder / path))]

@@ -1,4 +1,4 @@
-"""What the robot tells the machine that asked: one JSON object a line."""
+"""What the robot reports to the machine that asked: one JSON object a line."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ class Reporter:
         self.event("step", step=name)
 
     def event(self, event: str, **values: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
-        """Tell an event."""
+        """Send an event."""
         line = json.dumps({"event": event, **values}).encode() + b"\n"
         with contextlib.suppress(*(() if self._is_attached else (OSError, ValueError))):
             self._stream.write(line)

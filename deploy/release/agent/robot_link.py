@@ -18,28 +18,23 @@ def is_robot_file_linked(store: Store, config: Path) -> bool:
 
 
 def link_robot_file(store: Store, config: Path, name: str) -> None:
-    """Lead the configuration to the releases' robot files, if this release brings one.
+    """Link the configuration to the releases' robot files, if this release brings one.
 
     What was there is kept beside it, and releases that have none lead to it, so that a rollback finds it; for those in
     use nothing changes.
     """
-    machine = config / "robot.yaml"
-    brings_one = (store.folder(name) / ROBOT_FILE).exists()
-    if not brings_one and not is_robot_file_linked(store, config):
-        return
-    if not is_robot_file_linked(store, config):
+    machine, backup = config / "robot.yaml", config / BACKUP
+    is_linked = is_robot_file_linked(store, config)
+    if not is_linked:
+        if not (store.folder(name) / ROBOT_FILE).exists():
+            return
         config.mkdir(parents=True, exist_ok=True)
         if machine.exists():
-            shutil.copyfile(machine, config / BACKUP)
-    if (config / BACKUP).exists():
-        _give(store, config / BACKUP)
-    if not is_robot_file_linked(store, config):
-        link_whole(machine, str(store.root / "current" / ROBOT_FILE))
-
-
-def _give(store: Store, backup: Path) -> None:
-    for manifest in store.complete():
+            shutil.copyfile(machine, backup)
+    for manifest in store.complete() if backup.exists() else ():
         place = store.folder(manifest.name) / ROBOT_FILE
         if not place.exists():
             place.parent.mkdir(exist_ok=True)
             link_whole(place, str(backup))  # a link, so that the models that stand beside the machine's are found
+    if not is_linked:
+        link_whole(machine, str(store.root / "current" / ROBOT_FILE))

@@ -25,7 +25,7 @@ class Service:
         sub: More of that, such as `running` or `auto-restart`.
         restarts: How often systemd restarted it by itself.
         pid: Its process; 0 for none.
-        status: What the node says of itself: mode, reason, rate_hz, late, blocked_by; empty where it says nothing.
+        status: What the node reports: mode, reason, rate_hz, late, blocked_by; None where it reports nothing.
     """
 
     load: str = "not-found"
@@ -37,26 +37,26 @@ class Service:
 
     @property
     def mode(self) -> str | None:
-        """The robot's mode; None where the node runs and does not say, or does not run."""
+        """The robot's mode; None where the node runs and does not report it, or does not run."""
         return str(self.status["mode"]) if self.status and "mode" in self.status else None
 
     @property
     def is_armed(self) -> bool:
-        """Whether the node runs and says that the robot is armed."""
+        """Whether the node runs and reports that the robot is armed."""
         return self.pid != 0 and self.mode in ARMED
 
     def why_not_safe(self) -> str | None:
-        """What speaks against a restart: a node that runs and is armed, or does not say whether it is."""
+        """What rules out a restart: a node that runs and is armed, or does not report whether it is."""
         if self.pid == 0:
             return None
         if self.is_armed:
             return f"the robot is {self.mode}: disarm it first"
         if self.mode is None and self.active == "active":
-            return "the node does not say whether the robot is armed: stop it first (systemctl stop segway-ecc-node)"
+            return "the node does not report whether the robot is armed: stop it first (systemctl stop segway-ecc-node)"
         return None
 
     def blocked_by(self) -> frozenset[str]:
-        """The items of the checklist that keep the robot from arming."""
+        """The names of the pre-arm checks that fail."""
         texts = (self.status or {}).get("blocked_by", ())
         return frozenset(str(text).partition(":")[0] for text in texts)
 
@@ -71,13 +71,17 @@ def show(unit: str = NODE) -> Service:
     if done.returncode:
         raise AgentRefusedError(f"systemctl show {unit}: {done.stderr.strip() or done.returncode}")
     found = dict(line.split("=", 1) for line in done.stdout.splitlines() if "=" in line)
+    try:
+        status = json.loads(found.get("StatusText", ""))
+    except ValueError:
+        status = None
     return Service(
         load=found.get("LoadState", ""),
         active=found.get("ActiveState", ""),
         sub=found.get("SubState", ""),
         restarts=_whole(found.get("NRestarts", "")),
         pid=_whole(found.get("MainPID", "")),
-        status=_status(found.get("StatusText", "")),
+        status=status if isinstance(status, dict) else None,
     )
 
 
@@ -106,14 +110,6 @@ def _run(words: Sequence[str], within_s: float) -> subprocess.CompletedProcess[s
         raise AgentRefusedError(f"{words[0]} cannot be run: {error.strerror}") from None
     except subprocess.TimeoutExpired:
         raise AgentRefusedError(f"{' '.join(words)} took longer than {within_s:g} s") from None
-
-
-def _status(text: str) -> Mapping[str, Any] | None:
-    try:
-        found = json.loads(text)
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) else None
 
 
 def _whole(text: str) -> int:

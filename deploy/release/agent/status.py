@@ -12,6 +12,7 @@ from typing import Any
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_locked
 from segway_ecc.deploy.release.agent.journal import Journal
+from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
 from segway_ecc.deploy.release.agent.robot_link import is_robot_file_linked
 from segway_ecc.deploy.release.agent.services import show
 from segway_ecc.deploy.release.agent.store import Store
@@ -32,7 +33,7 @@ def probe(store: Store, config: Path) -> dict[str, Any]:
         "pointer_bits": struct.calcsize("P") * 8,
         "libc": list(platform.libc_ver()),
         "soabi": sysconfig.get_config_var("SOABI") or "",
-        "system_ros": _has_system_ros(),
+        "system_ros": any(Path("/opt/ros").glob("*/setup.sh")) or importlib.util.find_spec("rclpy") is not None,
         "robot_files": robot,
         "has_robot_file": (config / "robot.yaml").exists(),
     }
@@ -41,47 +42,36 @@ def probe(store: Store, config: Path) -> dict[str, Any]:
 def status(store: Store, *, verify: bool) -> dict[str, Any]:
     """The releases, the one in use, the last update and the node."""
     current, journal = store.current(), Journal(store.root)
-    pending = journal.pending()
+    pending, last = journal.pending(), journal.last()
+    try:
+        node = dataclasses.asdict(show())
+    except AgentRefusedError as error:
+        node = {"active": "unknown", "reason": str(error)}
+    try:
+        disk = os.statvfs(store.root)
+        free_mb = round(disk.f_bavail * disk.f_frsize / 1e6, 1)
+    except OSError:
+        free_mb = None
     return {
         "current": current,
         "rollback_to": store.before(current),
-        "releases": [_release(store, manifest.name, current, verify=verify) for manifest in store.complete()],
+        "releases": [_release(store, manifest, current, verify=verify) for manifest in store.complete()],
         "incomplete": store.incomplete(),
         "is_updating": is_locked(store.root),
         "pending": dataclasses.asdict(pending) if pending else None,
-        "last": dataclasses.asdict(last) if (last := journal.last()) else None,
-        "free_mb": _free_mb(store),
-        "node": _node(),
+        "last": dataclasses.asdict(last) if last else None,
+        "free_mb": free_mb,
+        "node": node,
     }
 
 
-def _release(store: Store, name: str, current: str | None, *, verify: bool) -> dict[str, Any]:
-    found = store.manifest(name)
-    values = dataclasses.asdict(found) if found else {}
-    values.pop("files", None)
-    problem = ""
+def _release(store: Store, manifest: ReleaseManifest, current: str | None, *, verify: bool) -> dict[str, Any]:
+    values = dataclasses.asdict(dataclasses.replace(manifest, files={}))
+    del values["files"]
     if verify:
         try:
-            store.verify(name)
+            store.verify(manifest.name)
+            values["changed"] = ""
         except AgentRefusedError as error:
-            problem = str(error)
-    return {**values, "is_current": name == current, **({"changed": problem} if verify else {})}
-
-
-def _node() -> dict[str, Any]:
-    try:
-        return dataclasses.asdict(show())
-    except AgentRefusedError as error:
-        return {"active": "unknown", "reason": str(error)}
-
-
-def _free_mb(store: Store) -> float | None:
-    try:
-        state = os.statvfs(store.root)
-    except OSError:
-        return None
-    return round(state.f_bavail * state.f_frsize / 1e6, 1)
-
-
-def _has_system_ros() -> bool:
-    return any(Path("/opt/ros").glob("*/setup.sh")) or importlib.util.find_spec("rclpy") is not None
+            values["changed"] = str(error)
+    return {**values, "is_current": manifest.name == current}

@@ -25,7 +25,7 @@ class Store:
         """Where a release lies, or would.
 
         Raises:
-            AgentRefusedError: That is no name for a release.
+            AgentRefusedError: The name is not valid.
         """
         if not _NAME.fullmatch(name):
             raise AgentRefusedError(f"{name!r} is no name of a release")
@@ -55,12 +55,12 @@ class Store:
 
     def complete(self) -> list[ReleaseManifest]:
         """All complete releases, the oldest first."""
-        found = (read_manifest(folder) for folder in self._folders())
+        found = self._manifests().values()
         return sorted((m for m in found if m is not None), key=lambda m: (m.created, m.name))
 
     def incomplete(self) -> list[str]:
         """Folders that an interrupted update left."""
-        return sorted(folder.name for folder in self._all() if not self._is_complete(folder))
+        return sorted(name for name, manifest in self._manifests().items() if manifest is None)
 
     def before(self, name: str | None) -> str | None:
         """The newest healthy release that is older than a given one; what a rollback goes to."""
@@ -110,13 +110,9 @@ class Store:
             sync_folder(self.releases)
         shutil.rmtree(folder, ignore_errors=True)
 
-    def _all(self) -> list[Path]:
+    def _manifests(self) -> dict[str, ReleaseManifest | None]:
+        """The manifest of each folder by its name; None for one that is not complete, or is no release."""
+        folders: list[Path] = []
         with contextlib.suppress(OSError):
-            return [folder for folder in self.releases.iterdir() if folder.is_dir() and not folder.is_symlink()]
-        return []
-
-    def _folders(self) -> list[Path]:
-        return [folder for folder in self._all() if _NAME.fullmatch(folder.name)]
-
-    def _is_complete(self, folder: Path) -> bool:
-        return _NAME.fullmatch(folder.name) is not None and read_manifest(folder) is not None
+            folders += [folder for folder in self.releases.iterdir() if folder.is_dir() and not folder.is_symlink()]
+        return {folder.name: read_manifest(folder) if _NAME.fullmatch(folder.name) else None for folder in folders}

@@ -12,7 +12,7 @@ from segway_ecc.deploy.release.agent import journal as outcomes
 from segway_ecc.deploy.release.agent.files import AgentRefusedError
 from segway_ecc.deploy.release.agent.health import Trial, watched
 from segway_ecc.deploy.release.agent.journal import Journal, Transaction, stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW, ReleaseManifest
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW
 from segway_ecc.deploy.release.agent.report import Reporter
 from segway_ecc.deploy.release.agent.services import Service, restart, show
 from segway_ecc.deploy.release.agent.store import Store
@@ -50,8 +50,11 @@ class Update:
         self._journal = Journal(store.root)
 
     def run(self, transaction: Transaction) -> int:
-        """Switch, try, and go back where that fails; the exit code says how it ended."""
-        ended = self._end(self._tried(transaction))
+        """Switch, try, and go back where that fails; the exit code is by the outcome."""
+        ended = dataclasses.replace(self._try_release(transaction), ended=stamp())
+        self._journal.write(ended)
+        self._reporter.step("end")
+        conclude(self._store, self._journal, ended)
         gone = self._store.prune(self._rules.keep, {n for n in (ended.release, ended.previous) if n})
         self._reporter.event(
             "end",
@@ -64,7 +67,7 @@ class Update:
         )
         return EXIT_CODES[ended.outcome]
 
-    def _tried(self, transaction: Transaction) -> Transaction:
+    def _try_release(self, transaction: Transaction) -> Transaction:
         before = show()
         why_not = before.why_not_safe()
         if why_not is not None:
@@ -72,16 +75,16 @@ class Update:
         self._phase(transaction, "switch")
         try:
             self._store.switch(transaction.release)
-            reason = self._started(transaction, before)
+            reason = self._trial_failure(transaction, before)
         except Exception as error:  # noqa: BLE001 - whatever went wrong, the robot must go back
             reason = f"{type(error).__name__}: {error}"
         if reason is None:
             return dataclasses.replace(transaction, outcome=outcomes.HEALTHY, phase="trial")
         if transaction.previous is None:
             return dataclasses.replace(transaction, outcome=outcomes.NO_WAY_BACK, reason=reason)
-        return self._back(transaction, transaction.previous, reason)
+        return self._go_back(transaction, transaction.previous, reason)
 
-    def _started(self, transaction: Transaction, before: Service) -> str | None:
+    def _trial_failure(self, transaction: Transaction, before: Service) -> str | None:
         """Why the release is not healthy, or None."""
         self._phase(transaction, "restart")
         reason = restart(self._rules.restart)
@@ -93,9 +96,14 @@ class Update:
         trial = Trial(self._rules.trial_s, self._rules.start_s, rate_hz, before)
         return None if watched(trial, self._rules.every_s) else trial.reason
 
-    def _back(self, transaction: Transaction, previous: str, reason: str) -> Transaction:
+    def _go_back(self, transaction: Transaction, previous: str, reason: str) -> Transaction:
         failed = dataclasses.replace(transaction, reason=reason)
-        self._wait_until_safe()
+        # Somebody may have armed a robot whose trial then failed: it is not restarted under them. A node that does not
+        # report its mode is not waited for: it would keep the robot in its trial for ever.
+        if _is_armed():
+            self._reporter.step("waiting until the robot is disarmed")
+        while _is_armed():
+            time.sleep(self._rules.every_s)
         self._phase(failed, "back")
         self._store.switch(previous)
         problem = restart(self._rules.restart)
@@ -103,32 +111,15 @@ class Update:
             reason = f"{reason}; and after going back: {problem}"
         return dataclasses.replace(failed, phase="back", outcome=outcomes.WENT_BACK, reason=reason)
 
-    def _wait_until_safe(self) -> None:
-        """Somebody may have armed a robot whose trial then failed: it is not restarted under them.
-
-        A node that does not say its mode is not waited for: it would keep the robot in its trial for ever.
-        """
-        if _is_armed():
-            self._reporter.step("waiting until the robot is disarmed")
-        while _is_armed():
-            time.sleep(self._rules.every_s)
-
     def _phase(self, transaction: Transaction, phase: str) -> None:
         self._journal.write(dataclasses.replace(transaction, phase=phase))
         self._reporter.step(phase)
-
-    def _end(self, transaction: Transaction) -> Transaction:
-        ended = dataclasses.replace(transaction, ended=stamp())
-        self._journal.write(ended)
-        self._reporter.step("end")
-        conclude(self._store, self._journal, ended)
-        return ended
 
 
 def _is_armed() -> bool:
     try:
         return show().is_armed
-    except AgentRefusedError:  # a systemd that does not answer says nothing against going back
+    except AgentRefusedError:  # a systemd that does not answer is no reason against going back
         return False
 
 
@@ -136,18 +127,14 @@ def conclude(store: Store, journal: Journal, ended: Transaction) -> None:
     """Put down in the manifest what became of the release; done again after an interruption, it does no harm."""
     manifest = store.manifest(ended.release)
     if manifest is not None:
-        state, reason = _state(manifest, ended)
-        dataclasses.replace(manifest, state=state, reason=reason).write(store.folder(ended.release))
+        if ended.outcome == outcomes.HEALTHY:
+            manifest = dataclasses.replace(manifest, state=HEALTHY, reason="")
+        elif ended.outcome in {outcomes.WENT_BACK, outcomes.NO_WAY_BACK}:
+            manifest = dataclasses.replace(manifest, state=FAILED, reason=ended.reason)
+        elif manifest.state == NEW:
+            manifest = dataclasses.replace(manifest, state=INTERRUPTED, reason=ended.reason)
+        manifest.write(store.folder(ended.release))
     journal.close()
-
-
-def _state(manifest: ReleaseManifest, ended: Transaction) -> tuple[str, str]:
-    match ended.outcome:
-        case outcomes.HEALTHY:
-            return HEALTHY, ""
-        case outcomes.WENT_BACK | outcomes.NO_WAY_BACK:
-            return FAILED, ended.reason
-    return (INTERRUPTED, ended.reason) if manifest.state == NEW else (manifest.state, manifest.reason)
 
 
 def recover(store: Store, reporter: Reporter, command: Sequence[str] = (), *, restarts: bool) -> Transaction | None:
@@ -165,24 +152,18 @@ def recover(store: Store, reporter: Reporter, command: Sequence[str] = (), *, re
         return None
     reporter.step("settle")
     if not pending.outcome:
-        pending = _given_up(store, journal, pending, command if restarts else None)
+        reason = pending.reason or f"interrupted in the phase {pending.phase!r}"
+        outcome = outcomes.WENT_BACK if pending.phase == "back" else outcomes.INTERRUPTED
+        if pending.previous is not None:
+            if restarts and (why_not := show().why_not_safe()) is not None:
+                raise AgentRefusedError(f"{why_not}; an update that was interrupted is to be settled")
+            store.switch(pending.previous)
+            if restarts and (problem := restart(command)):
+                reason = f"{reason}; and after going back: {problem}"
+        pending = dataclasses.replace(pending, outcome=outcome, reason=reason, ended=stamp())
+        journal.write(pending)
     conclude(store, journal, pending)
     return pending
-
-
-def _given_up(store: Store, journal: Journal, pending: Transaction, command: Sequence[str] | None) -> Transaction:
-    reason = pending.reason or f"interrupted in the phase {pending.phase!r}"
-    outcome = outcomes.WENT_BACK if pending.phase == "back" else outcomes.INTERRUPTED
-    if pending.previous is not None:
-        if command is not None and (why_not := show().why_not_safe()) is not None:
-            raise AgentRefusedError(f"{why_not}; an update that was interrupted is to be settled")
-        store.switch(pending.previous)
-        if command is not None:
-            problem = restart(command)
-            reason = f"{reason}; and after going back: {problem}" if problem else reason
-    settled = dataclasses.replace(pending, outcome=outcome, reason=reason, ended=stamp())
-    journal.write(settled)
-    return settled
 
 
 def detached(reporter: Reporter, work: Callable[[], int]) -> int:
@@ -200,7 +181,7 @@ def detached(reporter: Reporter, work: Callable[[], int]) -> int:
     except AgentRefusedError as error:
         reporter.event("refused", text=str(error))
         code = 11
-    except Exception as error:  # noqa: BLE001 - nobody else is there to hear of it
+    except Exception as error:  # noqa: BLE001 - nobody else is there to report it
         reporter.event("failed", text=f"{type(error).__name__}: {error}")
     finally:
         os._exit(code)

@@ -5,7 +5,7 @@ import hashlib
 import zipfile
 from pathlib import Path
 
-from segway_ecc.deploy.release.bundle import Bundle, Installing, bundle
+from segway_ecc.deploy.release.bundle import Bundle, bundle
 
 _MAIN = """
 import sys
@@ -98,7 +98,7 @@ def make_bundle(folder: Path, version: str, robot: str | None = None) -> Bundle:
     if robot is not None:
         (place / "robot.yaml").write_text(robot)
         files["robot/robot.yaml"] = place / "robot.yaml"
-    return bundle(wheel, [wheel, make_pip(place)], files, Installing(), {})
+    return bundle([wheel, make_pip(place)], files)
 
 
 def _digest(text: str) -> str:

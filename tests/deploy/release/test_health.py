@@ -34,11 +34,11 @@ def test_healthy_is_who_was_so_for_long_enough_on_end() -> None:
     ("seen", "reason"),
     [
         (node(active="activating"), "is still activating"),
-        (dataclasses.replace(node(), status=None), "says nothing of itself"),
+        (dataclasses.replace(node(), status=None), "reports no status"),
         (node(rate_hz=197.9), "its loop runs at 197.9 Hz instead of 200 Hz"),
         (node(rate_hz=202.1), "its loop runs at 202.1 Hz"),
         (node(rate_hz=float("nan")), "its loop runs at nan Hz"),
-        (node(rate_hz=None), "does not tell its rate"),
+        (node(rate_hz=None), "does not report its rate"),
         (node(blocked_by=["tilt: it lies", "sensors: too old: left.angle"]), "cannot be armed: sensors: too old"),
         (node(blocked_by=["drives: overheated"]), "cannot be armed: drives: overheated"),
     ],

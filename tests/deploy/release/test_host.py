@@ -1,6 +1,6 @@
 """What goes wrong with a connection, and what it is called."""
 
-import shlex
+import argparse
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +10,8 @@ import pytest
 from segway_ecc.deploy.release.archive import BOOTSTRAP
 from segway_ecc.deploy.release.errors import UnreachableError, UpdateRefusedError
 from segway_ecc.deploy.release.host import Host
-from segway_ecc.deploy.release.requests import RemotePaths, Trying, status
+from segway_ecc.deploy.release.requests import RemotePaths, status
+from segway_ecc.deploy.verbs.deploy_options import rules
 from segway_ecc.node.cli.main import main
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.robot import Robot, Sshd
@@ -77,9 +78,11 @@ def test_a_robot_without_python(ssh_host: Host) -> None:
 
 
 def test_a_command_with_an_open_quotation_is_refused() -> None:
-    assert Trying(restart="a 'b c'").as_request()["restart"] == shlex.split("a 'b c'")
+    options = argparse.Namespace(trial=10.0, start=30.0, keep=3, restart="a 'b c'")
+    assert list(rules(options).restart) == ["a", "b c"]
+    options.restart = "a 'b"
     with pytest.raises(ConfigurationError, match="--restart"):
-        Trying(restart="a 'b").as_request()
+        rules(options)
 
 
 @pytest.mark.parametrize("words", [["--trial", "0"], ["--start", "nan"], ["--keep", "0"], ["--wheel", "x.whl"]])

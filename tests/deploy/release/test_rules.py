@@ -69,7 +69,7 @@ def test_a_release_can_be_read_by_the_user_that_the_node_runs_as(robot: Robot, l
 
 def test_a_node_that_does_not_say_its_mode_is_taken_for_armed(robot: Robot, local: LocalHost) -> None:
     robot.node_is(**RUNNING, StatusText="")
-    with pytest.raises(UpdateRefusedError, match="does not say whether the robot is armed"):
+    with pytest.raises(UpdateRefusedError, match="does not report whether the robot is armed"):
         robot.push(local, "1.0")
 
 
@@ -78,7 +78,7 @@ def test_a_node_that_does_not_say_its_mode_is_taken_for_armed(robot: Robot, loca
     [
         ("2.0+bad", "the robot is in FAULT: told so"),
         ("2.0+slow", "its loop runs at 190 Hz instead of 200 Hz"),
-        ("2.0+mute", "says nothing of itself"),
+        ("2.0+mute", "reports no status"),
         ("2.0+refused", "Job for it failed"),
     ],
 )
@@ -182,7 +182,7 @@ def test_a_release_that_says_another_version_is_refused(robot: Robot, local: Loc
     robot.push(local, "1.0")
     request, files = robot.push_request("2.0")
     request["release"]["version"] = "2.1"
-    with pytest.raises(UpdateRefusedError, match=r"--version says '2\.0', not '2\.1'"):
+    with pytest.raises(UpdateRefusedError, match=r"--version prints '2\.0', not '2\.1'"):
         local.ask(request, lambda _: None, files)
     robot.check_works()
 
