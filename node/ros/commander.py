@@ -1,4 +1,4 @@
-"""The other end of the model node's topics: sends stamped set-points and hears the odometry."""
+"""The other end of the model node's topics: sends stamped set-points and receives the odometry."""
 
 import importlib
 import math
@@ -19,11 +19,11 @@ from segway_ecc.node.sequence.manoeuvre import TimedSetpoint
 from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
 
 _DEPTH: Final = 10
-_HEARD_DEPTH: Final = 1000
+_ODOMETRY_DEPTH: Final = 1000
 """Odometry of ten seconds at 100 Hz may wait for us without loss."""
 _SPIN_S: Final = 0.1
-_TELL_S: Final = 0.2
-_TELL_AHEAD_NS: Final = 100_000_000
+_REST_S: Final = 0.2
+_REST_AHEAD_NS: Final = 100_000_000
 _SILENCE_S: Final = 2.0
 _ANSWER_S: Final = 2.0
 
@@ -32,17 +32,17 @@ class Commander:
     """Plays manoeuvres to the model node in one namespace.
 
     Attributes:
-        mode: The robot's mode as its diagnostics last told; None until they did.
+        mode: The robot's mode in its newest diagnostics; None before the first.
         reason: Why it is in that mode.
         confirmed: Stamps of the cycles in which the robot brought a set-point into force.
     """
 
     def __init__(self, node: RosObject, robot_node: str, stopped: Callable[[], str | None]) -> None:
-        """Speak through `node`, an rclpy node of the robot's namespace, to the model node named `robot_node`.
+        """Use `node`, an rclpy node of the robot's namespace, to command the model node named `robot_node`.
 
         Args:
-            node: Who speaks.
-            robot_node: Who is spoken to.
+            node: Publishes the set-points.
+            robot_node: Name of the model node.
             stopped: Polled often; returns the signal that is to end what goes on, or None. (An exception raised in a
                 signal handler would be lost where it hits rclpy's C++ code.)
         """
@@ -55,21 +55,23 @@ class Commander:
         self._executor = executors.SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._twist_type = message_type("geometry_msgs/msg/TwistStamped")
-        self._publisher = node.create_publisher(self._twist_type, "cmd_vel_stamped", _HEARD_DEPTH)
+        self._publisher = node.create_publisher(self._twist_type, "cmd_vel_stamped", _ODOMETRY_DEPTH)
         self._arm_type = message_type("std_srvs/srv/Trigger")
         self._arm = node.create_client(self._arm_type, f"{robot_node}/{Action.ARM}")
-        self._heard: list[Odometry] = []
+        self._odometry: list[Odometry] = []
         self._armed_ns = 0
-        node.create_subscription(message_type("nav_msgs/msg/Odometry"), "odom", self._hear, _HEARD_DEPTH)
-        node.create_subscription(self._twist_type, "setpoint", self._hear_setpoint, _HEARD_DEPTH)
+        node.create_subscription(message_type("nav_msgs/msg/Odometry"), "odom", self._receive_odometry, _ODOMETRY_DEPTH)
+        node.create_subscription(
+            self._twist_type, "setpoint", lambda message: self.confirmed.add(stamp_ns(message.header)), _ODOMETRY_DEPTH
+        )
         diagnostics_type = message_type("diagnostic_msgs/msg/DiagnosticArray")
-        node.create_subscription(diagnostics_type, "diagnostics", self._hear_diagnostics, _DEPTH)
+        node.create_subscription(diagnostics_type, "diagnostics", self._receive_diagnostics, _DEPTH)
 
     def wait_for_robot(self, wait_s: float, *, arm: bool = False) -> None:
-        """Wait until we have heard the model node and it has confirmed a set-point of ours.
+        """Wait until the model node's topics are received and it has confirmed a set-point of ours.
 
-        That we see its subscription does not mean that it sees us: discovery goes each way on its own. So the robot is
-        told to rest, from a moment ahead, until it says that it does.
+        That we see its subscription does not mean that it sees us: discovery goes each way on its own. So set-points of
+        zero are sent, for a moment ahead, until the robot confirms one.
 
         Args:
             wait_s: How long to wait, s.
@@ -80,15 +82,15 @@ class Commander:
             AbandonedError: A signal came.
         """
         deadline_s = time.monotonic() + wait_s
-        self._spin_until(lambda: self.mode is not None and bool(self._heard), deadline_s, wait_s)
+        self._spin_until(lambda: self.mode is not None and bool(self._odometry), deadline_s, wait_s)
         if arm and self.mode not in ACTIVE:
             self._ask_to_arm()
         elif self.mode not in ACTIVE:
             raise NobodyListensError(
                 f"the robot is {self.mode} ({self.reason}) and takes no set-points: arm it first, or add --arm"
             )
-        told: list[int] = []
-        self._spin_until(lambda: self._tell_to_rest(told), deadline_s, wait_s)
+        sent: list[int] = []
+        self._spin_until(lambda: self._confirms_rest(sent), deadline_s, wait_s)
 
     def play(self, player: Player, on_progress: Callable[[float], None]) -> None:
         """Play a manoeuvre to its end.
@@ -99,24 +101,33 @@ class Commander:
 
         Raises:
             RobotLostError: The model node fell silent, or is no longer armed.
-            AbandonedError: A signal came; the robot was told to rest.
+            AbandonedError: A signal came; set-points of zero were sent.
         """
         player.lead_ns = self._on_grid(LEAD_NS)
-        del self._heard[:-1]
-        progress, heard_s = PlayState.RUNNING, time.monotonic()
+        del self._odometry[:-1]
+        progress, received_s = PlayState.RUNNING, time.monotonic()
         while progress is PlayState.RUNNING:
-            if self._heard:
-                heard_s = time.monotonic()
-            for odometry in self._heard:
+            if self._odometry:
+                received_s = time.monotonic()
+            for odometry in self._odometry:
                 progress = player.update(odometry)
-            self._heard.clear()
+            self._odometry.clear()
             self._send(player.start_ns, player.due_setpoints())
             on_progress(player.fraction)
-            self._check_robot(time.monotonic() - heard_s)
+            if time.monotonic() - received_s > _SILENCE_S:
+                text = f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?"
+                raise RobotLostError(text)
+            if self.mode not in ACTIVE:
+                raise RobotLostError(f"the robot went to {self.mode}: {self.reason}")
             if self._stopped() is not None:
-                self._abandon(player)
+                self._send(player.start_ns, player.abandon())
+                self._publisher.wait_for_all_acked(duration(_ANSWER_S))
+                raise AbandonedError(f"abandoned by {self._stopped()}; zero set-points were sent")
             self._executor.spin_once(timeout_sec=_SPIN_S)
-        self._wait_for_confirmations(player)
+        # The last set-points are confirmed a cycle after they came into force.
+        deadline_s = time.monotonic() + _ANSWER_S
+        while player.unconfirmed(self.confirmed) and time.monotonic() < deadline_s:
+            self._executor.spin_once(timeout_sec=_SPIN_S)
 
     def graph(self) -> list[Connection]:
         """The topics of this namespace with their ends."""
@@ -125,44 +136,27 @@ class Commander:
     def _spin_until(self, done: Callable[[], bool], deadline_s: float, wait_s: float) -> None:
         while not done():
             if time.monotonic() > deadline_s:
-                raise NobodyListensError(self._why_nobody(wait_s))
+                raise NobodyListensError(self._missing_text(wait_s))
             self._executor.spin_once(timeout_sec=_SPIN_S)
             if self._stopped() is not None:
                 raise AbandonedError(f"abandoned by {self._stopped()} while waiting for the robot")
 
-    def _wait_for_confirmations(self, player: Player) -> None:
-        """The last set-points are confirmed a cycle after they came into force."""
-        deadline_s = time.monotonic() + _ANSWER_S
-        while player.unconfirmed(self.confirmed) and time.monotonic() < deadline_s:
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-
-    def _tell_to_rest(self, told: list[int]) -> bool:
-        """Tell the robot to rest now and then; whether it has confirmed one of these, whose stamps are in `told`."""
-        now_ns = self._heard[-1].stamp_ns
-        if not told or now_ns > told[-1] + round(_TELL_S * NS_PER_S):
-            told.append(now_ns + self._on_grid(_TELL_AHEAD_NS))
-            self._send(told[-1], [TimedSetpoint(0, REST)])
-        return not self.confirmed.isdisjoint(told)
+    def _confirms_rest(self, sent: list[int]) -> bool:
+        """Send a set-point of zero now and then; whether the robot has confirmed one of these, stamped as in `sent`."""
+        now_ns = self._odometry[-1].stamp_ns
+        if not sent or now_ns > sent[-1] + round(_REST_S * NS_PER_S):
+            sent.append(now_ns + self._on_grid(_REST_AHEAD_NS))
+            self._send(sent[-1], [TimedSetpoint(0, REST)])
+        return not self.confirmed.isdisjoint(sent)
 
     def _on_grid(self, duration_ns: int) -> int:
         """A duration rounded up to the robot's periods, as far as they were seen."""
-        stamps = [odometry.stamp_ns for odometry in self._heard[-2:]]
+        stamps = [odometry.stamp_ns for odometry in self._odometry[-2:]]
         period_ns = stamps[-1] - stamps[0]
         return -(-duration_ns // period_ns) * period_ns if period_ns else duration_ns
 
-    def _abandon(self, player: Player) -> None:
-        self._send(player.start_ns, player.abandon())
-        self._publisher.wait_for_all_acked(duration(_ANSWER_S))
-        raise AbandonedError(f"abandoned by {self._stopped()}; the robot was told to rest")
-
-    def _check_robot(self, silent_s: float) -> None:
-        if silent_s > _SILENCE_S:
-            raise RobotLostError(f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?")
-        if self.mode not in ACTIVE:
-            raise RobotLostError(f"the robot went to {self.mode}: {self.reason}")
-
-    def _send(self, start_ns: int | None, said: Iterable[TimedSetpoint]) -> None:
-        for offset_ns, setpoint in said:
+    def _send(self, start_ns: int | None, setpoints: Iterable[TimedSetpoint]) -> None:
+        for offset_ns, setpoint in setpoints:
             message = self._twist_type()
             set_stamp(message.header, (start_ns or 0) + offset_ns)
             message.twist.linear.x = setpoint.linear_velocity
@@ -178,21 +172,18 @@ class Commander:
         if not answer.result().success:
             raise NobodyListensError(f"the robot refuses to arm: {answer.result().message}")
         self.mode, self.reason = Mode.ARMED, answer.result().message
-        self._armed_ns = self._heard[-1].stamp_ns
+        self._armed_ns = self._odometry[-1].stamp_ns
 
-    def _hear(self, message: RosObject) -> None:
+    def _receive_odometry(self, message: RosObject) -> None:
         pose, twist = message.pose.pose, message.twist.twist
         heading = math.remainder(2.0 * math.atan2(pose.orientation.z, pose.orientation.w), math.tau)
-        self._heard.append(
+        self._odometry.append(
             Odometry(
                 stamp_ns(message.header), pose.position.x, pose.position.y, heading, twist.linear.x, twist.angular.z
             )
         )
 
-    def _hear_setpoint(self, message: RosObject) -> None:
-        self.confirmed.add(stamp_ns(message.header))
-
-    def _hear_diagnostics(self, message: RosObject) -> None:
+    def _receive_diagnostics(self, message: RosObject) -> None:
         if stamp_ns(message.header) <= self._armed_ns:
             return  # from before the robot answered that it is armed
         for status in message.status:
@@ -200,13 +191,13 @@ class Commander:
                 values = {pair.key: pair.value for pair in status.values}
                 self.mode, self.reason = Mode(values["mode"]), values["reason"]
 
-    def _why_nobody(self, wait_s: float) -> str:
+    def _missing_text(self, wait_s: float) -> str:
         namespace = self._node.get_namespace()
         topic = self._publisher.topic_name
         nodes = [f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()]
         others = sorted(set(nodes) - {self._node.get_fully_qualified_name()})
         seen = f"nodes seen: {', '.join(others)}" if others else f"no node is seen at all ({discovery_text()})"
         return (
-            f"nobody listens: no model node took {topic} and published odom and diagnostics within {wait_s:g} s in "
+            f"no model node subscribed to {topic} and published odom and diagnostics within {wait_s:g} s in "
             f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with --namespace"
         )

@@ -1,4 +1,4 @@
-"""Looking at the ROS graph: who talks to whom, and who cannot because types or QoS differ."""
+"""The ROS graph: which nodes a topic connects, and which it cannot because types or QoS differ."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,7 @@ _ROS_OWN: Final = ("/rosout", "/parameter_events")
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """A topic with one node at each end; `subscriber` is empty where nobody listens, `publisher` where nobody talks."""
+    """A topic with one node at each end; `subscriber` is empty where there is none, so is `publisher`."""
 
     publisher: str
     topic: str

@@ -36,17 +36,12 @@ def diagnostic_array(statuses: Sequence[Status], stamp_ns: int) -> RosObject:
     """A diagnostic_msgs/DiagnosticArray."""
     array = message_type("diagnostic_msgs/msg/DiagnosticArray")()
     set_stamp(array.header, stamp_ns)
-    array.status = [_diagnostic_status(status) for status in statuses]
+    key_value, kind = message_type("diagnostic_msgs/msg/KeyValue"), message_type("diagnostic_msgs/msg/DiagnosticStatus")
+    for status in statuses:
+        values = [key_value(key=key, value=value) for key, value in status.values.items()]
+        level = bytes((status.level,))
+        array.status.append(kind(level=level, name=status.name, message=status.message, values=values))
     return array
-
-
-def _diagnostic_status(status: Status) -> RosObject:
-    key_value = message_type("diagnostic_msgs/msg/KeyValue")
-    message = message_type("diagnostic_msgs/msg/DiagnosticStatus")()
-    message.level = bytes((status.level,))
-    message.name, message.message = status.name, status.message
-    message.values = [key_value(key=key, value=value) for key, value in status.values.items()]
-    return message
 
 
 def duration(seconds: float) -> RosObject:

@@ -30,8 +30,8 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
     pairs = [pair(key=key) for key in keys]
     mode, reason, cycle, drives, zero, heartbeat, age, standing = pairs
     message = kind(name=f"{robot_name}{MODE_SUFFIX}", hardware_id=robot_name, values=pairs)
-    told: Report | None = None
-    told_turn = 0
+    last: tuple[object, ...] = ()
+    last_turn = -1
 
     def fill(report: Report) -> None:
         message.level = bytes((MODE_LEVELS.get(report.mode, Level.OK),))
@@ -46,22 +46,12 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
             standing.value = repr(report.set_values[stand])
 
     def publish(report: Report) -> None:
-        nonlocal told, told_turn
-        turn = report.stamp_ns // _PERIOD_NS
-        if turn == told_turn and told is not None and _is_as(report, told, stand):
-            return
-        told, told_turn = report, turn
-        fill(report)
-        publisher.publish(message)
+        nonlocal last, last_turn
+        turn, standing_up = report.stamp_ns // _PERIOD_NS, None if stand is None else report.set_values[stand]
+        state = report.mode, report.is_zero, report.drives, report.reason, standing_up
+        if turn != last_turn or state != last:
+            last, last_turn = state, turn
+            fill(report)
+            publisher.publish(message)
 
     return Topic(publisher, publish)
-
-
-def _is_as(report: Report, told: Report, stand: int | None) -> bool:
-    return (
-        report.mode is told.mode
-        and report.is_zero is told.is_zero
-        and report.drives == told.drives
-        and report.reason == told.reason
-        and (stand is None or report.set_values[stand] == told.set_values[stand])
-    )

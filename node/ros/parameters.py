@@ -43,7 +43,14 @@ class ModelParameters:
         self._names: dict[str, Variable] = {}
         self._result_type = message_type("rcl_interfaces/msg/SetParametersResult")
         for variable in parameters:
-            self._declare(node, variable)
+            name = parameter_name(variable.name, self._names)
+            self._names[name] = variable
+            why = f": {variable.why}" if variable.why else ""
+            descriptor = message_type("rcl_interfaces/msg/ParameterDescriptor")(
+                description=f"{variable.name}, {variable.unit}; {_EFFECT[variable.write]}{why}",
+                read_only=variable.write is Write.NEVER,
+            )
+            node.declare_parameter(name, variable.value, descriptor)
         node.add_on_set_parameters_callback(self._set)
         self.services = [service for service in node.services if service not in own_services]
 
@@ -56,16 +63,6 @@ class ModelParameters:
             if request is not None:
                 response = service.callback(request, service.srv_type.Response())
                 service.handle.service_send_response(response, header.request_id)
-
-    def _declare(self, node: RosObject, variable: Variable) -> None:
-        name = parameter_name(variable.name, self._names)
-        self._names[name] = variable
-        why = f": {variable.why}" if variable.why else ""
-        descriptor = message_type("rcl_interfaces/msg/ParameterDescriptor")(
-            description=f"{variable.name}, {variable.unit}; {_EFFECT[variable.write]}{why}",
-            read_only=variable.write is Write.NEVER,
-        )
-        node.declare_parameter(name, variable.value, descriptor)
 
     def _set(self, parameters: Sequence[RosObject]) -> RosObject:
         """Write what is asked for; what ROS itself declares is let pass."""

@@ -1,4 +1,4 @@
-"""The topics that tell the world of each cycle."""
+"""The topics that publish each cycle."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ class Topic(NamedTuple):
     publisher: RosObject
     publish: Callable[[Report], None]
 
-    def is_heard(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Whether anybody subscribes to it."""
         return bool(self.publisher.get_subscription_count())
 
@@ -48,15 +48,15 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     publishers = [
         _number(node, topic, "values", index[signal]) for topic, signal in _SCALARS.items() if signal in index
     ]
-    if all(signal in index for signal in ODOMETRY_SIGNALS):
-        publishers.append(_position(node, index["odometry.x"], index["odometry.y"]))
-        publishers.append(_odometry(node, ros, [index[signal] for signal in ODOMETRY_SIGNALS]))
-    if all(signal in index for signal in JOINT_SIGNALS):
-        publishers.append(_joint_states(node, ros, [index[signal] for signal in JOINT_SIGNALS]))
-    if all(signal in index for signal in IMU_SIGNALS):
-        publishers.append(_imu(node, ros, [index[signal] for signal in IMU_SIGNALS]))
-    if SUPPLY_SIGNAL in index:
-        publishers.append(_battery(node, ros, index[SUPPLY_SIGNAL]))
+    for names, make in (
+        (ODOMETRY_SIGNALS, _position),
+        (ODOMETRY_SIGNALS, _odometry),
+        (JOINT_SIGNALS, _joint_states),
+        (IMU_SIGNALS, _imu),
+        ((SUPPLY_SIGNAL,), _battery),
+    ):
+        if all(name in index for name in names):
+            publishers.append(make(node, ros, [index[name] for name in names]))
     return publishers
 
 
@@ -66,7 +66,7 @@ def make_scalar_publishers(node: RosObject, topics: Sequence[str]) -> list[Topic
 
 
 def make_setpoint_publisher(node: RosObject, ros: RosSection) -> Topic:
-    """Tells which set-point came into force, and when: whoever sent it can check that it did."""
+    """Publishes which set-point came into force, and when: whoever sent it can check that it did."""
     kind = message_type("geometry_msgs/msg/TwistStamped")
     message, publisher = kind(), node.create_publisher(kind, "setpoint", AHEAD_DEPTH)
     message.header.frame_id = ros.base_frame
@@ -92,7 +92,8 @@ def _number(node: RosObject, topic: str, group: str, index: int) -> Topic:
     return Topic(publisher, publish)
 
 
-def _position(node: RosObject, x: int, y: int) -> Topic:
+def _position(node: RosObject, _: RosSection, indices: Sequence[int]) -> Topic:
+    x, y, *_rest = indices
     kind = message_type("geometry_msgs/msg/Point")
     template = Template(kind(), ("x", "d"), ("y", "d"))
     publisher = node.create_publisher(kind, "position", _DEPTH)
@@ -153,23 +154,24 @@ def _stamped(message: RosObject, *numbers: str) -> Template:
     return Template(message, *STAMP, *((path, "d") for path in numbers))
 
 
-def _battery(node: RosObject, ros: RosSection, index: int) -> Topic:
+def _battery(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
     """The supply's voltage, twice a second by the stamps: what a base station shows needs no more."""
+    (index,) = indices
     kind = message_type("sensor_msgs/msg/BatteryState")
     message, publisher = kind(), node.create_publisher(kind, "battery_state", _DEPTH)
     message.header.frame_id = ros.base_frame
     message.present = True
-    # Not measured, as the message wants it told; how it is charged and of what kind it is stays "unknown".
+    # Not measured, as the message defines it; how it is charged and of what kind it is stays "unknown".
     message.temperature = message.current = message.charge = math.nan
     message.capacity = message.design_capacity = message.percentage = math.nan
-    told = -1
+    last_turn = -1
 
     def publish(report: Report) -> None:
-        nonlocal told
+        nonlocal last_turn
         turn, volts = report.stamp_ns // _BATTERY_PERIOD_NS, report.values[index]
-        if turn == told or not math.isfinite(volts):
+        if turn == last_turn or not math.isfinite(volts):
             return
-        told = turn
+        last_turn = turn
         set_stamp(message.header, report.stamp_ns)
         message.voltage = volts
         publisher.publish(message)

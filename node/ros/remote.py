@@ -1,4 +1,4 @@
-"""The loop's side of ROS, which is spoken by a process of its own: nothing of DDS can hold up or end the loop."""
+"""The loop's side of ROS, which runs in a process of its own: nothing of DDS can delay or end the loop."""
 
 import contextlib
 import dataclasses
@@ -35,13 +35,13 @@ _REPORTS: Final = 64
 INBOX_SLOTS: Final = 32
 """Slots, all of which are taken in each cycle: what comes faster waits in DDS, where only the newest is kept."""
 _LONGEST_REASON: Final = 900
-"""In characters: what is told in every cycle is not to fill the ring."""
+"""In characters: it is reported in every cycle, and is not to fill the ring."""
 _CLOSE_S: Final = 5.0
 _logger = logging.getLogger(__name__)
 
 
 class RosBridge:
-    """The process that speaks ROS, which imports what it needs while the robot is built, and waits to be told of it.
+    """The ROS process, which imports what it needs while the robot is built, and waits for its settings.
 
     Attributes:
         pid: Of the process.
@@ -56,18 +56,18 @@ class RosBridge:
         self._process = start_helper("segway_ecc.node.ros.process", (), self._descriptors, subprocess.PIPE)
         self.pid = self._process.pid
 
-    def tell(self, settings: RosSettings) -> None:
-        """Say what it is to do, and wait until the robot is in ROS.
+    def configure(self, settings: RosSettings) -> None:
+        """Send its settings, and wait until the robot is in ROS.
 
         Raises:
             RosUnavailableError: ROS does not start.
         """
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
         self._release()  # both are mapped by now, here and, by the same numbers, open there
-        with contextlib.suppress(BrokenPipeError):  # it has ended, and has said why
+        with contextlib.suppress(BrokenPipeError):  # it has ended, and has reported why
             tell_helper(self._process, settings)
-        with self._process.stdout as told:
-            line = told.readline().decode(errors="replace").strip()
+        with self._process.stdout as output:
+            line = output.readline().decode(errors="replace").strip()
         if line != "ready":
             raise RosUnavailableError(line or f"ROS 2 does not start: its process ended with status {self.close()}")
 
@@ -104,7 +104,7 @@ class RemoteStage:
         """Bring a robot into ROS.
 
         Args:
-            bridge: The process that is to speak for it.
+            bridge: The process that is to run ROS for it.
             robot: The robot that is to be in ROS.
             namespace: Where it lives in the ROS graph.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
@@ -136,7 +136,7 @@ class RemoteStage:
         size_ring(settings.reports, _REPORTS * slots_for(settings.report_bytes))
         size_ring(settings.inboxes, INBOX_SLOTS)
         self._reports, self._inboxes = RingWriter(settings.reports), RingReader(settings.inboxes)
-        bridge.tell(settings)
+        bridge.configure(settings)
 
     def take(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
@@ -153,7 +153,12 @@ class RemoteStage:
                     case ToLoop.SUBSCRIBED:
                         self.is_heard = decode_subscribed(body)
                     case _:
-                        self._receive(body, inbox)
+                        message = decode_inbox(body)
+                        inbox.setpoints += message.setpoints
+                        inbox.values += message.values
+                        inbox.stations += message.stations
+                        for action, number in message.requests:
+                            inbox.requests.append(Request(action, functools.partial(self._answer, number)))
             except msgspec.DecodeError:  # whatever that process does, the loop goes on
                 self.dropped += 1
         return inbox
@@ -166,7 +171,7 @@ class RemoteStage:
         if not self._reports.put(FromLoop.REPORT, self._buffer):
             self.dropped += 1
         if self._is_gone and report.mode not in ACTIVE:
-            self.over = "the process that speaks ROS has ended"
+            self.over = "the ROS process has ended"
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
         """Hand over diagnostics, one status at a time so that each fits."""
@@ -174,8 +179,8 @@ class RemoteStage:
         if not self._is_gone and (status := self._bridge.status) is not None:
             self._is_gone = self.is_heard = True  # so that it is seen when the robot is no longer armed
             _logger.warning(
-                "the process that speaks ROS has ended with status %d: the robot goes on without ROS while it is "
-                "armed, and ends when it is not",
+                "the ROS process has ended with status %d: the robot goes on without ROS while it is armed, and ends "
+                "when it is not",
                 status,
             )
         for each in statuses:
@@ -192,23 +197,15 @@ class RemoteStage:
         if self.dropped and not self._is_gone:
             _logger.warning("%d messages to or from ROS did not get through: its process did not keep up", self.dropped)
 
-    def _receive(self, body: bytes, inbox: Inbox) -> None:
-        arrived = decode_inbox(body)
-        inbox.setpoints += arrived.setpoints
-        inbox.values += arrived.values
-        inbox.stations += arrived.stations
-        for action, number in arrived.requests:
-            inbox.requests.append(Request(action, functools.partial(self._answer, number)))
-
-    def _write(self, wanted: WriteRequest, inbox: Inbox) -> None:
+    def _write(self, request: WriteRequest, inbox: Inbox) -> None:
         refusal = None
         try:
-            self._model.write(wanted.name, wanted.value)
+            self._model.write(request.name, request.value)
         except ModelError as error:
             refusal = str(error)
         else:
-            inbox.written.append(Written(wanted.name, wanted.value))
-        self._put(FromLoop.WRITTEN, (wanted.number, refusal))
+            inbox.written.append(Written(request.name, request.value))
+        self._put(FromLoop.WRITTEN, (request.number, refusal))
 
     def _answer(self, number: int, answer: Answer) -> None:
         self._put(FromLoop.ANSWER, (number, answer))

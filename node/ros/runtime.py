@@ -1,4 +1,4 @@
-"""Starting and leaving ROS 2, and saying so where it is not there."""
+"""Starting and leaving ROS 2, and reporting where it is not there."""
 
 import contextlib
 import importlib

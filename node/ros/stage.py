@@ -1,8 +1,7 @@
-"""The robot in ROS: takes from its own handles and publishes; no executor runs."""
+"""The robot in ROS: takes messages from its own handles and publishes; no executor runs."""
 
 import logging
 from collections.abc import Callable, Collection, Sequence
-from functools import partial
 from typing import Final
 
 from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
@@ -24,18 +23,23 @@ from segway_ecc.node.ros.untyped import RosObject
 from segway_ecc.node.safety.modes import Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100
-"""Messages taken from one topic at once at most, so that a flood holds up none of the others."""
+"""Messages taken from one topic at once at most, so that a flood delays none of the others."""
 _COMMAND_DEPTH: Final = 10
 LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
 _STAND: Final = "stand"
 """The value that makes a robot stand up, or sit down."""
-_TOLD_AT_MOST: Final = 100
+_WARNINGS_AT_MOST: Final = 100
 _logger = logging.getLogger(__name__)
 
 
 class RosStage:
-    """Publishes what the loop reports, and takes what arrives for it; each may be done by a thread of its own."""
+    """Publishes what the loop reports, and takes what arrives for it; each may be done by a thread of its own.
+
+    Attributes:
+        subscriptions: Where something may arrive for `take_messages`.
+        services: Where something may arrive for `take_messages`, or for `serve_parameters`.
+    """
 
     def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[str, float], None]) -> None:
         """Offer a robot's topics, services and parameters.
@@ -54,37 +58,28 @@ class RosStage:
             *make_publishers(node, ros, settings.published),
             *make_scalar_publishers(node, settings.topics),
         ]
-        self._heard: list[Topic] = []
+        self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
-        self._subscriptions = [
-            self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, _take_twist),
-            self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, _take_twist_stamped),
-        ]
-        self._watched = tuple(self._subscriptions)
+        self.subscriptions: list[RosObject] = []
+        self._subscribe_setpoints()
+        self._watched = tuple(self.subscriptions)
         for place, name in enumerate(set_names):
-            take = partial(_take_value, place)
-            self._subscriptions.append(self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, take))
-        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them holds nothing up.
-        station = self._subscribe("station", "std_msgs/msg/Header", newest_only(), _take_heartbeat, at_once=1)
-        self._subscriptions.append(station)
-        self._services = [self._serve(action) for action in Action]
-        self._parameters = ModelParameters(node, settings.parameters, write, self._services)
+            self._subscribe_value(place, name)
+
+        def take_heartbeat(inbox: Inbox, message: RosObject) -> None:
+            inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
+
+        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.
+        self._subscribe("station", "std_msgs/msg/Header", newest_only(), take_heartbeat, at_once=1)
+        own_services = [self._serve(action) for action in Action]
+        self._parameters = ModelParameters(node, settings.parameters, write, own_services)
+        self.services = [*own_services, *self._parameters.services]
         kind = message_type("diagnostic_msgs/msg/DiagnosticArray")
         self._diagnostics = node.create_publisher(kind, "diagnostics", _COMMAND_DEPTH)
         self._looks = 0
-        self._told: set[str] = set()
+        self._warnings: set[str] = set()
 
-    @property
-    def subscriptions(self) -> Sequence[RosObject]:
-        """Where something may arrive for `take`."""
-        return self._subscriptions
-
-    @property
-    def services(self) -> Sequence[RosObject]:
-        """Where something may arrive for `take`, or for `serve_parameters`."""
-        return [*self._services, *self._parameters.services]
-
-    def take(self, ready: Collection[int]) -> Inbox:
+    def take_messages(self, ready: Collection[int]) -> Inbox:
         """What has arrived, but for parameter requests, where the handle is at one of these pointers."""
         inbox = Inbox()
         for pointer in ready:
@@ -92,18 +87,22 @@ class RosStage:
                 self._guarded(self._takers[pointer], inbox)
         return inbox
 
-    def look_who_listens(self) -> bool:
-        """Look which topics that tell of cycles are subscribed to: until the next look only those are published.
+    def update_subscribed_topics(self) -> bool:
+        """Look which topics of cycles are subscribed to: until the next look only those are published.
 
         Returns:
             Whether any is.
         """
-        self._guarded(self._look_who_listens)
-        return bool(self._heard)
+
+        def look() -> None:
+            self._subscribed = [topic for topic in self._topics if topic.has_subscribers()]
+
+        self._guarded(look)
+        return bool(self._subscribed)
 
     def publish(self, report: Report) -> None:
-        """Publish what there is to tell of the cycle to who listens."""
-        for topic in self._heard:
+        """Publish a cycle's report on the topics that are subscribed to."""
+        for topic in self._subscribed:
             self._guarded(topic.publish, report)
 
     def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
@@ -116,30 +115,48 @@ class RosStage:
             self._guarded(self._parameters.serve, ready)
 
     def look_around(self) -> None:
-        """Look for publishers that never reach us, on another topic each time, and say each once."""
+        """Look for publishers that never reach us, on another topic each time, and warn of each once."""
         self._looks += 1
-        self._guarded(self._look_at, self._watched[self._looks % len(self._watched)])
+        subscription = self._watched[self._looks % len(self._watched)]
 
-    def _look_who_listens(self) -> None:
-        self._heard = [topic for topic in self._topics if topic.is_heard()]
+        def look() -> None:
+            kind = subscription.msg_type
+            ours = f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
+            for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):
+                text = mismatch(subscription.topic_name, ours, peer)
+                if text is not None:
+                    self._warn_once(text)
 
-    def _look_at(self, subscription: RosObject) -> None:
-        for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):
-            text = mismatch(subscription.topic_name, _type_name(subscription.msg_type), peer)
-            if text is not None:
-                self._tell_once(text)
+        self._guarded(look)
 
     def _guarded(self, function: Callable[..., None], *arguments: object) -> None:
-        """Call into ROS; what goes wrong there is told, and the robot goes on without it."""
+        """Call into ROS; what fails there is logged, and the robot goes on without it."""
         try:
             function(*arguments)
         except RuntimeError as error:  # the root of what rclpy's C++ core raises
-            self._tell_once(f"ROS failed: {error}; the robot goes on without this message")
+            self._warn_once(f"ROS failed: {error}; the robot goes on without this message")
 
-    def _tell_once(self, text: str) -> None:
-        if text not in self._told and len(self._told) < _TOLD_AT_MOST:
-            self._told.add(text)
+    def _warn_once(self, text: str) -> None:
+        if text not in self._warnings and len(self._warnings) < _WARNINGS_AT_MOST:
+            self._warnings.add(text)
             _logger.warning(text)
+
+    def _subscribe_setpoints(self) -> None:
+        def take_twist(inbox: Inbox, message: RosObject) -> None:
+            inbox.setpoints.append(StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None))
+
+        def take_twist_stamped(inbox: Inbox, message: RosObject) -> None:
+            setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
+            inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
+
+        self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
+        self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
+
+    def _subscribe_value(self, place: int, name: str) -> None:
+        def take_value(inbox: Inbox, message: RosObject) -> None:
+            inbox.values.append(SetValue(place, message.data))
+
+        self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, take_value)
 
     def _subscribe(
         self,
@@ -148,7 +165,7 @@ class RosStage:
         qos: RosObject,
         take: Callable[[Inbox, RosObject], None],
         at_once: int = _TAKEN_AT_ONCE,
-    ) -> RosObject:
+    ) -> None:
         """Subscribe, and remember how what arrives is taken."""
         kind = message_type(type_name)
         subscription = self._node.create_subscription(kind, topic, _never_called, qos)
@@ -162,7 +179,7 @@ class RosStage:
                 take(inbox, taken[0])
 
         self._takers[handle.pointer] = take_all
-        return subscription
+        self.subscriptions.append(subscription)
 
     def _serve(self, action: Action) -> RosObject:
         """Offer a service, and remember how a request is taken."""
@@ -171,41 +188,18 @@ class RosStage:
 
         def take(inbox: Inbox) -> None:
             request, header = service.handle.service_take_request(kind.Request)
-            if request is not None:
-                inbox.requests.append(Request(action, self._answer(service, header)))
+            if request is None:
+                return
+
+            def send(answer: Answer) -> None:
+                response = kind.Response(success=answer.accepted, message=answer.message)
+                self._guarded(service.handle.service_send_response, response, header.request_id)
+
+            inbox.requests.append(Request(action, send))
 
         self._takers[service.handle.pointer] = take
         return service
 
-    def _answer(self, service: RosObject, header: RosObject) -> Callable[[Answer], None]:
-        def send(answer: Answer) -> None:
-            response = service.srv_type.Response(success=answer.accepted, message=answer.message)
-            self._guarded(service.handle.service_send_response, response, header.request_id)
-
-        return send
-
 
 def _never_called(*_: RosObject) -> None:
     """Stand in for the callbacks that only an executor would call."""
-
-
-def _type_name(kind: RosObject) -> str:
-    package = kind.__module__.split(".", maxsplit=1)[0]
-    return f"{package}/msg/{kind.__name__}"
-
-
-def _take_twist(inbox: Inbox, message: RosObject) -> None:
-    inbox.setpoints.append(StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None))
-
-
-def _take_twist_stamped(inbox: Inbox, message: RosObject) -> None:
-    setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
-    inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
-
-
-def _take_value(place: int, inbox: Inbox, message: RosObject) -> None:
-    inbox.values.append(SetValue(place, message.data))
-
-
-def _take_heartbeat(inbox: Inbox, message: RosObject) -> None:
-    inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))

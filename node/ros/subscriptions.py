@@ -21,14 +21,14 @@ from segway_ecc.node.ros.protocol import (
 )
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.ros.untyped import RosObject
-from segway_ecc.node.safety.modes import Action, Answer
+from segway_ecc.node.safety.modes import Answer
 
 _LOOK_AROUND_S: Final = 0.5
 _ANSWER_S: Final = 1.0
 _IN_ONE_MESSAGE: Final = 50
 """Set-points and values, so that no message fills the ring."""
 _UNANSWERED: Final = 100
-"""Requests that may wait for the loop's answer; the oldest is forgotten."""
+"""Requests that may wait for the loop's answer; the oldest is discarded."""
 
 
 class WaitSet:
@@ -72,7 +72,7 @@ class Subscriptions:
     """Waits for what arrives, and hands it to the loop.
 
     Attributes:
-        is_running: Whether it still listens, or has not begun to.
+        is_running: Whether it still listens, or has not begun to; cleared to end it, once what it waits with is woken.
     """
 
     def __init__(self, inboxes: RingWriter, period_ns: int) -> None:
@@ -83,15 +83,15 @@ class Subscriptions:
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
-        self._done: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
+        self._results: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
 
-    def run(self, waiting: WaitSet, stage: RosStage) -> None:
+    def run(self, wait_set: WaitSet, stage: RosStage) -> None:
         """Listen until it is stopped."""
         look_s = time.monotonic()
         try:
             while self.is_running:
-                ready = waiting.wait(_LOOK_AROUND_S)
-                self._hand_over(stage.take(ready))
+                ready = wait_set.wait(_LOOK_AROUND_S)
+                self.hand_over(stage.take_messages(ready))
                 stage.serve_parameters(ready)
                 if time.monotonic() > look_s:
                     look_s = time.monotonic() + _LOOK_AROUND_S
@@ -99,13 +99,9 @@ class Subscriptions:
         finally:
             self.is_running = False
 
-    def stop(self) -> None:
-        """Ask it to end; what waits for something to arrive is to be woken."""
-        self.is_running = False
-
-    def tell_heard(self, *, is_heard: bool) -> None:
-        """Tell the loop whether anybody subscribes to what it tells of each cycle; any thread may."""
-        self._put(ToLoop.SUBSCRIBED, is_heard)
+    def report_subscribers(self, *, has_subscribers: bool) -> None:
+        """Report to the loop whether anybody subscribes to what is published of each cycle; any thread may."""
+        self._put(ToLoop.SUBSCRIBED, has_subscribers)
 
     def answer(self, answered: NumberedAnswer) -> None:
         """Answer a request."""
@@ -124,40 +120,39 @@ class Subscriptions:
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
-                done = self._done.get(timeout=left_s)
+                result = self._results.get(timeout=left_s)
             except queue.Empty:
                 break
-            if done.number == self._number:
-                if done.refusal is not None:
-                    raise ModelError(done.refusal)
+            if result.number == self._number:
+                if result.refusal is not None:
+                    raise ModelError(result.refusal)
                 return
         raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether '{name}' was written is not known")
 
-    def write_done(self, done: WriteResult) -> None:
-        """Take the loop's word on a parameter."""
-        self._done.put(done)
+    def confirm_write(self, result: WriteResult) -> None:
+        """Receive what came of writing a parameter."""
+        self._results.put(result)
 
-    def _hand_over(self, inbox: Inbox) -> None:
-        requests = [self._asked(request.action, request.answer) for request in inbox.requests]
+    def hand_over(self, inbox: Inbox) -> None:
+        """Hand over what has arrived, in messages that fit."""
+        requests = []
+        for request in inbox.requests:
+            self._number += 1
+            self._answers[self._number] = request.answer
+            if len(self._answers) > _UNANSWERED:
+                del self._answers[next(iter(self._answers))]
+            requests.append(NumberedRequest(request.action, self._number))
         setpoints, values, stations = inbox.setpoints, inbox.values, inbox.stations
         while setpoints or values or stations or requests:
-            arrived = InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
-            self._put(ToLoop.INBOX, arrived)
+            message = InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
+            self._put(ToLoop.INBOX, message)
             setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
 
     def _put(self, kind: ToLoop, what: object) -> None:
         """Hand a message over; wait where there is no room: DDS keeps what is newest."""
         body = encoder.encode(what)
-        while self.is_running and not self._has_put(kind, body):
+        while self.is_running:
+            with self._putting:
+                if self._inboxes.put(kind, body):
+                    return
             time.sleep(0.1 * self._period_s)
-
-    def _has_put(self, kind: ToLoop, body: bytes) -> bool:
-        with self._putting:
-            return self._inboxes.put(kind, body)
-
-    def _asked(self, action: Action, answer: Callable[[Answer], None]) -> NumberedRequest:
-        self._number += 1
-        self._answers[self._number] = answer
-        if len(self._answers) > _UNANSWERED:
-            del self._answers[next(iter(self._answers))]
-        return NumberedRequest(action, self._number)

@@ -23,7 +23,7 @@ class Template:
         """Serialize a message, which keeps its values.
 
         Args:
-            message: It bears every value that stays as it is; sequences have the length that they keep.
+            message: It holds every value that stays as it is; sequences have the length that they keep.
             fields: What changes, in the order of the message: a path such as `pose.position.x` or `position.0`, and the
                 format of the number as in `struct`.
 
@@ -56,35 +56,26 @@ class Template:
 
 def _offset(message: RosObject, path: str, number: str, serialize: Callable[[RosObject], bytes]) -> int:
     """Where a number is in the bytes: where they differ between two values that have no byte in common."""
+    *way, name = path.split(".")
+    parent = functools.reduce(getattr, way, message)
+    is_item = name.isdecimal()
+
+    def write(value: RosObject) -> None:
+        if is_item:
+            parent[int(name)] = value
+        else:
+            setattr(parent, name, value)
+
     size = struct.calcsize(f"<{number}")
     first, second = (bytes(range(start, start + size)) for start in (1, 17))
-    before = _value(message, path)
-    one, other = (_with(message, path, struct.unpack(f"<{number}", raw)[0], serialize) for raw in (first, second))
-    _write(message, path, before)
+    before = parent[int(name)] if is_item else getattr(parent, name)
+    serialized = []
+    for raw in (first, second):
+        write(struct.unpack(f"<{number}", raw)[0])
+        serialized.append(serialize(message))
+    write(before)
+    one, other = serialized
     offset = next((place for place, pair in enumerate(zip(one, other, strict=True)) if pair[0] != pair[1]), 0)
     if one[offset : offset + size] != first or other[offset : offset + size] != second:
         raise ValueError(f"{path} is no number of the format '{number}' in the message")
     return offset
-
-
-def _with(message: RosObject, path: str, value: float, serialize: Callable[[RosObject], bytes]) -> bytes:
-    _write(message, path, value)
-    return serialize(message)
-
-
-def _value(message: RosObject, path: str) -> RosObject:
-    parent, name = _parent(message, path)
-    return parent[int(name)] if name.isdecimal() else getattr(parent, name)
-
-
-def _write(message: RosObject, path: str, value: RosObject) -> None:
-    parent, name = _parent(message, path)
-    if name.isdecimal():
-        parent[int(name)] = value
-    else:
-        setattr(parent, name, value)
-
-
-def _parent(message: RosObject, path: str) -> tuple[RosObject, str]:
-    *way, name = path.split(".")
-    return functools.reduce(getattr, way, message), name

@@ -2,7 +2,7 @@
 
 Where Fast DDS meets another participant on its machine, it looks after the health of the shared-memory port between
 them, and whoever publishes meanwhile waits: about 330 ms were measured in the publishing of a loop as robots and a
-station found each other (Fast DDS issue 6535). A robot that balances cannot wait that long, so our processes speak UDP.
+station found each other (Fast DDS issue 6535). A robot that balances cannot wait that long, so our processes use UDP.
 Others on the machine need no setting: they use shared memory among themselves and UDP with ours.
 """
 
@@ -56,7 +56,7 @@ _PEER_TEXT: Final = "<locator><udpv4><address>{address}</address></udpv4></locat
 
 @contextlib.contextmanager
 def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[None]:
-    """Have the node that is made inside speak UDP only, unless the user has chosen transports or another DDS.
+    """Have the node that is made inside use UDP only, unless the user has chosen transports or another DDS.
 
     The environment is as it was afterwards: what else is started from here finds the user's own settings.
     """
@@ -81,13 +81,13 @@ def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[Non
 
 
 def is_chosen(environment: Mapping[str, str]) -> bool:
-    """Whether the user has said which transports to use, or uses a DDS that knows nothing of these settings."""
+    """Whether the user has chosen which transports to use, or uses a DDS that knows nothing of these settings."""
     is_fast_dds = environment.get(RMW, "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
     return not is_fast_dds or any(environment.get(name) for name in (PROFILES, TRANSPORTS)) or _OWN_FILE.exists()
 
 
 def is_on_localhost(environment: Mapping[str, str]) -> bool:
-    """Whether ROS is told to find nobody beyond this machine and the peers that are named."""
+    """Whether ROS is set to find nobody beyond this machine and the peers that are named."""
     return environment.get(LOCALHOST_ONLY) == "1" or environment.get(RANGE) == "LOCALHOST"
 
 

@@ -101,7 +101,7 @@ def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: Ring
         Request(Action.STOP, lambda answer: told.append(("stop", answer))),
         Request(Action.ARM, lambda answer: told.append(("arm", answer))),
     ]
-    subscriptions._hand_over(Inbox(requests=requests))
+    subscriptions.hand_over(Inbox(requests=requests))
     ((kind, body),) = loop.take_all()
     asked = decode_inbox(body).requests
     for action, number in reversed(asked):
@@ -119,7 +119,7 @@ def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: Ring
 def test_an_answer_without_a_pending_request_is_ignored(subscriptions: Subscriptions, loop: RingReader) -> None:
     told: list[Answer] = []
     for _ in range(150):
-        subscriptions._hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
+        subscriptions.hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
         assert len(list(loop.take_all())) == 1
     for number in (0, 1, 50, 51, 151):
         subscriptions.answer(NumberedAnswer(number, Answer(accepted=True, message="armed")))
@@ -134,7 +134,7 @@ def test_messages_are_split_to_fit_and_arrive_once_and_in_order(subscriptions: S
         values=[SetValue(n % 3, math.pi * n) for n in range(70)],
         stations=[Heartbeat("\u00e4" * 80, 2**62)],
     )
-    subscriptions._hand_over(inbox)
+    subscriptions.hand_over(inbox)
     messages = [body for _, body in loop.take_all()]
     arrived = [decode_inbox(body) for body in messages]
 
@@ -146,7 +146,7 @@ def test_messages_are_split_to_fit_and_arrive_once_and_in_order(subscriptions: S
 
 def test_messages_wait_while_the_ring_is_full(subscriptions: Subscriptions, loop: RingReader) -> None:
     inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(float(n), 0.0), None) for n in range(1000)])
-    thread = threading.Thread(target=subscriptions._hand_over, args=(inbox,))
+    thread = threading.Thread(target=subscriptions.hand_over, args=(inbox,))
     thread.start()
     found: list[StampedSetpoint] = []
     while len(found) < len(inbox.setpoints):
@@ -156,8 +156,8 @@ def test_messages_wait_while_the_ring_is_full(subscriptions: Subscriptions, loop
 
 
 def test_stopping_does_not_block_on_a_full_ring(subscriptions: Subscriptions) -> None:
-    subscriptions.stop()
-    subscriptions._hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
+    subscriptions.is_running = False
+    subscriptions.hand_over(Inbox(setpoints=[StampedSetpoint(Setpoint(0.0, 0.0), None)] * 1000))
     assert not subscriptions.is_running
 
 
@@ -180,7 +180,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
     asked = decode_write_request(taken[1])
     assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)
     for each in done:
-        subscriptions.write_done(each._replace(number=asked.number + each.number))
+        subscriptions.confirm_write(each._replace(number=asked.number + each.number))
     thread.join()
     return told.get()
 

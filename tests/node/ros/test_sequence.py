@@ -123,7 +123,7 @@ def test_nobody_listening_is_told_with_who_is_seen(start: Start, messages: Path)
     assert output(sequence) == ""
     assert sequence.returncode == 6
     (line,) = (messages / "nobody.txt").read_text().splitlines()
-    assert line.startswith("segway-ecc: nobody listens: no model node took /empty/cmd_vel_stamped")
+    assert line.startswith("segway-ecc: no model node subscribed to /empty/cmd_vel_stamped")
     assert "within 4 s in namespace /empty" in line
     assert re.search(r"; nodes seen: .*/\w+/model", line)
     assert "segway-ecc run ROBOT" in line
@@ -182,7 +182,7 @@ def test_an_interrupted_sequence_leaves_the_robot_at_rest(
 
     assert sequence.returncode == 1
     (line,) = (messages / f"interrupted.{number}.txt").read_text().splitlines()
-    assert line == f"segway-ecc: abandoned by {number.name}; the robot was told to rest"
+    assert line == f"segway-ecc: abandoned by {number.name}; zero set-points were sent"
     rest = hear_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
     # Long after the last set-point that was sent ahead.
     hear_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)

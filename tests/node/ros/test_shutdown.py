@@ -170,7 +170,7 @@ def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
     node = start("alone", "run", "cart-can", "--interface", "local", "--channel", channel, "--ros", "--no-log")
     wait_for_command(witness, lambda command: command["Enable"] == 1)
     os.kill(speaker_of(node), signal.SIGKILL)
-    wait_for_message(messages / "alone.txt", "the process that speaks ROS has ended with status -9")
+    wait_for_message(messages / "alone.txt", "the ROS process has ended with status -9")
     while witness.recv(0.0) is not None:
         pass
     wait_for_command(witness, lambda command: command["Enable"] == 1)
@@ -188,7 +188,7 @@ def test_a_robot_whose_ros_dies_ends_where_it_is_not_armed(start: Start, message
 
     assert node.wait(ENDS_WITHIN_S) == 0
     assert (messages / "disarmed.txt").read_text().splitlines()[-1] == (
-        "segway-ecc: stopped: the process that speaks ROS has ended"
+        "segway-ecc: stopped: the ROS process has ended"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the stage tells of a cycle, and whom it tells nothing, in a node that only remembers."""
+"""What the stage publishes of a cycle and when, with a node that only remembers."""
 
 from types import SimpleNamespace
 from unittest.mock import MagicMock
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 
 TOPICS = ["mode", "setpoint", "linear_velocity", "angular_velocity", "position", "odom", "joint_states", "imu/data"]
 TOPICS += ["battery_state", "track"]
-JOB = RosSettings(
+SETTINGS = RosSettings(
     robot="alice",
     ros=RosSection(),
     namespace="",
@@ -37,46 +37,47 @@ class Graph:
 
     def __init__(self) -> None:
         self.subscribers: set[str] = set()
-        self._told: list[str] = []
+        self._published: list[str] = []
         node = MagicMock()
         node.create_publisher = self._create_publisher
-        self.stage = RosStage(node, JOB, lambda _name, _value: None)
+        self.stage = RosStage(node, SETTINGS, lambda _name, _value: None)
 
     def _create_publisher(self, _kind: type, topic: str, _depth: int) -> SimpleNamespace:
         return SimpleNamespace(
-            publish=lambda _: self._told.append(topic), get_subscription_count=lambda: int(topic in self.subscribers)
+            publish=lambda _: self._published.append(topic),
+            get_subscription_count=lambda: int(topic in self.subscribers),
         )
 
-    def told_of(self, cycle: int) -> list[str]:
-        """The topics on which something is told of this cycle."""
+    def topics_published_in(self, cycle: int) -> list[str]:
+        """The topics on which this cycle is published."""
         applied = StampedSetpoint(REST, cycle)
         values = [1.0] * len(PUBLISHED_SIGNALS)
         self.stage.publish(Report(cycle * 10**9, Mode.ARMED, values, applied, topics=(0.3,), cycle=cycle))
-        told, self._told = self._told, []
-        return told
+        published, self._published = self._published, []
+        return published
 
 
-def test_what_nobody_subscribes_to_is_not_told() -> None:
+def test_topics_without_subscribers_are_not_published() -> None:
     graph = Graph()
-    assert not graph.stage.look_who_listens()
-    assert graph.told_of(1) == []
+    assert not graph.stage.update_subscribed_topics()
+    assert graph.topics_published_in(1) == []
 
 
 @pytest.mark.parametrize("topic", TOPICS)
-def test_who_subscribes_is_told_from_the_next_look_on_until_it_leaves_and_nobody_else_is(topic: str) -> None:
+def test_a_topic_is_published_between_the_looks_that_find_its_subscriber(topic: str) -> None:
     graph = Graph()
-    graph.stage.look_who_listens()
+    graph.stage.update_subscribed_topics()
     graph.subscribers.add(topic)
-    assert graph.told_of(1) == []
-    assert graph.stage.look_who_listens()
-    assert graph.told_of(2) == [topic]
+    assert graph.topics_published_in(1) == []
+    assert graph.stage.update_subscribed_topics()
+    assert graph.topics_published_in(2) == [topic]
     graph.subscribers.clear()
-    assert not graph.stage.look_who_listens()
-    assert graph.told_of(3) == []
+    assert not graph.stage.update_subscribed_topics()
+    assert graph.topics_published_in(3) == []
 
 
-def test_with_all_subscribed_to_the_mode_comes_first() -> None:
+def test_mode_is_published_first() -> None:
     graph = Graph()
     graph.subscribers = set(TOPICS)
-    graph.stage.look_who_listens()
-    assert graph.told_of(1) == TOPICS
+    graph.stage.update_subscribed_topics()
+    assert graph.topics_published_in(1) == TOPICS
