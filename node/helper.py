@@ -31,7 +31,7 @@ def start_helper(
     )
 
 
-def tell_helper(process: "subprocess.Popen[bytes]", job: msgspec.Struct) -> None:
+def send_task(process: "subprocess.Popen[bytes]", job: msgspec.Struct) -> None:
     """Say what it is to do.
 
     Raises:

@@ -124,7 +124,7 @@ class RingReader:
         self._is_doubtful = False
         self.damaged = 0
 
-    def take(self) -> tuple[int, bytes] | None:
+    def take_message(self) -> tuple[int, bytes] | None:
         """The kind of the oldest message, and it; None where there is none that has arrived whole."""
         ring, slots = self._ring, self._slots
         kind = ring[self._begin]
@@ -147,9 +147,9 @@ class RingReader:
             self._is_doubtful = True
         return None
 
-    def take_all(self) -> Iterator[tuple[int, bytes]]:
+    def take_messages(self) -> Iterator[tuple[int, bytes]]:
         """The messages that are there, oldest first."""
-        while (taken := self.take()) is not None:
+        while (taken := self.take_message()) is not None:
             yield taken
 
     def _free(self) -> None:

@@ -9,8 +9,8 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import Recorder, Stage
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.time_base import TimeBase
 from segway_ecc.node.cycle.wiring import Wiring, wire

@@ -16,10 +16,10 @@ from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.time_base import TimeBase
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.model.model import Model
@@ -157,10 +157,10 @@ class ScriptedStage:
         diagnostics: The diagnostics published, with their stamps.
         looks: How often it was told to look around.
         journal: The methods called in each cycle, in order.
-        is_heard: Whether its reports are heard.
+        wants_reports: Whether its reports are heard.
     """
 
-    is_heard = True
+    wants_reports = True
 
     def __init__(self, clock: ScriptedClock, journal: list[str] | None = None) -> None:
         """Take time from `clock`; a shared `journal` shows the order among several parts."""
@@ -168,7 +168,7 @@ class ScriptedStage:
         self.over_after: tuple[int, str] | None = None
         self.answers: list[Answer] = []
         self.reports: list[Report] = []
-        self.diagnostics: list[tuple[int, Sequence[Status]]] = []
+        self.diagnostics: list[tuple[int, Sequence[DiagnosticStatus]]] = []
         self.looks = 0
         self.journal = [] if journal is None else journal
         self._clock = clock
@@ -198,7 +198,7 @@ class ScriptedStage:
         """Let a value be set in a cycle: its place in the wiring's `set_names`, and what it is to be."""
         self._inboxes[cycle].values.append(SetValue(place, value))
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """What the script holds for this cycle."""
         self.journal.append("take")
         self._cycle += 1
@@ -210,11 +210,11 @@ class ScriptedStage:
         self.journal.append("publish")
         self.reports.append(report)
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep the diagnostics."""
         self.diagnostics.append((stamp_ns, statuses))
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """Count it."""
         self.looks += 1
 
@@ -235,14 +235,14 @@ class KeepingRecorder:
     def __init__(self, journal: list[str] | None = None) -> None:
         """Keep nothing yet; a shared `journal` shows the order among several parts."""
         self.records: list[CycleRecord] = []
-        self.diagnostics: list[tuple[int, Sequence[Status]]] = []
+        self.diagnostics: list[tuple[int, Sequence[DiagnosticStatus]]] = []
         self.journal = [] if journal is None else journal
 
     def write(self, record: CycleRecord) -> None:
         """Keep a cycle, with copies of what may change."""
         self.records.append(record._replace(u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands)))
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep diagnostics."""
         self.diagnostics.append((stamp_ns, statuses))
 

@@ -19,7 +19,7 @@ from segway_ecc.hil.plants.segway_sensors import Encoder
 from segway_ecc.node.cycle import cycle
 from segway_ecc.node.models.segway_estimate import Estimate
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import Progress
+from segway_ecc.node.models.segway_phases import PhaseProgress
 from segway_ecc.node.safety.limits import limit, not_finite
 from tests.compiled_modules import COMPILED
 
@@ -36,7 +36,7 @@ def test_a_module_is_compiled_and_its_source_is_there(path: str) -> None:
     assert (Path(module.__file__).parent / Path(path).name).is_file()
 
 
-@pytest.mark.parametrize("kind", [Frame, Readings, Wheel, Estimate, Progress])
+@pytest.mark.parametrize("kind", [Frame, Readings, Wheel, Estimate, PhaseProgress])
 def test_a_value_cannot_be_changed_and_is_no_business_of_the_collector(kind: type[Value]) -> None:
     """mypyc drops the options of a class; those of its base stay."""
     assert (kind.__struct_config__.frozen, kind.__struct_config__.gc) == (True, False)

@@ -27,11 +27,11 @@ import pytest
 
 ROOT: Final = Path(__file__).parents[1]
 ACCEPTED: Final = Path(__file__).with_name("mutants_accepted.txt")
-MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cycle/authority.py")
+MODULES: Final = ("node/safety/[!_]*.py", "firmware_io/guard/[!_]*.py", "node/cycle/arming.py")
 ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 # The tests of a module in the order in which they run, where that is not only the file of its own name.
 TESTED_BY: Final = {
-    "node/safety/checklist": ["checklist", "monitor"],
+    "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/modes": ["modes", "modes_machine"],
     "firmware_io/drives/stopper": ["stoppers", "watch"],
     "firmware_io/guard/watch": ["watch", "guard"],

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from segway_ecc.hil.faults.injection import Injection, Injections
-from segway_ecc.node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 
@@ -29,7 +29,7 @@ class Commander(NoStage):
         if self._timeline.elapsed_ns >= self._duration_ns:
             self.over = "the manoeuvre is over"
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """The set-points that arrive now."""
         inbox, elapsed_ns = Inbox(), self._timeline.elapsed_ns
         active = [injection for injection in self._injections if injection.is_active]

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from segway_ecc.hil.faults.clock import DisturbedClock
 from segway_ecc.hil.faults.injection import Injections
-from segway_ecc.node.cycle.seams import CycleRecord, Recorder
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 
 
@@ -27,7 +27,7 @@ class FailingRecorder:
         self._fail()
         self._recorder.write(record)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep diagnostics, or fail to.
 
         Raises:

@@ -28,7 +28,7 @@ from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
-from segway_ecc.node.cycle.seams import NoRecorder, Recorder
+from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of

@@ -11,10 +11,10 @@ from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.node.cycle.expendable import ExpendableRecorder
+from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder, Recorder
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder, Recorder
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.safety.modes import Mode
 
 Place = tuple[float, float]
@@ -99,7 +99,7 @@ class NodeWatch:
         self.mode = Mode.DISARMED
         self._timeline = injections.timeline
         self.events: deque[str] = deque(maxlen=1)
-        self._recorder = ExpendableRecorder(recorder or NoRecorder(), self.events)
+        self._recorder = BestEffortRecorder(recorder or NoRecorder(), self.events)
         self._switching = hardware.switching if isinstance(hardware, Assembly) else None
         self._switches = 0
         self._loop: Loop | None = None
@@ -116,7 +116,7 @@ class NodeWatch:
             self._note(record.mode)
         self._recorder.write(record)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Hand on."""
         self._recorder.write_diagnostics(stamp_ns, statuses)
 

@@ -18,7 +18,7 @@ from segway_ecc.hil.rig.kernel_bus import kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import NoRecorder
+from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre

@@ -14,8 +14,8 @@ from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.segway_phases import Phase
@@ -102,7 +102,7 @@ class World(NoStage):
         self._cycle = 0
         self._events = {round(time * 1e9 / period_ns): event for time, event in script.items()}
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """The set-point, said anew in each cycle, and the values that the script set."""
         event = self._events.get(self._cycle)
         if event is not None:

@@ -20,8 +20,8 @@ from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.real_time import real_time_priority
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import ACTIVE

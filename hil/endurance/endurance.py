@@ -20,8 +20,8 @@ from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.robot import Robot, build_robot
 
@@ -159,7 +159,7 @@ class _Both(NoRecorder):
         self._watch.write(record)
         self._recorder.write(record)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics."""
         self._recorder.write_diagnostics(stamp_ns, statuses)
 
@@ -214,7 +214,7 @@ class _Street(NoStage):
         """Why it ended."""
         return None if self._watch.trip is None else self._watch.trip.reason
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """The set-point of this cycle."""
         time_s = self._cycle * self._period_s
         self._cycle += 1

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.faults.injection import Timeline
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Mode, Modes
 

@@ -13,7 +13,7 @@ from segway_ecc.hil.growth.meter import MeteredClock
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import ModelSection, RobotFile
-from segway_ecc.node.cycle.seams import NoRecorder, NoStage
+from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.model.methods import Method
 from segway_ecc.node.model.sectioned import SectionedModel

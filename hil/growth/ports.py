@@ -11,7 +11,7 @@ from segway_ecc.hil.growth.cost import Axis, Point, cost_of
 from segway_ecc.hil.growth.meter import MeteredClock
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import ModelSection, RobotFile
-from segway_ecc.node.cycle.seams import NoStage
+from segway_ecc.node.cycle.interfaces import NoStage
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.model.methods import Method

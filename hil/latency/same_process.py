@@ -16,7 +16,7 @@ from segway_ecc.hil.latency.result import Timed
 from segway_ecc.hil.latency.saying import say_all
 from segway_ecc.node.cli.options import add_robot, real_time, robot_file
 from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.cycle.seams import Inbox, NoRecorder, NoStage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.robot import build_robot
 
@@ -35,7 +35,7 @@ class HandedStage(NoStage):
         """Say a set-point, m/s; from any thread."""
         self._said.append(velocity)
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """What was said since the last cycle."""
         inbox = Inbox()
         while self._said:

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.station.heartbeats import Heartbeats
 from segway_ecc.deploy.station.stops import AGAIN_NS
-from segway_ecc.node.cycle.seams import Heartbeat, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, StampedSetpoint
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 from segway_ecc.node.sequence.player import Odometry, Player

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.safety.modes import Mode

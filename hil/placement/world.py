@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from segway_ecc.hil.placement.network import Channel, NowNs
 from segway_ecc.hil.placement.programs import Heard, Message, Program
-from segway_ecc.node.cycle.seams import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Answer
 
 
@@ -32,7 +32,7 @@ class World(NoStage):
         self._programs = programs
         self._now_ns = now_ns
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """Let every program speak; take what has arrived."""
         inbox, now_ns = Inbox(), self._now_ns()
         for program, way in self._programs:

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Final
 
-from segway_ecc.node.cycle.seams import SetValue
+from segway_ecc.node.cycle.interfaces import SetValue
 from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.robot import Robot
 

@@ -12,9 +12,9 @@ from segway_ecc.hil.play.keys import Key
 from segway_ecc.hil.play.posture import Posture
 from segway_ecc.hil.play.rig import Rig
 from segway_ecc.hil.play.snapshot import Snapshot
-from segway_ecc.node.cycle.seams import Inbox, Report, Request, Stage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
@@ -54,7 +54,7 @@ class PlayStage:
         messages: What is told below the view; the oldest is forgotten.
     """
 
-    is_heard = True
+    wants_reports = True
 
     def __init__(self, behind: Stage, terminal: LoopEnd, rig: Rig, robot: Robot, modes: Modes | None = None) -> None:
         """Drive `robot`, whose plant is reached over `rig`, from `terminal`."""
@@ -85,9 +85,9 @@ class PlayStage:
         """Why the loop is to end."""
         return self._over or self._behind.over
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """What came from behind, and what the keys ask for."""
-        inbox = self._behind.take()
+        inbox = self._behind.take_inbox()
         if inbox.setpoints:
             self._is_driving = False
         for key in self._terminal.pressed():
@@ -100,7 +100,7 @@ class PlayStage:
 
     def publish(self, report: Report) -> None:
         """Hand on, and show now and then."""
-        if self._behind.is_heard:
+        if self._behind.wants_reports:
             self._behind.publish(report)
         if report.mode not in ACTIVE:
             self._wanted = self._in_force = REST  # arming again never jumps
@@ -110,7 +110,7 @@ class PlayStage:
             self._terminal.show(self._snapshot(report))
         self._cycles += 1
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Hand on, and keep what is shown."""
         self._behind.publish_diagnostics(stamp_ns, statuses)
         for status in statuses:
@@ -119,9 +119,9 @@ class PlayStage:
             elif status.name.endswith(": timing"):
                 self._timing = status.values
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """Hand on."""
-        self._behind.look_around()
+        self._behind.do_background_work()
 
     def close(self) -> None:
         """Hand on."""

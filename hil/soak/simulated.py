@@ -20,8 +20,8 @@ from segway_ecc.hil.endurance.endurance import drive
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
@@ -127,7 +127,7 @@ class PatientRecorder(NoRecorder):
             self._seen = self.dropped
             time.sleep(_PATIENCE_S)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics."""
         self._recorder.write_diagnostics(stamp_ns, statuses)
 

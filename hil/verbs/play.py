@@ -23,7 +23,7 @@ from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.cycle.seams import NoRecorder, NoStage, Stage
+from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Stage
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages_to
 from segway_ecc.node.robot import Robot, build_robot

@@ -8,11 +8,10 @@ from typing import Final
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
-from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.arming import ArmingManager
+from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
 from segway_ecc.node.cycle.clock import Clock
-from segway_ecc.node.cycle.expendable import ExpendableRecorder
-from segway_ecc.node.cycle.real_time import is_real_time
-from segway_ecc.node.cycle.seams import (
+from segway_ecc.node.cycle.interfaces import (
     PHASES,
     CycleRecord,
     HardwareAnswer,
@@ -22,6 +21,7 @@ from segway_ecc.node.cycle.seams import (
     Stage,
     StampedSetpoint,
 )
+from segway_ecc.node.cycle.real_time import is_real_time
 from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
 from segway_ecc.node.cycle.supervision import Supervision
 from segway_ecc.node.cycle.time_base import TimeBase
@@ -29,12 +29,12 @@ from segway_ecc.node.cycle.timing import Histogram, Tally
 from segway_ecc.node.cycle.wiring import Wiring
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Model
-from segway_ecc.node.safety.checklist import Item, drives_item
+from segway_ecc.node.safety.limiter import CommandLimiter
 from segway_ecc.node.safety.limits import not_finite
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.safety.monitor import SafetyMonitor
+from segway_ecc.node.safety.pre_arm import PreArmCheck, drives_check
 from segway_ecc.node.safety.settings import NOTHING_WATCHED, SafetySettings, StationSettings
-from segway_ecc.node.safety.slew import Restraint
 
 LATENESS: Final = "lateness"
 WHOLE: Final = "cycle"
@@ -47,7 +47,7 @@ class Cycle:
     """The parts of a robot, run once per period in their fixed order.
 
     Attributes:
-        authority: Who may move the motors.
+        arming: The arming manager: modes, drives and who asked to arm.
         schedule: The set-points.
         time_base: Which stamp each cycle bears.
         hardware: The drives and sensors.
@@ -78,7 +78,7 @@ class Cycle:
             ConfigurationError: `safety` asks for a check of a signal that the hardware does not measure.
             UnknownNameError: `station` sets a value that is not wired.
         """
-        self.authority = Authority(hardware, schedule, arm_at_start=arm_at_start, checklist=self._checklist)
+        self.arming = ArmingManager(hardware, schedule, arm_at_start=arm_at_start, checklist=self._checklist)
         self.schedule = schedule
         self.time_base = time_base
         self.hardware = hardware
@@ -89,11 +89,11 @@ class Cycle:
         self._wiring = wiring
         self._clock = clock
         self._stage = stage
-        self.recorder = ExpendableRecorder(recorder, self.events)
+        self.recorder = BestEffortRecorder(recorder, self.events)
         self._immediately = actuate_immediately
         watched, period_ns = safety or NOTHING_WATCHED, time_base.period_ns
         self._monitor = SafetyMonitor(watched, list(hardware.signals), wiring.sensors, period_ns)
-        self._restraint = Restraint(hardware.limits, watched.max_command, watched.command_slew, period_ns * 1e-9)
+        self._restraint = CommandLimiter(hardware.limits, watched.max_command, watched.command_slew, period_ns * 1e-9)
         self._zero = (0.0,) * len(hardware.commands)
         self._commands: Sequence[float] = self._zero
         self._signal_names = list(hardware.signals)
@@ -102,7 +102,7 @@ class Cycle:
         self._applied: StampedSetpoint | None = None
         self._told: Setpoint | None = None
         self._initial: Sensors | None = None
-        self._supervision = Supervision(station, wiring.set_names, self.authority, period_ns)
+        self._supervision = Supervision(station, wiring.set_names, self.arming, period_ns)
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations."""
@@ -118,17 +118,17 @@ class Cycle:
         """
         now_ns = self._clock.now_ns
         start_ns = now_ns()
-        self.authority.modes.cycle = cycle
-        self.authority.answers = []
+        self.arming.modes.cycle = cycle
+        self.arming.answers = []
         sensors = self._exchange(None if self._immediately else self._commands)
         exchanged_ns = now_ns()
         self.sensors = sensors
         self.events.extend(sensors.events)
-        inbox = self._stage.take()
+        inbox = self._stage.take_inbox()
         published = self._wiring.publish(sensors, self._y)
         stamp_ns = self.time_base.stamp_ns(cycle)
         self._supervision.hear(inbox.stations, exchanged_ns)
-        if self._stage.is_heard:
+        if self._stage.wants_reports:
             self._stage.publish(self._report(cycle, stamp_ns, published, exchanged_ns))
         published_ns = now_ns()
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._told)
@@ -153,7 +153,7 @@ class Cycle:
                 (
                     cycle,
                     stamp_ns,
-                    self.authority.modes.mode,
+                    self.arming.modes.mode,
                     lateness_ns,
                     sensors,
                     setpoint,
@@ -164,7 +164,7 @@ class Cycle:
                     durations_ns,
                     start_ns,
                     inbox,
-                    self.authority.answers,
+                    self.arming.answers,
                     self._initial,
                 ),
             )
@@ -203,8 +203,8 @@ class Cycle:
         try:
             return self.hardware.exchange(commands)
         except LinkLostError as error:
-            self.authority.answers.append(HardwareAnswer("exchange" if is_first else "send", (str(error),)))
-            self.authority.fail(str(error))
+            self.arming.answers.append(HardwareAnswer("exchange" if is_first else "send", (str(error),)))
+            self.arming.fail(str(error))
             count = len(self._signal_names)
             return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
 
@@ -215,7 +215,7 @@ class Cycle:
             self._receive_value(place, value)
 
     def _receive(self, setpoint: Setpoint, for_cycle: int, cycle: int) -> None:
-        if self.authority.is_active:
+        if self.arming.is_active:
             self.schedule.add(setpoint, for_cycle, cycle)
         else:
             self.schedule.refuse(SetpointRefusal.NOT_ARMED)
@@ -227,7 +227,7 @@ class Cycle:
             self.schedule.refuse(SetpointRefusal.NOT_FINITE)
 
     def _report(self, cycle: int, stamp_ns: int, published: Sequence[float], now_ns: int) -> Report:
-        modes, echo = self.authority.modes, self._supervision.echo(now_ns)
+        modes, echo = self.arming.modes, self._supervision.echo(now_ns)
         return Report(  # in the order of the fields: by their names takes four times as long
             stamp_ns,
             modes.mode,
@@ -246,17 +246,17 @@ class Cycle:
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:
         for request in inbox.requests:
-            self.authority.act(request.action, request.answer)
-        if not_finite(self._y) is not None and self.authority.modes.mode is Mode.DISARMED:
+            self.arming.act(request.action, request.answer)
+        if not_finite(self._y) is not None and self.arming.modes.mode is Mode.DISARMED:
             # The fault was cleared; what is not finite stays so until the model starts anew.
             self._initialize(sensors)
-        self.authority.arm_itself()
+        self.arming.arm_itself()
         setpoint = self.schedule.due(cycle)
         silent = self.schedule.is_silent(cycle) and setpoint != REST
         lost = self._supervision.look(cycle, self._set_values, self.events, is_heard=bool(inbox.stations))
-        self.authority.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
-        setpoint = setpoint if self.authority.modes.mode is Mode.ARMED else REST
-        self._told = setpoint if self.authority.is_active else None
+        self.arming.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
+        setpoint = setpoint if self.arming.modes.mode is Mode.ARMED else REST
+        self._told = setpoint if self.arming.is_active else None
         return setpoint
 
     def _faults(self, sensors: Sensors) -> list[str]:
@@ -269,15 +269,15 @@ class Cycle:
             ]
         return [*sensors.faults, *too_old, *self._monitor.faults]
 
-    def _checklist(self) -> Sequence[Item]:
+    def _checklist(self) -> Sequence[PreArmCheck]:
         """Go through the checklist with the newest snapshot."""
         sensors = self.sensors
         items = self._monitor.checklist(sensors.values, sensors.ages, sensors.valid, real_time=is_real_time())
         if not self.hardware.commands:  # a robot that is all model has no drives to ask
             return items
         reasons = self.hardware.arming_failures()
-        self.authority.answers.append(HardwareAnswer("obstacles", tuple(reasons)))
-        return [drives_item(reasons), *items]
+        self.arming.answers.append(HardwareAnswer("obstacles", tuple(reasons)))
+        return [drives_check(reasons), *items]
 
     def _initialize(self, sensors: Sensors) -> None:
         try:
@@ -298,8 +298,8 @@ class Cycle:
     def _limit(self) -> None:
         bad = not_finite(self._y)
         if bad is not None:
-            self.authority.fail(f"output '{self._model.outputs[bad].name}' of the model is not finite")
-        if self.authority.is_active:
+            self.arming.fail(f"output '{self._model.outputs[bad].name}' of the model is not finite")
+        if self.arming.is_active:
             self._commands = self._restraint.apply(self._wiring.commands(self._y), self._commands)
         else:
             self._commands = self._zero

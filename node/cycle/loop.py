@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from segway_ecc.node.cycle.announcer import Announcer
 from segway_ecc.node.cycle.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
+from segway_ecc.node.cycle.interfaces import Stage
 from segway_ecc.node.cycle.report import DiagnosticReport
-from segway_ecc.node.cycle.seams import Stage
 from segway_ecc.node.cycle.service import NotifySocket, Service
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.state_log import StateLog
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import Summary
 from segway_ecc.node.safety.modes import Modes
 
@@ -82,7 +82,7 @@ class Loop:
         self._diagnostics = DiagnosticReport(cycle, self.counters, period_ns, robot_name)
         self._deliveries: deque[Callable[[], None]] = deque()
         self._collect_due = False
-        self._announcer = Announcer(clock)
+        self._state_log = StateLog(clock)
         self._diagnostics_every = max(round(_DIAGNOSTICS_PERIOD_S * NS_PER_S / period_ns), 1)
 
     def stop(self, reason: str) -> None:
@@ -92,13 +92,13 @@ class Loop:
     @property
     def modes(self) -> Modes:
         """What the robot is allowed to do, and why."""
-        return self._cycle.authority.modes
+        return self._cycle.arming.modes
 
     def timing(self) -> dict[str, Summary]:
         """Lateness, and the duration of the cycle and its phases, by name."""
         return {name: histogram.summary() for name, histogram in self._cycle.histograms.items()}
 
-    def statuses(self) -> Sequence[Status]:
+    def statuses(self) -> Sequence[DiagnosticStatus]:
         """The robot's diagnostics as of now; takes too long for the loop itself."""
         self._diagnostics.begin()
         while self._diagnostics.is_pending:
@@ -129,7 +129,7 @@ class Loop:
     def _tell_the_rest(self) -> None:
         """Tell what happened too late to be told in the slack of a cycle."""
         while self._cycle.events:
-            self._announcer.tell_event(self._cycle.events)
+            self._state_log.log_event(self._cycle.events)
 
     def _what(self) -> str:
         link = self._cycle.hardware.health.get("link")
@@ -189,8 +189,8 @@ class Loop:
 
     def _use_slack(self, deadline_ns: int) -> None:
         """Slow work in small pieces while there is time; one even where there is none, so that a busy robot reports."""
-        self._announcer.tell(self._cycle.authority.modes, self._cycle.authority.arming_obstacle)
-        self._announcer.tell_event(self._cycle.events)
+        self._state_log.log_state(self._cycle.arming.modes, self._cycle.arming.arming_refusal)
+        self._state_log.log_event(self._cycle.events)
         if self.counters.cycles % self._diagnostics_every == 0:
             self._diagnostics.begin()
             self._collect_due = True
@@ -198,7 +198,7 @@ class Loop:
             while self._has_slack(deadline_ns) and self._do_piece():
                 pass
         if self._has_slack(deadline_ns):
-            self._stage.look_around()
+            self._stage.do_background_work()
 
     def _has_slack(self, deadline_ns: int) -> bool:
         return deadline_ns - self._clock.now_ns() > self._slack_ns

@@ -7,9 +7,9 @@ from functools import partial
 from typing import Final, Protocol
 
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
-from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.time_base import TimeBase
 from segway_ecc.node.cycle.timing import Histogram, Summary
 from segway_ecc.node.safety.modes import Mode
@@ -27,7 +27,7 @@ _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
 class Observed(Protocol):
     """What the report reads of a cycle."""
 
-    authority: Authority
+    arming: ArmingManager
     schedule: SetpointSchedule
     time_base: TimeBase
     hardware: Hardware
@@ -60,13 +60,13 @@ class DiagnosticReport:
 
     def __init__(self, cycle: Observed, deadlines: Deadlines, period_ns: int, robot_name: str) -> None:
         """Report on a cycle and its loop."""
-        self.statuses: Sequence[Status] = ()
+        self.statuses: Sequence[DiagnosticStatus] = ()
         self._cycle = cycle
         self._deadlines = deadlines
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
-        self._gathered: list[Status] = []
+        self._gathered: list[DiagnosticStatus] = []
         self._pending: deque[Callable[[], None]] = deque()
         self._old_counts: dict[str, int] = {}
 
@@ -76,7 +76,7 @@ class DiagnosticReport:
             return
         self._gathered = []
         self._pending += [partial(self._summarize, *named) for named in self._cycle.histograms.items()]
-        parts: Sequence[Callable[[], Status]] = (self._mode, self._timing, self._setpoints, self._hardware)
+        parts: Sequence[Callable[[], DiagnosticStatus]] = (self._mode, self._timing, self._setpoints, self._hardware)
         self._pending += [partial(self._gather, part) for part in parts]
 
     @property
@@ -95,17 +95,17 @@ class DiagnosticReport:
     def _summarize(self, name: str, histogram: Histogram) -> None:
         self._summaries[name] = histogram.summary()
 
-    def _gather(self, part: Callable[[], Status]) -> None:
+    def _gather(self, part: Callable[[], DiagnosticStatus]) -> None:
         self._gathered.append(part())
 
-    def _mode(self) -> Status:
-        modes = self._cycle.authority.modes
+    def _mode(self) -> DiagnosticStatus:
+        modes = self._cycle.arming.modes
         level = MODE_LEVELS.get(modes.mode, Level.OK)
-        checks = {f"check.{item.name}": str(item) for item in self._cycle.authority.checklist()}
+        checks = {f"check.{item.name}": str(item) for item in self._cycle.arming.checklist()}
         values = {"mode": str(modes.mode), "reason": modes.reason, **checks}
-        return Status(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
+        return DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
 
-    def _timing(self) -> Status:
+    def _timing(self) -> DiagnosticStatus:
         deadlines = self._deadlines
         missed = self._new("deadlines", deadlines.late + deadlines.skipped)
         values = {
@@ -119,9 +119,9 @@ class DiagnosticReport:
             **{name: summary.as_text() for name, summary in self._summaries.items()},
         }
         message = f"{missed} late or skipped since the last report" if missed else f"{deadlines.mean_rate_hz:.2f} Hz"
-        return Status(Level.WARN if missed else Level.OK, f"{self._robot_name}: timing", message, values)
+        return DiagnosticStatus(Level.WARN if missed else Level.OK, f"{self._robot_name}: timing", message, values)
 
-    def _setpoints(self) -> Status:
+    def _setpoints(self) -> DiagnosticStatus:
         schedule = self._cycle.schedule
         refused = self._new("setpoints", sum(schedule.refused.values()))
         values = {
@@ -130,18 +130,18 @@ class DiagnosticReport:
             **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
         }
         message = f"{refused} refused since the last report" if refused else "taken as they come"
-        return Status(Level.WARN if refused else Level.OK, f"{self._robot_name}: set-points", message, values)
+        return DiagnosticStatus(Level.WARN if refused else Level.OK, f"{self._robot_name}: set-points", message, values)
 
-    def _hardware(self) -> Status:
+    def _hardware(self) -> DiagnosticStatus:
         health: Mapping[str, str] = self._cycle.hardware.health
         if not health:
-            return Status(Level.OK, f"{self._robot_name}: hardware", "none: the robot is all model", {})
+            return DiagnosticStatus(Level.OK, f"{self._robot_name}: hardware", "none: the robot is all model", {})
         refused = self._new("frames", sum(int(v) for k, v in health.items() if "refused." in k))
         states = {name: health[name] for name in health if _LINK_STATE.fullmatch(name) and health[name] != "active"}
         trouble = [f"{name}: {state}" for name, state in states.items()]
         trouble += [f"{refused} frames refused since the last report"] if refused else []
         level, message = (Level.WARN, "; ".join(trouble)) if trouble else (Level.OK, health.get("link", ""))
-        return Status(level, f"{self._robot_name}: hardware", message, {**health, **self._ages()})
+        return DiagnosticStatus(level, f"{self._robot_name}: hardware", message, {**health, **self._ages()})
 
     def _ages(self) -> dict[str, str]:
         """How old each signal was at the newest exchange."""

@@ -10,7 +10,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from typing import Final, Protocol
 
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.safety.deadlines import LATE_FRACTION
 from segway_ecc.node.safety.modes import ACTIVE
 
@@ -123,7 +123,7 @@ class Service:
         if not self._is_ready and self._ready.add(1 + new, missed):
             self._is_ready = self._notify.send("READY=1")  # what did not get through is told a second later
 
-    def report(self, statuses: Sequence[Status], loop: Deadlines) -> None:
+    def report(self, statuses: Sequence[DiagnosticStatus], loop: Deadlines) -> None:
         """Tell how the robot is: the first of its diagnostics, its mode with the checklist, and the loop's counters."""
         if not self.is_one or not statuses:
             return

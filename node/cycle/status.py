@@ -16,7 +16,7 @@ class Level(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class DiagnosticStatus:
     """The state of one part of the robot.
 
     Attributes:

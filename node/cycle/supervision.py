@@ -3,8 +3,8 @@
 from collections.abc import MutableSequence, Sequence
 from typing import Final, NamedTuple
 
-from segway_ecc.node.cycle.authority import Authority
-from segway_ecc.node.cycle.seams import Heartbeat
+from segway_ecc.node.cycle.arming import ArmingManager
+from segway_ecc.node.cycle.interfaces import Heartbeat
 from segway_ecc.node.safety.modes import STATION_LOST
 from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.node.safety.station import StationWatch, Watch, sit_down_values
@@ -28,7 +28,7 @@ class Supervision:
     """Hears heartbeats; sits the robot down and disarms it when they have ended for long."""
 
     def __init__(
-        self, settings: StationSettings | None, set_names: Sequence[str], authority: Authority, period_ns: int
+        self, settings: StationSettings | None, set_names: Sequence[str], arming: ArmingManager, period_ns: int
     ) -> None:
         """Watch as the robot file says; None only hears.
 
@@ -36,7 +36,7 @@ class Supervision:
             UnknownNameError: What is to be set is not among `set_names`.
         """
         self._echoes: dict[str, Echo] = {}
-        self._authority = authority
+        self._arming = arming
         self._sit_down = sit_down_values(settings, set_names)
         self._watch = StationWatch(settings, period_ns)
         self._seen = Watch.ALONE
@@ -70,12 +70,12 @@ class Supervision:
             events: Where it is told.
             is_heard: Whether a heartbeat came in this cycle.
         """
-        before, self._seen = self._seen, self._watch.look(cycle, is_heard=is_heard, is_live=self._authority.is_live)
+        before, self._seen = self._seen, self._watch.look(cycle, is_heard=is_heard, is_live=self._arming.is_live)
         if self._seen >= Watch.SIT_DOWN and self._sit_down:
             for place, value in self._sit_down:
                 set_values[place] = value
             if before < Watch.SIT_DOWN:
                 events.append(SITS_DOWN)
         if self._seen is Watch.DISARM:
-            self._authority.disarm(STATION_LOST)
+            self._arming.disarm(STATION_LOST)
         return self._seen >= Watch.LOST

@@ -61,7 +61,7 @@ class Origin(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class SignalSource:
     """A place in the values of an origin."""
 
     origin: Origin
@@ -83,10 +83,10 @@ class Wiring:
         topics: Topics that variables are published on, each with the variable.
     """
 
-    inputs: tuple[Source, ...]
-    states: tuple[tuple[str, Source], ...]
+    inputs: tuple[SignalSource, ...]
+    states: tuple[tuple[str, SignalSource], ...]
     outputs: tuple[int, ...]
-    published: Mapping[str, Source]
+    published: Mapping[str, SignalSource]
     sensors: tuple[int, ...]
     set_names: tuple[str, ...]
     set_values: tuple[float, ...]
@@ -155,14 +155,14 @@ def _names(variables: Iterable[Variable]) -> list[str]:
     return [v.name for v in variables]
 
 
-def _from_outside(signal: str, set_signals: Sequence[str]) -> Source | None:
+def _from_outside(signal: str, set_signals: Sequence[str]) -> SignalSource | None:
     """The source of a set-point or a value that anybody may set; None for any other signal."""
     if signal in SETPOINT_SIGNALS:
-        return Source(Origin.SETPOINT, SETPOINT_SIGNALS.index(signal))
-    return Source(Origin.SET, set_signals.index(signal)) if signal in set_signals else None
+        return SignalSource(Origin.SETPOINT, SETPOINT_SIGNALS.index(signal))
+    return SignalSource(Origin.SET, set_signals.index(signal)) if signal in set_signals else None
 
 
-def _input(port: str, wiring: Mapping[str, str], hardware: Hardware, set_signals: Sequence[str]) -> Source:
+def _input(port: str, wiring: Mapping[str, str], hardware: Hardware, set_signals: Sequence[str]) -> SignalSource:
     known = [*hardware.signals, *SETPOINT_SIGNALS, f"{SET}<name>"]
     if port not in wiring:
         raise ConfigurationError(f"wiring: model input '{port}' is wired to nothing; it can take {', '.join(known)}")
@@ -172,10 +172,10 @@ def _input(port: str, wiring: Mapping[str, str], hardware: Hardware, set_signals
         return source
     if signal not in hardware.signals:
         raise UnknownNameError(f"signal for model input '{port}'", signal, known)
-    return Source(Origin.SENSOR, list(hardware.signals).index(signal))
+    return SignalSource(Origin.SENSOR, list(hardware.signals).index(signal))
 
 
-def _state(state: Variable, signal: str, set_signals: Sequence[str]) -> tuple[str, Source]:
+def _state(state: Variable, signal: str, set_signals: Sequence[str]) -> tuple[str, SignalSource]:
     if state.write is not Write.NOW:
         raise ConfigurationError(f"wiring: state '{state.name}' cannot be written while the model runs")
     source = _from_outside(signal, set_signals)
@@ -213,13 +213,13 @@ def _driver(command: str, driven: Mapping[str, str], outputs: Sequence[str]) -> 
     raise ConfigurationError(f"wiring: nothing drives '{command}'; the model's outputs are {', '.join(outputs)}")
 
 
-def _published(driven: Mapping[str, str], outputs: Sequence[str], hardware: Hardware) -> dict[str, Source]:
+def _published(driven: Mapping[str, str], outputs: Sequence[str], hardware: Hardware) -> dict[str, SignalSource]:
     port_of = {signal: port for port, signal in driven.items()}
     sensors = list(hardware.signals)
-    published: dict[str, Source] = {}
+    published: dict[str, SignalSource] = {}
     for signal in PUBLISHED_SIGNALS:
         if signal in port_of:
-            published[signal] = Source(Origin.OUTPUT, outputs.index(port_of[signal]))
+            published[signal] = SignalSource(Origin.OUTPUT, outputs.index(port_of[signal]))
         elif signal in sensors:
-            published[signal] = Source(Origin.SENSOR, sensors.index(signal))
+            published[signal] = SignalSource(Origin.SENSOR, sensors.index(signal))
     return published

@@ -14,10 +14,10 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.methods import Method
 from segway_ecc.node.model.sectioned import SectionedModel
 from segway_ecc.node.model.variables import Variable, Write
-from segway_ecc.node.models.segway_estimate import Estimate, Estimator, Measured, within
+from segway_ecc.node.models.segway_estimate import Estimate, Estimator, SegwayMeasurement, within
 from segway_ecc.node.models.segway_law import Law, Motion, Torques, stopped, torques
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import Phase, PhaseRules, Progress
+from segway_ecc.node.models.segway_phases import Phase, PhaseProgress, PhaseRules
 
 STEP_SIZE: Final = 0.005
 
@@ -93,7 +93,7 @@ _STATES: Final = (
     *SETPOINTS,
     *_states("Estimated", Estimate.__struct_fields__),
     *_states("Reference", Motion.__struct_fields__),
-    *_states("Doing", Progress.__struct_fields__),
+    *_states("Doing", PhaseProgress.__struct_fields__),
 )
 _ESTIMATE_AT: Final = len(SETPOINTS)
 _MOTION_AT: Final = _ESTIMATE_AT + len(Estimate.__struct_fields__)
@@ -132,10 +132,10 @@ class SegwayController(SectionedModel):
 
     def initial(self) -> None:
         """Nothing was measured yet."""
-        self.measured = Measured(*(0.0 for _ in _INPUTS))
+        self.measured = SegwayMeasurement(*(0.0 for _ in _INPUTS))
         self.estimate = Estimate()
         self.motion = Motion()
-        self.progress = Progress()
+        self.progress = PhaseProgress()
 
     def static(self) -> None:
         """Gather the parameters as the equations use them.
@@ -162,7 +162,7 @@ class SegwayController(SectionedModel):
 
     def input(self, u: Sequence[float]) -> None:
         """Take what is measured; the first time, it says how the robot lies."""
-        self.measured = Measured(*u)
+        self.measured = SegwayMeasurement(*u)
         if self.estimate.since == 0.0:
             self.estimate = self.estimator.start(self.measured)
             self.s[_ESTIMATE_AT:_MOTION_AT] = astuple(self.estimate)

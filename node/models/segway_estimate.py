@@ -24,7 +24,7 @@ _LARGEST_INNOVATION: Final = 0.2
 _REST_TIME_S: Final = 0.2
 
 
-class Measured(Value, frozen=True):
+class SegwayMeasurement(Value, frozen=True):
     """What is measured: encoders (rad, rad/s), gyro (rad/s) and accelerometer (m/s2)."""
 
     left_angle: float
@@ -97,14 +97,14 @@ class Estimator:
         # The part of what a resting gyro says that is taken for bias in one period.
         self._settled = period / _REST_TIME_S
 
-    def start(self, m: Measured) -> Estimate:
+    def start(self, m: SegwayMeasurement) -> Estimate:
         """The estimate at rest, from what is measured first; not begun where the accelerometer feels nothing."""
         if hypot(m.acceleration_x, m.acceleration_z) < _LEAST_GRAVITY:
             return Estimate()
         pitch = atan2(-m.acceleration_x, m.acceleration_z)
         return Estimate(since=self._period, pitch=pitch, rotation=_rotation(m, pitch))
 
-    def advance(self, e: Estimate, m: Measured, *, resting: bool) -> Estimate:
+    def advance(self, e: Estimate, m: SegwayMeasurement, *, resting: bool) -> Estimate:
         """The estimate one period later; `resting` says that the motors are off."""
         since, pitch, pitch_bias = e.since, e.pitch, e.pitch_bias
         if since == 0.0:
@@ -161,7 +161,7 @@ class Estimator:
         return yaw_rate, within(bias + self._drawn * within(yaw_rate - wheels, _LARGEST_BIAS), _LARGEST_BIAS)
 
 
-def _rotation(m: Measured, pitch: float) -> float:
+def _rotation(m: SegwayMeasurement, pitch: float) -> float:
     return 0.5 * (m.left_angle + m.right_angle) + pitch
 
 

@@ -39,7 +39,7 @@ class Phase(enum.IntEnum):
     """Down, the motors give nothing; it fell or did not get up, and waits to be told to sit before it tries again."""
 
 
-class Progress(Value, frozen=True):
+class PhaseProgress(Value, frozen=True):
     """A phase, and how far it has come.
 
     Attributes:
@@ -76,13 +76,13 @@ class PhaseRules:
         self._torque_per_pitch = p["TorquePerAcceleration"] / p["PitchPerAcceleration"]
         self._torque_per_rate = _RATE_FACTOR * p["PitchRateGain"]
 
-    def advance(self, progress: Progress, e: Estimate, *, stand: bool) -> Progress:
+    def advance(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> PhaseProgress:
         """The phase one period later; `stand` says whether it is told to stand."""
         phase, period = progress.phase, self._period
         goal = self._next(progress, e, stand=stand)
         if goal is not phase:
-            return Progress(goal)
-        return Progress(
+            return PhaseProgress(goal)
+        return PhaseProgress(
             phase,
             progress.elapsed + period,
             progress.lasting + period if self._is_ending(phase, e) else 0.0,
@@ -95,7 +95,7 @@ class PhaseRules:
             return -_BRAKE_GAIN * e.velocity
         return self._torque_per_pitch * e.pitch - self._torque_per_rate * (e.pitch_rate - self._sit_down_rate)
 
-    def _next(self, progress: Progress, e: Estimate, *, stand: bool) -> Phase:
+    def _next(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
         match progress.phase:
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
                 return self._from_balancing(progress, stand=stand)
@@ -110,14 +110,14 @@ class PhaseRules:
             case Phase.GIVEN_UP:
                 return Phase.GIVEN_UP if stand else Phase.RESTING
 
-    def _from_standing_up(self, progress: Progress, *, stand: bool) -> Phase:
+    def _from_standing_up(self, progress: PhaseProgress, *, stand: bool) -> Phase:
         if progress.elapsed > self._stand_up_time or progress.wrong > _RUNAWAY_TIME_S:
             return Phase.GIVEN_UP
         if not stand:
             return Phase.SITTING_DOWN
         return Phase.BALANCING if progress.lasting > _UP_TIME_S else Phase.STANDING_UP
 
-    def _from_balancing(self, progress: Progress, *, stand: bool) -> Phase:
+    def _from_balancing(self, progress: PhaseProgress, *, stand: bool) -> Phase:
         if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
             return Phase.GIVEN_UP
         return Phase.BALANCING if stand else Phase.SITTING_DOWN

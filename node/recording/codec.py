@@ -13,9 +13,9 @@ from typing import Any, Final, get_type_hints
 import msgspec
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import PHASES, CycleRecord, Inbox
+from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, Inbox
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_message import CycleMessage
@@ -71,7 +71,7 @@ class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
     """A set of diagnostics with its stamp, ns since the Unix epoch."""
 
     stamp_ns: int
-    statuses: tuple[Status, ...]
+    statuses: tuple[DiagnosticStatus, ...]
 
 
 pack_cycle: Final = _encoder.encode_into
@@ -83,7 +83,7 @@ def unpack_cycle(body: bytes) -> CycleRecord:
     return CycleRecord(*msgspec.structs.astuple(_decode_cycle(body)))
 
 
-def pack_diagnostics(stamp_ns: int, statuses: Sequence[Status]) -> bytes:
+def pack_diagnostics(stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     """Diagnostics as a body."""
     return _encoder.encode(DiagnosticsMessage(stamp_ns, tuple(statuses)))
 

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from segway_ecc.node.cycle.seams import CycleRecord
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
@@ -73,7 +73,7 @@ class CycleLog:
         """Log what happened in a cycle."""
         self._log.add(EVENTS_TOPIC, CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA, stamp_of(message), message)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Log a set of diagnostics."""
         fields = [(int(s.level), s.name, s.message, "", s.values) for s in statuses]
         self._log.diagnostics("/diagnostics", stamp_ns, fields)

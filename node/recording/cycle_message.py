@@ -10,7 +10,7 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import PHASES, CycleRecord
+from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.recording.layout import CycleLayout, field_names
 from segway_ecc.node.recording.schemas import definition

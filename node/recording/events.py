@@ -19,7 +19,7 @@ from typing import Any, Final
 import msgspec
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, Request
+from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, Request
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.safety.modes import Action, Answer
 

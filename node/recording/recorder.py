@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cycle.seams import CycleRecord
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.helper import end_helper, start_helper, tell_helper
+from segway_ecc.node.helper import end_helper, send_task, start_helper
 from segway_ecc.node.recording.codec import (
     CYCLE,
     DIAGNOSTICS,
@@ -34,7 +34,7 @@ _logger = logging.getLogger(__name__)
 
 
 class ProcessRecorder:
-    """See `segway_ecc.node.cycle.seams.Recorder`.
+    """See `segway_ecc.node.cycle.interfaces.Recorder`.
 
     Attributes:
         dropped: Messages that were not kept, because the writer did not keep up or is gone.
@@ -66,7 +66,7 @@ class ProcessRecorder:
             self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
         finally:
             os.close(memory)
-        tell_helper(self._process, RecorderSettings(str(path), layout, provenance, bounds or LogQuota()))
+        send_task(self._process, RecorderSettings(str(path), layout, provenance, bounds or LogQuota()))
 
     def write(self, record: CycleRecord) -> None:
         """Hand over a cycle; one that finds no room is dropped and counted."""
@@ -75,7 +75,7 @@ class ProcessRecorder:
         if not self._ring.put(CYCLE, buffer):
             self.dropped += 1
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Hand over diagnostics, one status at a time so that each is small; see `write`.
 
         Raises:

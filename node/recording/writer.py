@@ -67,7 +67,7 @@ def write_log(source: int, memory: int) -> None:
 
 def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> tuple[int, int]:
     """Log messages that have arrived, `_MANY` at most; returns how many they were, and how many of them damaged."""
-    kept = [_keep(log, codec, message) for message in itertools.islice(ring.take_all(), _MANY)]
+    kept = [_keep(log, codec, message) for message in itertools.islice(ring.take_messages(), _MANY)]
     return len(kept), kept.count(False)
 
 

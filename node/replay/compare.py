@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.layout import CycleLayout
 
 

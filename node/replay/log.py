@@ -8,7 +8,7 @@ from typing import TypeVar
 import msgspec
 
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE

@@ -5,7 +5,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer, Inbox, NoStage
+from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, NoStage
 from segway_ecc.node.recording.layout import CycleLayout
 
 _NO_LIMIT: Final = float("inf")
@@ -106,7 +106,7 @@ class RecordedStage(NoStage):
         """Hand over what is recorded."""
         self._recorded = recorded
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """What arrived in this cycle."""
         record = self._recorded.record
         return record.inbox or Inbox() if record is not None else Inbox()

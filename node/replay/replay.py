@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.cycle.cycle import Cycle
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.models.load import load_model

@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.ros.untyped import RosObject
 
 NS_PER_S: Final = 1_000_000_000
@@ -32,7 +32,7 @@ def stamp_ns(header: RosObject) -> int:
     return int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
 
 
-def diagnostic_array(statuses: Sequence[Status], stamp_ns: int) -> RosObject:
+def diagnostic_array(statuses: Sequence[DiagnosticStatus], stamp_ns: int) -> RosObject:
     """A diagnostic_msgs/DiagnosticArray."""
     array = message_type("diagnostic_msgs/msg/DiagnosticArray")()
     set_stamp(array.header, stamp_ns)

@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX
-from segway_ecc.node.cycle.seams import Report
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.publishers import Topic

@@ -18,7 +18,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.cycle.real_time import HELPERS_PRIORITY, SWITCH_INTERVAL_S, helping_threads, real_time_priority
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.ring import RingReader, RingWriter
@@ -67,7 +67,7 @@ class Publishing:
         self._subscriptions = subscriptions
         self._reports = reports
         self._period_ns = period_ns
-        self._statuses: list[Status] = []
+        self._statuses: list[DiagnosticStatus] = []
         self._reported_ns = 0
         self._has_subscribers = True
         self._is_over = False
@@ -78,7 +78,7 @@ class Publishing:
         self._look_who_subscribes()
         while not self._is_over and self._subscriptions.is_running:
             before_ns = self._reported_ns
-            for kind, body in self._reports.take_all():
+            for kind, body in self._reports.take_messages():
                 self._handle(kind, body)
             if not self._has_subscribers:
                 time.sleep(_LOOK_S)

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from segway_ecc.node.config import RosSection
-from segway_ecc.node.cycle.seams import Heartbeat, Report, SetValue, StampedSetpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import Heartbeat, Report, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.model.variables import Variable
 from segway_ecc.node.safety.modes import Action, Answer
 
@@ -49,7 +49,7 @@ class NumberedRequest(NamedTuple):
 
 
 class InboxMessage(NamedTuple):
-    """What arrived from outside; see `segway_ecc.node.cycle.seams.Inbox`."""
+    """What arrived from outside; see `segway_ecc.node.cycle.interfaces.Inbox`."""
 
     setpoints: list[StampedSetpoint]
     values: list[SetValue]
@@ -118,7 +118,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
 encoder: Final = msgspec.msgpack.Encoder(enc_hook=float)
 """Numbers of other libraries pass as numbers."""
 decode_report: Final = msgspec.msgpack.Decoder(Report).decode
-decode_status: Final = msgspec.msgpack.Decoder(Status).decode
+decode_status: Final = msgspec.msgpack.Decoder(DiagnosticStatus).decode
 decode_stamp: Final = msgspec.msgpack.Decoder(int).decode
 decode_answer: Final = msgspec.msgpack.Decoder(NumberedAnswer).decode
 decode_write_result: Final = msgspec.msgpack.Decoder(WriteResult).decode

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.node.config import RosSection
-from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.messages import NS_PER_S, message_type, set_stamp
 from segway_ecc.node.ros.template import STAMP, Template

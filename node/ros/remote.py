@@ -11,10 +11,10 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.node.cycle.seams import Inbox, Report, Request, Written
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Written
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import ModelError, RosUnavailableError
-from segway_ecc.node.helper import end_helper, start_helper, tell_helper
+from segway_ecc.node.helper import end_helper, send_task, start_helper
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
 from segway_ecc.node.robot import Robot
@@ -65,7 +65,7 @@ class RosBridge:
         assert self._process.stdout is not None  # noqa: S101 - it was asked for
         self._release()  # both are mapped by now, here and, by the same numbers, open there
         with contextlib.suppress(BrokenPipeError):  # it has ended, and has reported why
-            tell_helper(self._process, settings)
+            send_task(self._process, settings)
         with self._process.stdout as output:
             line = output.readline().decode(errors="replace").strip()
         if line != "ready":
@@ -89,14 +89,14 @@ class RosBridge:
 
 
 class RemoteStage:
-    """See `segway_ecc.node.cycle.seams.Stage`. In each cycle it reads and writes memory, and makes no system call.
+    """See `segway_ecc.node.cycle.interfaces.Stage`. In each cycle it reads and writes memory, and makes no system call.
 
     Where the process has ended, the robot goes on without it while it is armed, as it does without a network, and the
     loop ends as soon as it is not, so that a service manager may start it anew.
 
     Attributes:
         over: Why the world outside has ended, which ends the loop; None while it goes on.
-        is_heard: Whether anybody subscribes to what is published of each cycle.
+        wants_reports: Whether anybody subscribes to what is published of each cycle.
         dropped: Messages that did not get through, mostly because the process did not keep up.
     """
 
@@ -118,7 +118,7 @@ class RemoteStage:
         self._bridge = bridge
         self._buffer = bytearray()
         self._is_gone = False
-        self.is_heard = True
+        self.wants_reports = True
         wiring = robot.wiring
         settings = RosSettings(
             robot=robot.file.name,
@@ -138,11 +138,11 @@ class RemoteStage:
         self._reports, self._inboxes = RingWriter(settings.reports), RingReader(settings.inboxes)
         bridge.configure(settings)
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """Everything that has arrived; see `Stage.take`. What is to be written to the model is."""
         inbox = Inbox()
         for _ in range(INBOX_SLOTS):
-            taken = self._inboxes.take()
+            taken = self._inboxes.take_message()
             if taken is None:
                 break
             kind, body = taken
@@ -151,7 +151,7 @@ class RemoteStage:
                     case ToLoop.WRITE:
                         self._write(decode_write_request(body), inbox)
                     case ToLoop.SUBSCRIBED:
-                        self.is_heard = decode_subscribed(body)
+                        self.wants_reports = decode_subscribed(body)
                     case _:
                         message = decode_inbox(body)
                         inbox.setpoints += message.setpoints
@@ -173,11 +173,11 @@ class RemoteStage:
         if self._is_gone and report.mode not in ACTIVE:
             self.over = "the ROS process has ended"
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Hand over diagnostics, one status at a time so that each fits."""
         # NumberedRequest here, about once a second in the slack of a cycle, because handing over does not show it.
         if not self._is_gone and (status := self._bridge.status) is not None:
-            self._is_gone = self.is_heard = True  # so that it is seen when the robot is no longer armed
+            self._is_gone = self.wants_reports = True  # so that it is seen when the robot is no longer armed
             _logger.warning(
                 "the ROS process has ended with status %d: the robot goes on without ROS while it is armed, and ends "
                 "when it is not",
@@ -187,7 +187,7 @@ class RemoteStage:
             self._put(FromLoop.STATUS, each)
         self._put(FromLoop.DIAGNOSTICS, stamp_ns)
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """Nothing to do: the process does it."""
 
     def close(self) -> None:

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
-from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.ros.graph import mismatch
 from segway_ecc.node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
 from segway_ecc.node.ros.mode import make_mode_publisher
@@ -105,7 +105,7 @@ class RosStage:
         for topic in self._subscribed:
             self._guarded(topic.publish, report)
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish a diagnostic_msgs/DiagnosticArray."""
         self._guarded(self._diagnostics.publish, diagnostic_array(statuses, stamp_ns))
 
@@ -114,7 +114,7 @@ class RosStage:
         if ready:
             self._guarded(self._parameters.serve, ready)
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """Look for publishers that never reach us, on another topic each time, and warn of each once."""
         self._looks += 1
         subscription = self._watched[self._looks % len(self._watched)]

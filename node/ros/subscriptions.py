@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import Final
 
-from segway_ecc.node.cycle.seams import Inbox
+from segway_ecc.node.cycle.interfaces import Inbox
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import RingWriter
 from segway_ecc.node.ros.protocol import (
@@ -95,7 +95,7 @@ class Subscriptions:
                 stage.serve_parameters(ready)
                 if time.monotonic() > look_s:
                     look_s = time.monotonic() + _LOOK_AROUND_S
-                    stage.look_around()
+                    stage.do_background_work()
         finally:
             self.is_running = False
 

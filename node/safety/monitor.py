@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.safety.bounds import Bounds
 from segway_ecc.node.safety.check import Check, Signal, View, periods_in
-from segway_ecc.node.safety.checklist import Item, Measured, run_checklist
 from segway_ecc.node.safety.deadlines import DeadlineWatch
 from segway_ecc.node.safety.following import FollowingError
 from segway_ecc.node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
+from segway_ecc.node.safety.range_check import RangeCheck
 from segway_ecc.node.safety.rate import RateMeter, StillWatch
 from segway_ecc.node.safety.settings import SafetySettings
 from segway_ecc.node.safety.tilt import TiltWatch, imu_vectors
@@ -98,19 +98,19 @@ class SafetyMonitor:
 
     def checklist(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
-    ) -> Sequence[Item]:
+    ) -> Sequence[PreArmCheck]:
         """Go through the checklist, where the robot has one; `real_time` is whether the loop has that priority."""
         settings = self._settings.checklist
         if settings is None or len(values) < len(self._signals):  # none was taken yet
             return ()
-        return run_checklist(settings, self._settings.supply, self._measure(values, ages, valid, real_time=real_time))
+        return pre_arm_checks(settings, self._settings.supply, self._measure(values, ages, valid, real_time=real_time))
 
     def _measure(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
-    ) -> Measured:
+    ) -> PreArmMeasurements:
         names, needs = list(self._signals), self.needs
         stale = [names[index] for index in needs if not valid[index]]
-        return Measured(
+        return PreArmMeasurements(
             wanted_hz=self._rate.wanted_hz,
             rate_hz=self._rate.rate_hz,
             newest_age_s=min([ages[index] for index in needs], default=None),
@@ -163,9 +163,9 @@ class SafetyMonitor:
         limit, supply = self._settings.wheel_velocity_limit, self._settings.supply
         if limit is not None:
             for name in _VELOCITIES:
-                yield Bounds(self._signal("wheel_velocity_limit", name), -limit, limit, "rad/s")
+                yield RangeCheck(self._signal("wheel_velocity_limit", name), -limit, limit, "rad/s")
         if supply is not None:
-            yield Bounds(self._signal("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
+            yield RangeCheck(self._signal("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
 
     def _make_frozen(self) -> Iterator[Check]:
         if self._settings.frozen_after_s is None:

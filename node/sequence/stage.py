@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from segway_ecc.node.cycle.clock import Clock
-from segway_ecc.node.cycle.seams import Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS
 from segway_ecc.node.safety.modes import ACTIVE
 from segway_ecc.node.sequence.player import Odometry, Player, PlayState
@@ -27,7 +27,7 @@ class ManoeuvreStage(NoStage):
         self.started_wall_ns: int | None = None
         self._clock = clock
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """The set-points that are to be sent now."""
         inbox = Inbox()
         start_ns = self.player.start_ns or 0

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cli.options import add_json, print_json
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import ConfigurationError, RecordingError
 from segway_ecc.node.replay.log import RecordedRun
 from segway_ecc.node.replay.replay import Outcome, replay

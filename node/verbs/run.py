@@ -22,8 +22,8 @@ from segway_ecc.node.cli.options import (
 )
 from segway_ecc.node.config import read_text
 from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.service import service_of
 from segway_ecc.node.errors import ConfigurationError, RobotLostError
 from segway_ecc.node.logs import messages

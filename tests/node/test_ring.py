@@ -47,13 +47,13 @@ def put(writer: RingWriter, numbers: range) -> None:
 
 
 def taken(reader: RingReader) -> list[bytes]:
-    return [message for _, message in reader.take_all()]
+    return [message for _, message in reader.take_messages()]
 
 
 def test_a_message_is_taken_once_with_its_kind(writer: RingWriter, reader: RingReader) -> None:
-    assert reader.take() is None
+    assert reader.take_message() is None
     put(writer, range(2))
-    assert reader.take() == (KIND, numbered(0))
+    assert reader.take_message() == (KIND, numbered(0))
     assert writer.held() == 1
     assert taken(reader) == [numbered(1)]
     assert taken(reader) == []
@@ -66,7 +66,7 @@ def test_a_full_ring_takes_no_more_until_a_slot_is_free_and_loses_nothing_it_too
     put(writer, range(SLOTS))
     assert not writer.put(KIND, b"one too many")
     assert writer.held() == SLOTS
-    assert reader.take() == (KIND, numbered(0))
+    assert reader.take_message() == (KIND, numbered(0))
     put(writer, range(SLOTS, SLOTS + 1))
     assert taken(reader) == [numbered(number) for number in range(1, SLOTS + 1)]
 
@@ -172,7 +172,7 @@ def test_a_long_message_finds_no_room_where_only_its_first_slots_are_free(
 ) -> None:
     put(writer, range(SLOTS))
     for number in range(2):
-        assert reader.take() == (KIND, numbered(number))
+        assert reader.take_message() == (KIND, numbered(number))
     assert not writer.put(KIND, b"x" * (ROOM + SLOT_BYTES + 1))
     assert writer.put(KIND, b"x" * (ROOM + SLOT_BYTES))
     assert taken(reader)[-1] == b"x" * (ROOM + SLOT_BYTES)
@@ -200,7 +200,7 @@ def test_kinds_and_messages_come_as_they_were_put(pairs: list[tuple[int, bytes]]
         for _ in range(3):  # round and round
             for kind, message in pairs:
                 assert writer.put(kind, bytearray(message))
-            assert list(reader.take_all()) == pairs
+            assert list(reader.take_messages()) == pairs
     finally:
         os.close(memory)
 

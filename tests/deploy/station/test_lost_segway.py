@@ -7,7 +7,7 @@ import pytest
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, Heartbeat, Inbox, NoRecorder, NoStage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
@@ -43,7 +43,7 @@ class World(NoStage, NoRecorder):
     def time_s(self) -> float:
         return self._cycle * PERIOD_S
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         self._cycle += 1
         setpoint = Setpoint(0.5, 0.4) if self.time_s > DRIVES_FROM_S else REST
         beats = [Heartbeat("base", self._cycle)] if self._cycle % 20 == 0 and self.time_s <= LOST_FROM_S else []

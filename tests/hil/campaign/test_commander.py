@@ -7,7 +7,7 @@ import pytest
 from segway_ecc.hil.campaign.commander import Commander
 from segway_ecc.hil.faults.fault import Fault, Type
 from segway_ecc.hil.faults.injection import Injections
-from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -23,14 +23,14 @@ def arrived(kind: Type | None, amount: float | None = None, for_s: float | None 
     fault = [Fault(target="command_link", type=kind, at_s=0.3, for_s=for_s, amount=amount)] if kind else []
     faults = Injections(fault, 0, lambda: now[0])
     commander = Commander(MANOEUVRE, faults)
-    assert commander.take().setpoints == []
+    assert commander.take_inbox().setpoints == []
     faults.timeline.start()
     rows = []
     for cycle in range(20):
         now[0] = cycle * CYCLE_MS * 1_000_000
         commander.publish(Report(0, Mode.ARMED, (), None))
         assert commander.over is None
-        inbox = commander.take()
+        inbox = commander.take_inbox()
         assert all(setpoint.stamp_ns is None for setpoint in inbox.setpoints)
         rows.append([setpoint.setpoint.linear_velocity for setpoint in inbox.setpoints])
     now[0] = 1_000_000_000

@@ -17,7 +17,7 @@ from segway_ecc.hil.rig.link_front import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoRecorder, NoStage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode, Transition
@@ -69,7 +69,7 @@ class World(NoStage, NoRecorder):
     def publish_diagnostics(self, *_: object) -> None:
         """Not looked at."""
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         run, now_ns = self._run, self._run.rig.now_ns()
         if now_ns >= BEGIN_NS and not self._is_done:
             self._is_done = True

@@ -18,8 +18,8 @@ from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import ACTIVE, Mode

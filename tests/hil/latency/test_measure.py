@@ -9,7 +9,7 @@ from segway_ecc.hil.latency.measure import measure
 from segway_ecc.hil.latency.result import Latency, Where
 from segway_ecc.hil.latency.same_process import HandedStage
 from segway_ecc.hil.latency.saying import MOST, say_all
-from segway_ecc.node.cycle.seams import StampedSetpoint
+from segway_ecc.node.cycle.interfaces import StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 
 pytestmark = pytest.mark.real_time
@@ -33,8 +33,8 @@ def test_each_number_is_said_once_in_order_and_its_time_noted_before() -> None:
 def test_what_a_thread_says_is_in_the_next_inbox_once() -> None:
     stage = HandedStage()
     stage.say(0.5)
-    assert stage.take().setpoints == [StampedSetpoint(Setpoint(0.5, 0.0), None)]
-    assert stage.take().setpoints == []
+    assert stage.take_inbox().setpoints == [StampedSetpoint(Setpoint(0.5, 0.0), None)]
+    assert stage.take_inbox().setpoints == []
 
 
 @pytest.mark.parametrize("trials", [0, MOST + 1])

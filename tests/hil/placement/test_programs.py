@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from segway_ecc.hil.placement.programs import Heard, Message, Program, StampedSequence, Supervisor, UnstampedSequence
-from segway_ecc.node.cycle.seams import Heartbeat, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import single_segment

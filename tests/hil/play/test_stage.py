@@ -16,9 +16,9 @@ from segway_ecc.hil.play.rig import Rig
 from segway_ecc.hil.play.snapshot import Snapshot
 from segway_ecc.hil.play.stage import PlayStage
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import Inbox, NoStage, Report, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.model.variables import Variable
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import Action, Answer, Mode, Modes
@@ -32,7 +32,7 @@ class Behind(NoStage):
         self.inbox = Inbox()
         self.told: list[object] = []
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         taken, self.inbox = self.inbox, Inbox()
         return taken
 
@@ -42,7 +42,7 @@ class Behind(NoStage):
     def publish_diagnostics(self, stamp_ns: int, statuses: Any) -> None:
         self.told.append((stamp_ns, tuple(statuses)))
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         self.told.append("looked")
 
     def close(self) -> None:
@@ -63,7 +63,7 @@ class Game(NamedTuple):
     def press(self, *keys: Key) -> Inbox:
         for key in keys:
             self.terminal.press(key)
-        return self.stage.take()
+        return self.stage.take_inbox()
 
     def setpoints(self, *keys: Key) -> list[Setpoint]:
         found = self.press(*keys).setpoints
@@ -200,7 +200,7 @@ def test_q_ends_and_so_does_a_terminal_that_is_gone(game: Game) -> None:
     game.press(Key.QUIT)
     assert game.stage.over == "q was pressed"
     game.ends[1].close()
-    game.stage.take()
+    game.stage.take_inbox()
     assert game.stage.over == "q was pressed"
 
 
@@ -208,7 +208,7 @@ def test_a_terminal_that_is_gone_ends_the_robot(game: Game) -> None:
     game.press(Key.ALIVE)
     goes_on = game.stage.over is None
     game.ends[1].close()
-    game.stage.take()
+    game.stage.take_inbox()
     assert (goes_on, game.stage.over) == (True, "the terminal is gone")
 
 
@@ -218,10 +218,10 @@ def test_what_ends_the_stage_behind_ends_this_one(game: Game) -> None:
 
 
 def test_everything_is_handed_on(game: Game) -> None:
-    report, status = reported(game), Status(Level.OK, "cart: other", "", {})
+    report, status = reported(game), DiagnosticStatus(Level.OK, "cart: other", "", {})
     game.stage.publish(report)
     game.stage.publish_diagnostics(3, [status])
-    game.stage.look_around()
+    game.stage.do_background_work()
     game.stage.close()
     assert game.behind.told == [report, (3, (status,)), "looked", "closed"]
 
@@ -240,7 +240,11 @@ def test_what_is_shown(game: Game) -> None:
     }
     timing = {"rate_hz": "100", "late": "1", "skipped": "2", "lateness": "p50", "cycle": "x"}
     game.stage.publish_diagnostics(
-        3, [Status(Level.OK, "cart: hardware", "", health), Status(Level.OK, "cart: timing", "", timing)]
+        3,
+        [
+            DiagnosticStatus(Level.OK, "cart: hardware", "", health),
+            DiagnosticStatus(Level.OK, "cart: timing", "", timing),
+        ],
     )
     game.stage.messages.append("hello")
     report = reported(game, applied=Setpoint(0.3, -0.4), linear_velocity=0.25, angular_velocity=-0.5)
@@ -287,7 +291,7 @@ def test_the_tilt_is_shown_where_the_model_tells_it(game: Game) -> None:
 
 
 def test_a_robot_with_one_line_tells_its_state_as_that_of_the_bus(game: Game) -> None:
-    game.stage.publish_diagnostics(3, [Status(Level.OK, "cart: hardware", "", {"link.state": "active"})])
+    game.stage.publish_diagnostics(3, [DiagnosticStatus(Level.OK, "cart: hardware", "", {"link.state": "active"})])
     shown = game.shown(reported(game))
     assert (shown.links, shown.line) == ({"can": "active"}, None)
 

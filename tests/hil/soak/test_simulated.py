@@ -8,7 +8,7 @@ import pytest
 from segway_ecc.hil.processes import ProcessFailedError
 from segway_ecc.hil.soak.simulated import Job, PatientRecorder, soak
 from segway_ecc.hil.soak.watching import Watching
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 
 
 @pytest.mark.timeout(180)

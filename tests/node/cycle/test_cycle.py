@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import PHASES, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import PHASES, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 from segway_ecc.testing import START_NS, WALL_START_NS, Bench
@@ -112,7 +112,7 @@ def test_the_report_is_the_state_at_its_stamp(bench: Bench) -> None:
 
 
 def test_a_report_is_made_where_it_is_heard(bench: Bench) -> None:
-    bench.stage.is_heard = False
+    bench.stage.wants_reports = False
     bench.loop.run(cycles=3)
 
     assert bench.stage.reports == []
@@ -218,7 +218,7 @@ def test_a_robot_that_arms_itself_keeps_trying_and_tells_what_it_waits_for(bench
     seen: list[str | None] = []
 
     def clear() -> None:
-        seen.append(bench.cycle.authority.arming_obstacle)
+        seen.append(bench.cycle.arming.arming_refusal)
         bench.hardware.reasons = ()
 
     bench.hardware.reasons = ("no supply",)
@@ -226,7 +226,7 @@ def test_a_robot_that_arms_itself_keeps_trying_and_tells_what_it_waits_for(bench
     bench.loop.run(cycles=5)
     assert modes(bench) == [Mode.DISARMED] * 3 + [Mode.ARMED] * 2
     assert seen == ["drives: no supply"]
-    assert bench.cycle.authority.arming_obstacle is None
+    assert bench.cycle.arming.arming_refusal is None
 
 
 def test_once_armed_by_itself_it_does_not_arm_itself_again(bench: Bench) -> None:

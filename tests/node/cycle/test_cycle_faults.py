@@ -87,7 +87,7 @@ def test_a_fault_gives_zero_in_its_own_cycle_and_stays(
     trouble(bench, script, 5)
     bench.loop.run(cycles=10)
     assert modes(bench) == [Mode.ARMED] * 5 + [Mode.FAULT] * 5
-    assert bench.cycle.authority.modes.reason == reason
+    assert bench.cycle.arming.modes.reason == reason
     assert bench.recorder.records[4].commands != (0.0,)
     assert [record.commands for record in bench.recorder.records[5:]] == [(0.0,)] * 5
     assert bench.hardware.sent[-4:] == [(0.0,)] * 4

@@ -97,7 +97,7 @@ class Operation(RuleBasedStateMachine):
 
     @property
     def mode(self) -> Mode:
-        return self.cycle.authority.modes.mode
+        return self.cycle.arming.modes.mode
 
     @property
     def after(self) -> tuple[float, float]:
@@ -133,7 +133,7 @@ class Operation(RuleBasedStateMachine):
         for _ in range(cycles):
             self.pass_cycle()
             self.nothing_is_exceeded()
-            assert self.cycle.authority.modes.reason != LOST or self.mode is Mode.DISARMED
+            assert self.cycle.arming.modes.reason != LOST or self.mode is Mode.DISARMED
         assert (self.mode in ACTIVE) == (was in ACTIVE)
 
     @rule(cycles=st.integers(1, 60))
@@ -146,7 +146,7 @@ class Operation(RuleBasedStateMachine):
             self.nothing_is_exceeded()
             if not was_watched or was not in ACTIVE:
                 continue
-            modes = self.cycle.authority.modes
+            modes = self.cycle.arming.modes
             if cycle <= 20:
                 assert self.mode in ACTIVE
                 assert modes.reason != LOST
@@ -164,7 +164,7 @@ class Operation(RuleBasedStateMachine):
         else:
             wanted = {Mode.DISARMED}
         assert self.mode in wanted, "in the cycle in which it is taken"
-        assert action is not Action.STOP or self.cycle.authority.modes.reason == "stop was pressed"
+        assert action is not Action.STOP or self.cycle.arming.modes.reason == "stop was pressed"
 
     @rule(action=st.sampled_from(Action))
     def operate_in_a_hold(self, action: Action) -> None:
@@ -277,7 +277,7 @@ class Operation(RuleBasedStateMachine):
 
     @invariant()
     def the_history_ends_with_the_present_mode(self) -> None:
-        modes = self.cycle.authority.modes
+        modes = self.cycle.arming.modes
         assert not modes.history or (modes.history[-1].mode, modes.history[-1].reason) == (modes.mode, modes.reason)
         for earlier, later in zip(modes.history, list(modes.history)[1:], strict=False):
             assert earlier.cycle <= later.cycle

@@ -11,7 +11,7 @@ import pytest
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import NoRecorder, NoStage
+from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.methods import Method
@@ -106,8 +106,8 @@ def test_a_tilt_beyond_its_limit_takes_the_torque_away_in_its_own_cycle(
     bench.loop.run(cycles=8)
     assert modes(bench) == [Mode.ARMED] * 3 + [Mode.FAULT] * 5
     assert commands(bench) == [5.0] * 3 + [0.0] * 5
-    assert bench.cycle.authority.modes.reason == "the body leans 0.54 rad, beyond 0.5 rad"
-    assert bench.cycle.authority.modes.history[-1] == Transition(3, Mode.FAULT, bench.cycle.authority.modes.reason)
+    assert bench.cycle.arming.modes.reason == "the body leans 0.54 rad, beyond 0.5 rad"
+    assert bench.cycle.arming.modes.history[-1] == Transition(3, Mode.FAULT, bench.cycle.arming.modes.reason)
 
 
 def test_a_signal_that_only_safety_needs_is_a_fault_when_it_is_lost(balancer: Callable[..., Bench]) -> None:
@@ -115,14 +115,14 @@ def test_a_signal_that_only_safety_needs_is_a_fault_when_it_is_lost(balancer: Ca
     measure(bench, 3, sensors(STILL, (True, True, False, True, True, True, True)))
     bench.loop.run(cycles=5)
     assert modes(bench)[3] is Mode.FAULT
-    assert bench.cycle.authority.modes.reason == "imu.angular_velocity_y is too old: 1 ms"
+    assert bench.cycle.arming.modes.reason == "imu.angular_velocity_y is too old: 1 ms"
 
 
 def test_both_links_lost_is_a_fault_whatever_is_watched(balancer: Callable[..., Bench]) -> None:
     bench = balancer(SafetySettings(tilt_limit_rad=0.5, frozen_after_s=None, checklist=None))
     bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("both lines are gone"))
     bench.loop.run(cycles=5)
-    assert (modes(bench)[3], bench.cycle.authority.modes.reason) == (Mode.FAULT, "both lines are gone")
+    assert (modes(bench)[3], bench.cycle.arming.modes.reason) == (Mode.FAULT, "both lines are gone")
 
 
 def test_a_frozen_imu_takes_the_torque_away_within_a_tenth_of_a_second(balancer: Callable[..., Bench]) -> None:
@@ -131,7 +131,7 @@ def test_a_frozen_imu_takes_the_torque_away_within_a_tenth_of_a_second(balancer:
         measure(bench, cycle, sensors((0.0, 1e-4 * cycle, *STILL[2:])))
     bench.loop.run(cycles=40)
     assert modes(bench).index(Mode.FAULT) == 29  # the values of cycle 19, ten periods of 10 ms later
-    assert "the IMU is frozen" in bench.cycle.authority.modes.reason
+    assert "the IMU is frozen" in bench.cycle.arming.modes.reason
 
 
 def test_late_cycles_in_a_row_take_the_torque_away(balancer: Callable[..., Bench]) -> None:
@@ -139,7 +139,7 @@ def test_late_cycles_in_a_row_take_the_torque_away(balancer: Callable[..., Bench
     bench.clock.late_ns = dict.fromkeys(range(3, 6), 6 * MS)
     bench.loop.run(cycles=9)
     assert modes(bench).index(Mode.FAULT) == 5
-    assert bench.cycle.authority.modes.reason == "3 deadlines in a row were missed"
+    assert bench.cycle.arming.modes.reason == "3 deadlines in a row were missed"
 
 
 def test_deadlines_that_were_skipped_take_the_torque_away_in_the_cycle_after(balancer: Callable[..., Bench]) -> None:
@@ -147,7 +147,7 @@ def test_deadlines_that_were_skipped_take_the_torque_away_in_the_cycle_after(bal
     bench.stage.costs_ns[3] = 45 * MS  # of which four deadlines are skipped
     bench.loop.run(cycles=9)
     assert modes(bench).index(Mode.FAULT) == 4
-    assert "deadlines in a row were missed" in bench.cycle.authority.modes.reason
+    assert "deadlines in a row were missed" in bench.cycle.arming.modes.reason
 
 
 def test_commands_keep_to_the_robot_s_own_limit_and_slew_rate_also_from_zero_at_arming(
@@ -171,7 +171,7 @@ def test_lost_set_points_hold_and_do_not_cut(make_bench: Callable[..., Bench]) -
     bench.loop.run(cycles=60)
     assert modes(bench)[-1] is Mode.HOLD
     assert bench.hardware.journal.count("disarm") == 1, "by the end of the run"
-    assert [(t.cycle, t.mode) for t in bench.cycle.authority.modes.history] == [(0, Mode.ARMED), (52, Mode.HOLD)]
+    assert [(t.cycle, t.mode) for t in bench.cycle.arming.modes.history] == [(0, Mode.ARMED), (52, Mode.HOLD)]
 
 
 def test_a_fault_wins_over_a_hold(balancer: Callable[..., Bench]) -> None:
@@ -213,7 +213,7 @@ def test_a_robot_that_does_not_follow_loses_its_torque(follower: Bench) -> None:
     follower.loop.run(cycles=60)
     # Told in cycle 20, to be seen from 21 on; rest was last asked in cycle 20 and counts for 10 more, then 5 are wrong.
     assert modes(follower).index(Mode.FAULT) == 20 + 10 + 5
-    assert follower.cycle.authority.modes.reason == "the robot goes 0.00 m/s ahead, asked is 1.00 to 1.00 m/s"
+    assert follower.cycle.arming.modes.reason == "the robot goes 0.00 m/s ahead, asked is 1.00 to 1.00 m/s"
 
 
 def test_a_robot_that_is_not_armed_has_nothing_to_follow(make_two: Callable[..., Bench]) -> None:
@@ -237,7 +237,7 @@ def test_a_robot_that_holds_must_come_to_rest(make_two: Callable[..., Bench]) ->
     bench.loop.run(cycles=100)
     found = [mode for mode, _ in itertools.groupby(modes(bench))]
     assert found == [Mode.ARMED, Mode.HOLD, Mode.FAULT]
-    assert "the robot goes 1.00 m/s ahead, asked is 0.00 to 0.00 m/s" in bench.cycle.authority.modes.reason
+    assert "the robot goes 1.00 m/s ahead, asked is 0.00 to 0.00 m/s" in bench.cycle.arming.modes.reason
 
 
 def test_the_checklist_refuses_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:

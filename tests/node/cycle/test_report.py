@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
-from segway_ecc.node.cycle.authority import Authority
+from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.time_base import TimeBase
 from segway_ecc.node.cycle.timing import Histogram
 from segway_ecc.node.safety.modes import Action
@@ -20,7 +20,7 @@ PERIOD = 10_000_000
 class Observed:
     hardware: Hardware
     sensors: Sensors = field(default_factory=Sensors)
-    authority: Authority = field(init=False)
+    arming: ArmingManager = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
     time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
     histograms: dict[str, Histogram] = field(
@@ -28,7 +28,7 @@ class Observed:
     )
 
     def __post_init__(self) -> None:
-        self.authority = Authority(self.hardware, self.schedule, arm_at_start=False)
+        self.arming = ArmingManager(self.hardware, self.schedule, arm_at_start=False)
 
 
 @dataclass
@@ -60,7 +60,7 @@ def report(observed: Observed, deadlines: Deadlines) -> DiagnosticReport:
     return DiagnosticReport(observed, deadlines, PERIOD, "cart")
 
 
-def gather(report: DiagnosticReport) -> Mapping[str, Status]:
+def gather(report: DiagnosticReport) -> Mapping[str, DiagnosticStatus]:
     report.begin()
     while report.is_pending:
         report.work()
@@ -94,7 +94,7 @@ def test_a_set_that_is_not_complete_is_completed_first(report: DiagnosticReport)
 
 def test_the_last_set_stays_until_the_next_is_complete(observed: Observed, report: DiagnosticReport) -> None:
     gather(report)
-    observed.authority.modes.fail("smoke")
+    observed.arming.modes.fail("smoke")
     report.begin()
     report.work()
     assert report.statuses[0].message == "DISARMED: just started"
@@ -104,17 +104,17 @@ def test_the_mode_is_told_with_its_reason_and_weight(observed: Observed, report:
     def told() -> tuple[Level, str]:
         status = gather(report)["cart: mode"]
         assert dict(status.values) == {
-            "mode": str(observed.authority.modes.mode),
-            "reason": observed.authority.modes.reason,
+            "mode": str(observed.arming.modes.mode),
+            "reason": observed.arming.modes.reason,
         }
         return status.level, status.message
 
     assert told() == (Level.OK, "DISARMED: just started")
-    observed.authority.modes.ask(Action.ARM)
+    observed.arming.modes.ask(Action.ARM)
     assert told() == (Level.OK, "ARMED: asked to arm")
-    observed.authority.modes.observe([], setpoints_silent=True)
+    observed.arming.modes.observe([], setpoints_silent=True)
     assert told() == (Level.WARN, "HOLD: no set-point arrives any more")
-    observed.authority.modes.fail("smoke")
+    observed.arming.modes.fail("smoke")
     assert told() == (Level.ERROR, "FAULT: smoke")
 
 
@@ -212,4 +212,6 @@ def test_the_age_of_every_signal_is_told() -> None:
 
 
 def test_a_robot_without_hardware_says_so(report: DiagnosticReport) -> None:
-    assert gather(report)["cart: hardware"] == Status(Level.OK, "cart: hardware", "none: the robot is all model", {})
+    assert gather(report)["cart: hardware"] == DiagnosticStatus(
+        Level.OK, "cart: hardware", "none: the robot is all model", {}
+    )

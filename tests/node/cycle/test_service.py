@@ -12,7 +12,7 @@ import pytest
 
 from segway_ecc.node.cycle.loop import LoopCounters
 from segway_ecc.node.cycle.service import NotifySocket, Service, service_of, status_text
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.model.methods import Method
 from segway_ecc.node.model.sectioned import SectionedModel
 from segway_ecc.node.model.variables import Variable
@@ -222,7 +222,7 @@ def test_the_status_fits_a_datagram_that_systemd_takes(letter: str) -> None:
 
 
 def test_the_rate_is_that_since_the_last_report(service: Service, manager: Manager) -> None:
-    statuses = [Status(Level.OK, "mode", "", MODE)]
+    statuses = [DiagnosticStatus(Level.OK, "mode", "", MODE)]
     for cycles, skipped in ((100, 0), (150, 50), (250, 50)):
         service.report(statuses, LoopCounters(cycles=cycles, late=1, skipped=skipped))
     told = [json.loads(text.removeprefix("STATUS=")) for text in manager.heard()]
@@ -231,7 +231,7 @@ def test_the_rate_is_that_since_the_last_report(service: Service, manager: Manag
 
 
 def test_a_report_before_the_first_cycle_has_no_rate(service: Service, manager: Manager) -> None:
-    service.report([Status(Level.OK, "mode", "", MODE)], LoopCounters())
+    service.report([DiagnosticStatus(Level.OK, "mode", "", MODE)], LoopCounters())
     assert '"rate_hz": 0.0' in manager.heard()[0]
     service.report([], LoopCounters())
     assert manager.heard() == []
@@ -258,7 +258,7 @@ def test_the_environment_says_whose_watchdog_it_is(variables: dict[str, str], *,
 def test_a_node_that_is_no_service_tells_nobody() -> None:
     service = service_of({"WATCHDOG_USEC": "2000000"}, PERIOD_NS)
     run(service, 200)
-    service.report([Status(Level.OK, "mode", "", MODE)], LoopCounters(cycles=100))
+    service.report([DiagnosticStatus(Level.OK, "mode", "", MODE)], LoopCounters(cycles=100))
     service.stopping()
 
 

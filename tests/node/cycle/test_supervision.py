@@ -62,7 +62,7 @@ class Watched:
 
     @property
     def told(self) -> list[tuple[int, Mode, str]]:
-        return [tuple(transition) for transition in self.bench.cycle.authority.modes.history]  # type: ignore[misc] # three
+        return [tuple(transition) for transition in self.bench.cycle.arming.modes.history]  # type: ignore[misc] # three
 
     @property
     def volts(self) -> list[float]:
@@ -156,7 +156,7 @@ def test_any_station_will_do() -> None:
 def test_a_fault_is_more_severe() -> None:
     watched = Watched()
     watched.stage.beat(0)
-    watched.bench.clock.events[100] = lambda: watched.bench.cycle.authority.fail("smoke")
+    watched.bench.clock.events[100] = lambda: watched.bench.cycle.arming.fail("smoke")
     watched.run(400)
     assert [(mode, reason) for _, mode, reason in watched.told[1:]] == [(Mode.HOLD, LOST), (Mode.FAULT, "smoke")]
     assert set(watched.volts[100:]) == {0.0}

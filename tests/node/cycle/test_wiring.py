@@ -4,7 +4,7 @@ import pytest
 
 from segway_ecc.firmware_io.hardware import NoHardware, Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, Origin, Source, wire
+from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, Origin, SignalSource, wire
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
 from segway_ecc.node.model.sectioned import SectionedModel
 from segway_ecc.node.model.variables import Variable, Write
@@ -49,8 +49,8 @@ def without(*ports: str) -> dict[str, str]:
 
 def test_every_port_is_joined_to_its_signal(hardware: RecordingHardware) -> None:
     wiring = wire(Driver(), hardware, WIRING)
-    assert wiring.inputs == (Source(Origin.SENSOR, 1), Source(Origin.SETPOINT, 0))
-    assert wiring.states == (("Turn", Source(Origin.SETPOINT, 1)),)
+    assert wiring.inputs == (SignalSource(Origin.SENSOR, 1), SignalSource(Origin.SETPOINT, 0))
+    assert wiring.states == (("Turn", SignalSource(Origin.SETPOINT, 1)),)
     assert wiring.outputs == (3, 1)
     assert wiring.sensors == (1,)
 
@@ -110,7 +110,7 @@ def test_any_variable_can_be_published_on_a_topic_of_its_own(hardware: Recording
 def test_without_hardware_a_model_may_stand_in_for_what_would_be_measured() -> None:
     wiring = {"Speed": "setpoint.linear_velocity", "Wanted": "setpoint.linear_velocity", "X": "left.velocity"}
     wired = wire(Driver(), NoHardware(), wiring)
-    assert wired.published == {"left.velocity": Source(Origin.OUTPUT, 2)}
+    assert wired.published == {"left.velocity": SignalSource(Origin.OUTPUT, 2)}
     assert (wired.outputs, wired.sensors) == ((), ())
 
 

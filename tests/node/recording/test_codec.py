@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import (
+from segway_ecc.node.cycle.interfaces import (
     CycleRecord,
     HardwareAnswer,
     Heartbeat,
@@ -21,7 +21,7 @@ from segway_ecc.node.cycle.seams import (
     Written,
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import (
     CYCLE,
@@ -204,17 +204,19 @@ def test_the_size_is_the_largest_there_is() -> None:
     assert len(packed(most)) == codec.size
 
 
-TOLD = Status(Level.ERROR, "left", "hot", {"temperature": "80 \u00b0C"})
+TOLD = DiagnosticStatus(Level.ERROR, "left", "hot", {"temperature": "80 \u00b0C"})
 
 
 @given(
     int64,
     st.lists(
-        st.builds(Status, st.sampled_from(Level), st.text(), st.text(), st.dictionaries(st.text(), st.text())),
+        st.builds(
+            DiagnosticStatus, st.sampled_from(Level), st.text(), st.text(), st.dictionaries(st.text(), st.text())
+        ),
         max_size=3,
     ),
 )
-def test_diagnostics_survive_packing(stamp_ns: int, statuses: list[Status]) -> None:
+def test_diagnostics_survive_packing(stamp_ns: int, statuses: list[DiagnosticStatus]) -> None:
     body = pack_diagnostics(stamp_ns, statuses)
     message = unpack_diagnostics(body)
 

@@ -9,8 +9,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, HardwareAnswer
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.recording.cycle_log import CycleLayout, CycleLog, layout_of
 from segway_ecc.node.recording.layout import field_names
 from segway_ecc.node.recording.provenance import Provenance
@@ -143,7 +143,7 @@ def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
 def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: CycleLayout) -> None:
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout, Provenance({"robot.yaml": "name: testbot"}, {"model": {"sha256": "12"}}))
-    log.write_diagnostics(START_NS, [Status(Level.WARN, "board", "warm", {"temperature": "81"})])
+    log.write_diagnostics(START_NS, [DiagnosticStatus(Level.WARN, "board", "warm", {"temperature": "81"})])
     log.close()
     _, messages = read(path)
     (status,) = messages["/diagnostics"][0][1].status

@@ -10,7 +10,7 @@ from mcap.records import Schema
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.highlevel import AnyReader
 
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.cycle_message import CYCLE_TYPE, CycleMessage
 from segway_ecc.node.recording.layout import CycleLayout, field_names

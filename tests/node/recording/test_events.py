@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import (
+from segway_ecc.node.cycle.interfaces import (
     CycleRecord,
     HardwareAnswer,
     Heartbeat,

@@ -19,9 +19,9 @@ from mcap_ros2.decoder import DecoderFactory
 
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
@@ -85,7 +85,10 @@ def test_every_cycle_arrives_in_order(
 
 
 def test_diagnostics_and_the_robot_file_arrive(recorder: ProcessRecorder, path: Path) -> None:
-    statuses = [Status(Level.OK, "one", "fine", {}), Status(Level.ERROR, "two", "bad", {"why": "broken"})]
+    statuses = [
+        DiagnosticStatus(Level.OK, "one", "fine", {}),
+        DiagnosticStatus(Level.ERROR, "two", "bad", {"why": "broken"}),
+    ]
     recorder.write_diagnostics(5, statuses)
     recorder.close()
     with path.open("rb") as stream:
@@ -135,7 +138,7 @@ def test_a_killed_writer_costs_only_its_cycles(
     for cycle in range(11):
         recorder.write(record(cycle))
     with pytest.raises(RecordingError, match=f"the process that writes the log {path} is gone"):
-        recorder.write_diagnostics(5, [Status(Level.OK, "one", "fine", {})])
+        recorder.write_diagnostics(5, [DiagnosticStatus(Level.OK, "one", "fine", {})])
     recorder.close()
 
     assert recorder.dropped == 11
@@ -234,7 +237,9 @@ def test_a_writer_that_never_ends_is_ended(
 
 
 def test_a_message_that_would_not_fit_whole_is_dropped(recorder: ProcessRecorder, path: Path) -> None:
-    recorder.write_diagnostics(5, [Status(Level.OK, "one", "x" * 70_000, {}), Status(Level.OK, "two", "fine", {})])
+    recorder.write_diagnostics(
+        5, [DiagnosticStatus(Level.OK, "one", "x" * 70_000, {}), DiagnosticStatus(Level.OK, "two", "fine", {})]
+    )
     recorder.close()
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -340,7 +345,9 @@ def test_the_ring_holds_what_comes_while_a_disk_is_busy_for_5_s(
     for cycle in range(cycles):
         recorder.write(record(cycle))
         if cycle % 100 == 0:
-            recorder.write_diagnostics(cycle, [Status(Level.OK, f"part {n}", "x" * 200, {}) for n in range(20)])
+            recorder.write_diagnostics(
+                cycle, [DiagnosticStatus(Level.OK, f"part {n}", "x" * 200, {}) for n in range(20)]
+            )
     dropped = recorder.dropped
     recorder._process.send_signal(signal.SIGCONT)
     recorder.close()
@@ -359,7 +366,7 @@ import os, signal, sys, time
 from pathlib import Path
 import msgspec
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.recorder import ProcessRecorder

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout

@@ -10,7 +10,7 @@ from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, NoStage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
@@ -51,7 +51,7 @@ class Script(NoStage):
         self._inboxes = inboxes
         self._cycle = 0
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         inbox = self._inboxes.get(self._cycle, Inbox())
         for name, value in inbox.written:
             self._model.write(name, value)

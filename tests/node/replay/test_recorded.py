@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import RobotFile, load_robot
-from segway_ecc.node.cycle.seams import CycleRecord, Inbox, Request, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, Request, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.recording.cycle_log import layout_of

@@ -8,7 +8,7 @@ import pytest
 
 HANGING = """
 import ctypes, time
-from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
 from segway_ecc.node.ros.subscriptions import Subscriptions
@@ -36,7 +36,7 @@ publishing.run(0)
 
 UNSUBSCRIBED = """
 import itertools, threading, time
-from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
 from segway_ecc.node.ros.subscriptions import Subscriptions
@@ -59,7 +59,7 @@ class Stage:
 def report(stage):
     wanted = True
     for cycle in itertools.count(1):
-        for kind, body in inbox.take_all():
+        for kind, body in inbox.take_messages():
             assert kind == ToLoop.SUBSCRIBED
             wanted = decode_subscribed(body)
             requests.append(wanted)

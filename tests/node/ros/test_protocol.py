@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Level, Status
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import subscriptions as subscriptions_module
@@ -91,7 +91,7 @@ def test_numbers_of_another_library_are_numbers() -> None:
 
 
 def test_a_status_comes_as_it_was() -> None:
-    status = Status(Level.WARN, "left", "hot", {"temperature": "80 \u00b0C"})
+    status = DiagnosticStatus(Level.WARN, "left", "hot", {"temperature": "80 \u00b0C"})
     assert decode_status(encoder.encode(status)) == status
 
 
@@ -102,7 +102,7 @@ def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: Ring
         Request(Action.ARM, lambda answer: told.append(("arm", answer))),
     ]
     subscriptions.hand_over(Inbox(requests=requests))
-    ((kind, body),) = loop.take_all()
+    ((kind, body),) = loop.take_messages()
     asked = decode_inbox(body).requests
     for action, number in reversed(asked):
         answer = Answer(accepted=action is Action.STOP, message=f"{action} was asked for")
@@ -120,7 +120,7 @@ def test_an_answer_without_a_pending_request_is_ignored(subscriptions: Subscript
     told: list[Answer] = []
     for _ in range(150):
         subscriptions.hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
-        assert len(list(loop.take_all())) == 1
+        assert len(list(loop.take_messages())) == 1
     for number in (0, 1, 50, 51, 151):
         subscriptions.answer(NumberedAnswer(number, Answer(accepted=True, message="armed")))
     assert len(told) == 1
@@ -135,7 +135,7 @@ def test_messages_are_split_to_fit_and_arrive_once_and_in_order(subscriptions: S
         stations=[Heartbeat("\u00e4" * 80, 2**62)],
     )
     subscriptions.hand_over(inbox)
-    messages = [body for _, body in loop.take_all()]
+    messages = [body for _, body in loop.take_messages()]
     arrived = [decode_inbox(body) for body in messages]
 
     assert max(map(len, messages)) < INBOX_SLOTS * SLOT_BYTES // 2
@@ -150,7 +150,7 @@ def test_messages_wait_while_the_ring_is_full(subscriptions: Subscriptions, loop
     thread.start()
     found: list[StampedSetpoint] = []
     while len(found) < len(inbox.setpoints):
-        found += [setpoint for _, body in loop.take_all() for setpoint in decode_inbox(body).setpoints]
+        found += [setpoint for _, body in loop.take_messages() for setpoint in decode_inbox(body).setpoints]
     thread.join()
     assert found == inbox.setpoints
 
@@ -175,7 +175,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
 
     thread = threading.Thread(target=write)
     thread.start()
-    while (taken := loop.take()) is None:
+    while (taken := loop.take_message()) is None:
         pass
     asked = decode_write_request(taken[1])
     assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.node.config import RosSection
-from segway_ecc.node.cycle.seams import Report
+from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.publishers import make_publishers
 from segway_ecc.node.safety.modes import Mode

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.cycle.seams import Heartbeat, Inbox, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, slots_for
@@ -109,7 +109,7 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
         at_ns=number,
     )
     stage.publish(longest)
-    taken = process.take()
+    taken = process.take_message()
 
     assert stage.dropped == 0
     assert taken is not None
@@ -122,8 +122,8 @@ def test_it_is_heard_where_its_process_says_so(stage: RemoteStage) -> None:
     os.close(memory)
     for is_heard in (False, True, False):
         assert process.put(ToLoop.SUBSCRIBED, encoder.encode(is_heard))
-        assert stage.take() == Inbox()
-        assert stage.is_heard is is_heard
+        assert stage.take_inbox() == Inbox()
+        assert stage.wants_reports is is_heard
     assert stage.dropped == 0
 
 
@@ -135,7 +135,7 @@ def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind
     os.close(memory)
     for body in (b"", b"\xc1", b"\x93\x01\x02\x03"):
         assert process.put(kind, body)
-    assert stage.take() == Inbox()
+    assert stage.take_inbox() == Inbox()
     assert stage.dropped == 3
     stage.dropped = 0
 

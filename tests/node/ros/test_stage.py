@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from segway_ecc.node.config import RosSection
-from segway_ecc.node.cycle.seams import Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST
 from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS
 from segway_ecc.node.ros.protocol import RosSettings

@@ -2,7 +2,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from segway_ecc.node.cycle.seams import Inbox, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import single_segment
@@ -34,7 +34,7 @@ def report(ms: int, mode: Mode = Mode.ARMED, values: Sequence[float] = (0.0,) * 
 def test_it_waits_until_the_robot_is_armed(stage: ManoeuvreStage, mode: Mode) -> None:
     for ms in range(0, 1000, 10):
         stage.publish(report(ms, mode))
-        assert stage.take() == Inbox()
+        assert stage.take_inbox() == Inbox()
     assert stage.over is None
     assert stage.player.start_ns is None
 
@@ -44,7 +44,7 @@ def test_it_plays_with_stamps_in_the_robot_s_time_and_then_is_over(stage: Manoeu
     taken: list[StampedSetpoint] = []
     over: list[int] = []
     for ms in range(0, 240, 10):
-        inbox = stage.take()
+        inbox = stage.take_inbox()
         assert inbox.requests == []
         taken += inbox.setpoints
         stage.publish(report(ms, mode))

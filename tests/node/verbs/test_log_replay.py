@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 
-from segway_ecc.node.cycle.seams import CycleRecord
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.replay.log import RecordedRun

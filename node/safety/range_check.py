@@ -3,7 +3,7 @@
 from segway_ecc.node.safety.check import Check, Signal, View
 
 
-class Bounds(Check):
+class RangeCheck(Check):
     """A value that must lie in a window; what is not a number lies in none. See `Check`."""
 
     def __init__(self, signal: Signal, low: float, high: float, unit: str) -> None:

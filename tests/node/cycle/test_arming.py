@@ -6,32 +6,32 @@ import pytest
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.authority import Authority
-from segway_ecc.node.cycle.seams import HardwareAnswer
+from segway_ecc.node.cycle.arming import ArmingManager
+from segway_ecc.node.cycle.interfaces import HardwareAnswer
 from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointSchedule
-from segway_ecc.node.safety.checklist import Item
 from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.pre_arm import PreArmCheck
 from segway_ecc.testing import RecordingHardware
 
 
 class Desk:
-    """An authority, its hardware, and the answers it gave."""
+    """An arming manager, its hardware, and the answers it gave."""
 
     def __init__(self, *, arm_at_start: bool = False) -> None:
         self.hardware = RecordingHardware({}, {}, ())
-        self.items: list[Item] = []
+        self.items: list[PreArmCheck] = []
         self.schedule = SetpointSchedule(timeout_cycles=50, tolerance_cycles=10, horizon_cycles=100)
-        self.authority = Authority(
+        self.arming = ArmingManager(
             self.hardware, self.schedule, arm_at_start=arm_at_start, checklist=lambda: tuple(self.items)
         )
         self.answers: list[Answer] = []
 
     def ask(self, action: Action) -> None:
-        self.authority.act(action, self.answers.append)
+        self.arming.act(action, self.answers.append)
 
     def pass_cycle(self, *faults: str, ready: bool = False) -> Mode:
-        self.authority.observe(faults, ready=ready, setpoints_silent=False)
-        return self.authority.modes.mode
+        self.arming.observe(faults, ready=ready, setpoints_silent=False)
+        return self.arming.modes.mode
 
 
 @pytest.fixture
@@ -80,62 +80,62 @@ def test_anything_else_that_is_asked_breaks_the_arming_off(desk: Desk, action: A
 
 def test_a_failure_while_arming_is_a_fault_and_answers(desk: Desk) -> None:
     desk.ask(Action.ARM)
-    desk.authority.fail("the bus is gone")
-    assert desk.authority.modes.mode is Mode.FAULT
+    desk.arming.fail("the bus is gone")
+    assert desk.arming.modes.mode is Mode.FAULT
     assert desk.answers == [Answer(accepted=False, message="the bus is gone")]
     assert desk.hardware.armed is False
 
 
 def test_a_robot_that_disarms_itself_breaks_the_arming_off_with_its_reason() -> None:
     desk = Desk(arm_at_start=True)
-    desk.authority.arm_itself()
-    live = [desk.authority.is_live]
-    desk.authority.disarm("nobody is there")
-    live.append(desk.authority.is_live)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
+    live = [desk.arming.is_live]
+    desk.arming.disarm("nobody is there")
+    live.append(desk.arming.is_live)
+    desk.arming.arm_itself()
     assert live == [True, False]
     assert desk.pass_cycle(ready=True) is Mode.DISARMED, "nor does it begin again"
-    assert desk.authority.arming_obstacle == "nobody is there"
+    assert desk.arming.arming_refusal == "nobody is there"
     assert desk.hardware.journal == ["arm", "disarm"]
 
 
 def test_a_robot_that_disarms_itself_is_off_at_once_and_not_twice(desk: Desk) -> None:
     desk.ask(Action.ARM)
     desk.pass_cycle(ready=True)
-    live = [desk.authority.is_live]
+    live = [desk.arming.is_live]
     for _ in range(2):
-        desk.authority.disarm("nobody is there")
-        live.append(desk.authority.is_live)
+        desk.arming.disarm("nobody is there")
+        live.append(desk.arming.is_live)
     assert desk.hardware.journal == ["arm", "disarm"]
     assert live == [True, False, False]
-    assert (desk.authority.modes.mode, desk.authority.modes.reason) == (Mode.DISARMED, "nobody is there")
+    assert (desk.arming.modes.mode, desk.arming.modes.reason) == (Mode.DISARMED, "nobody is there")
 
 
 def test_a_lost_station_holds_a_robot_that_has_just_armed(desk: Desk) -> None:
     desk.ask(Action.ARM)
-    desk.authority.observe((), ready=True, setpoints_silent=False, station_lost=True)
-    assert (desk.authority.modes.mode, desk.authority.is_active) == (Mode.HOLD, True)
+    desk.arming.observe((), ready=True, setpoints_silent=False, station_lost=True)
+    assert (desk.arming.modes.mode, desk.arming.is_active) == (Mode.HOLD, True)
 
 
 def test_a_robot_that_arms_itself_tries_again_until_it_is_armed() -> None:
     desk = Desk(arm_at_start=True)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     desk.pass_cycle("left drive: silent")
-    told = [desk.authority.arming_obstacle]
-    desk.authority.arm_itself()
-    desk.authority.arm_itself()
+    told = [desk.arming.arming_refusal]
+    desk.arming.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.ARMED
-    told.append(desk.authority.arming_obstacle)
+    told.append(desk.arming.arming_refusal)
     assert told == ["left drive: silent", None]
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.hardware.journal == ["arm", "disarm", "arm"]
 
 
 def test_a_robot_that_was_disarmed_while_it_armed_itself_stays_disarmed() -> None:
     desk = Desk(arm_at_start=True)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     desk.ask(Action.DISARM)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.DISARMED
     assert desk.hardware.journal == ["arm", "disarm"]
 
@@ -151,9 +151,9 @@ def test_a_snapshot_is_ready_unless_it_says_otherwise() -> None:
     assert Sensors().ready is True
 
 
-LEANING = Item("tilt", holds=False, text="0.40 rad from upright; hold it upright")
-ROLLING = Item("wheels_still", holds=False, text="9.00 rad/s; let them come to rest")
-UNPRIVILEGED = Item("real_time", holds=False, text="not granted", is_warning=True)
+LEANING = PreArmCheck("tilt", passed=False, text="0.40 rad from upright; hold it upright")
+ROLLING = PreArmCheck("wheels_still", passed=False, text="9.00 rad/s; let them come to rest")
+UNPRIVILEGED = PreArmCheck("real_time", passed=False, text="not granted", is_warning=True)
 
 
 def test_the_checklist_refuses_with_every_reason_and_the_drives_are_not_asked(desk: Desk) -> None:
@@ -172,9 +172,9 @@ def test_a_warning_does_not_keep_the_robot_from_arming(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("items", [[], [LEANING]])
-def test_a_fault_is_told_before_the_checklist_and_the_drives_are_not_asked(desk: Desk, items: list[Item]) -> None:
+def test_fault_refuses_arming_before_checks_and_drives_are_asked(desk: Desk, items: list[PreArmCheck]) -> None:
     desk.items = items
-    desk.authority.fail("smoke")
+    desk.arming.fail("smoke")
     desk.ask(Action.ARM)
     assert desk.answers == [Answer(accepted=False, message="clear the fault first: smoke")]
     assert "arm" not in desk.hardware.journal
@@ -183,10 +183,10 @@ def test_a_fault_is_told_before_the_checklist_and_the_drives_are_not_asked(desk:
 def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
     desk = Desk(arm_at_start=True)
     desk.items = [ROLLING]
-    desk.authority.arm_itself()
-    assert desk.authority.arming_obstacle == "wheels_still: 9.00 rad/s; let them come to rest"
+    desk.arming.arm_itself()
+    assert desk.arming.arming_refusal == "wheels_still: 9.00 rad/s; let them come to rest"
     desk.items.clear()
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.ARMED
 
 
@@ -203,36 +203,36 @@ def test_drives_that_refuse_at_once_are_answered_for_and_what_they_said_is_kept(
     desk.hardware.raises["arm"] = ArmingRefusedError(reasons)
     desk.ask(Action.ARM)
     assert desk.answers == [Answer(accepted=False, message=message)]
-    assert desk.authority.answers == [HardwareAnswer("arm", reasons)], "a replay needs it, for no signal shows it"
-    assert (desk.authority.is_live, desk.pass_cycle(ready=True)) == (False, Mode.DISARMED)
+    assert desk.arming.answers == [HardwareAnswer("arm", reasons)], "a replay needs it, for no signal shows it"
+    assert (desk.arming.is_live, desk.pass_cycle(ready=True)) == (False, Mode.DISARMED)
 
 
 WAYS_OUT: dict[str, Callable[[Desk], object]] = {
     "disarm": lambda desk: desk.ask(Action.DISARM),
     "stop": lambda desk: desk.ask(Action.STOP),
     "fault": lambda desk: desk.pass_cycle("left drive: too hot"),
-    "failure": lambda desk: desk.authority.fail("the bus is gone"),
-    "its own decision": lambda desk: desk.authority.disarm("nobody is there"),
+    "failure": lambda desk: desk.arming.fail("the bus is gone"),
+    "its own decision": lambda desk: desk.arming.disarm("nobody is there"),
 }
 
 
 @pytest.mark.parametrize("way", WAYS_OUT)
 def test_a_robot_that_arms_itself_does_so_never_again_once_it_was_switched_off(way: str) -> None:
     desk = Desk(arm_at_start=True)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     desk.pass_cycle(ready=True)
     WAYS_OUT[way](desk)
     desk.ask(Action.CLEAR_FAULT)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.DISARMED
     assert desk.hardware.journal == ["arm", "disarm"]
 
 
 def test_a_failure_before_it_has_armed_itself_takes_the_wish_away_too() -> None:
     desk = Desk(arm_at_start=True)
-    desk.authority.fail("the bus is gone")
+    desk.arming.fail("the bus is gone")
     desk.ask(Action.CLEAR_FAULT)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.DISARMED
 
 
@@ -242,7 +242,7 @@ def test_a_fault_and_its_clearing_do_not_make_a_robot_arm_itself_that_was_not_to
     desk.pass_cycle(ready=True)
     WAYS_OUT[way](desk)
     desk.ask(Action.CLEAR_FAULT)
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.DISARMED
 
 
@@ -250,26 +250,26 @@ def test_a_fault_and_its_clearing_do_not_make_a_robot_arm_itself_that_was_not_to
 def test_what_does_nothing_to_a_robot_at_rest_does_not_keep_it_from_arming_itself(attempt: str) -> None:
     desk = Desk(arm_at_start=True)
     desk.items = [ROLLING]
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     if attempt == "clear a fault":
         desk.ask(Action.CLEAR_FAULT)
         assert [answer.accepted for answer in desk.answers] == [False]
     else:
-        desk.authority.disarm("nobody is there")
+        desk.arming.disarm("nobody is there")
     desk.items.clear()
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     assert desk.pass_cycle(ready=True) is Mode.ARMED
 
 
 def test_nothing_hinders_a_robot_that_an_operator_armed_before_it_did_so_itself() -> None:
     desk = Desk(arm_at_start=True)
     desk.items = [ROLLING]
-    desk.authority.arm_itself()
+    desk.arming.arm_itself()
     desk.items.clear()
     desk.ask(Action.ARM)
     desk.pass_cycle(ready=True)
-    desk.authority.arm_itself()
-    assert desk.authority.arming_obstacle is None
+    desk.arming.arm_itself()
+    assert desk.arming.arming_refusal is None
     assert desk.hardware.journal == ["arm"]
 
 

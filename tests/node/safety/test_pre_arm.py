@@ -3,10 +3,17 @@ from collections.abc import Callable
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.node.safety.checklist import Item, Measured, drives_item, no_checklist, obstacles, run_checklist
+from segway_ecc.node.safety.pre_arm import (
+    PreArmCheck,
+    PreArmMeasurements,
+    drives_check,
+    failed_checks,
+    no_checks,
+    pre_arm_checks,
+)
 from segway_ecc.node.safety.settings import ChecklistSettings, SupplyWindow
 
-GOOD = Measured(
+GOOD = PreArmMeasurements(
     wanted_hz=200.0,
     rate_hz=199.98,
     newest_age_s=0.004,
@@ -20,8 +27,8 @@ GOOD = Measured(
 SUPPLY = SupplyWindow(min_v=22.0, max_v=29.0)
 
 
-def run(measured: Measured) -> dict[str, Item]:
-    return {item.name: item for item in run_checklist(ChecklistSettings(), SUPPLY, measured)}
+def run(measured: PreArmMeasurements) -> dict[str, PreArmCheck]:
+    return {item.name: item for item in pre_arm_checks(ChecklistSettings(), SUPPLY, measured)}
 
 
 def test_a_robot_that_is_fit_has_nothing_against_it_and_every_item_says_what_was_measured() -> None:
@@ -36,13 +43,13 @@ def test_a_robot_that_is_fit_has_nothing_against_it_and_every_item_says_what_was
         "supply": "ok: 25.0 V, allowed is 22 to 29 V",
         "real_time": "ok: granted",
     }
-    assert obstacles(list(run(GOOD).values())) == []
+    assert failed_checks(list(run(GOOD).values())) == []
 
 
 MEND_RATE = "give the loop real-time priority, end other programs, or take a longer step"
 MEND_STILL = "hold the robot still (below 0.1 rad/s, and 0.5 m/s2 from gravity), or see how the IMU is mounted"
 MEND_BUS = "look at the bus, its bit rate and termination, and the drives' supply"
-REFUSALS: dict[str, tuple[Measured, str]] = {
+REFUSALS: dict[str, tuple[PreArmMeasurements, str]] = {
     "slow": (replace(GOOD, rate_hz=189.9), f"rate: 189.90 Hz of 200 Hz over the last second; {MEND_RATE}"),
     "fast": (replace(GOOD, rate_hz=210.1), f"rate: 210.10 Hz of 200 Hz over the last second; {MEND_RATE}"),
     "young": (replace(GOOD, rate_hz=None), "rate: not measured for a second yet; wait"),
@@ -83,12 +90,12 @@ REFUSALS: dict[str, tuple[Measured, str]] = {
 def test_what_refuses_says_what_was_measured_and_how_to_mend_it(name: str) -> None:
     measured, text = REFUSALS[name]
     items = run(measured)
-    assert obstacles(list(items.values())) == [text]
+    assert failed_checks(list(items.values())) == [text]
     item, _, told = text.partition(": ")
     assert str(items[item]) == f"refused: {told}"
 
 
-AT_THE_BOUND: list[Measured] = [
+AT_THE_BOUND: list[PreArmMeasurements] = [
     replace(GOOD, rate_hz=190.0),
     replace(GOOD, rate_hz=210.0),
     replace(GOOD, newest_age_s=9.0),  # of a drive that sends that seldom
@@ -100,13 +107,13 @@ AT_THE_BOUND: list[Measured] = [
 
 
 @pytest.mark.parametrize("measured", AT_THE_BOUND)
-def test_a_bound_itself_is_still_good(measured: Measured) -> None:
-    assert obstacles(list(run(measured).values())) == []
+def test_a_bound_itself_is_still_good(measured: PreArmMeasurements) -> None:
+    assert failed_checks(list(run(measured).values())) == []
 
 
 def test_every_reason_is_told_and_in_the_order_of_the_list() -> None:
     worst = replace(GOOD, rate_hz=None, stale=("left.angle",), tilt=1.0, supply_v=1.0)
-    names = [text.partition(":")[0] for text in obstacles(list(run(worst).values()))]
+    names = [text.partition(":")[0] for text in failed_checks(list(run(worst).values()))]
     assert names == ["rate", "sensors", "tilt", "supply"]
 
 
@@ -116,43 +123,43 @@ def test_no_real_time_priority_is_a_warning_only() -> None:
     assert not item.refuses
 
 
-LEFT_OUT: list[tuple[Callable[[], dict[str, Item]], set[str]]] = [
-    (lambda: run(Measured(wanted_hz=100.0, rate_hz=100.0)), {"rate", "sensors", "plausible"}),
+LEFT_OUT: list[tuple[Callable[[], dict[str, PreArmCheck]], set[str]]] = [
+    (lambda: run(PreArmMeasurements(wanted_hz=100.0, rate_hz=100.0)), {"rate", "sensors", "plausible"}),
     (lambda: run(replace(GOOD, still_s=None, tilt=None)), set(run(GOOD)) - {"imu_still", "tilt"}),
     (lambda: run(replace(GOOD, supply_v=None)), set(run(GOOD)) - {"supply"}),
     (
-        lambda: {item.name: item for item in run_checklist(ChecklistSettings(), None, GOOD)},
+        lambda: {item.name: item for item in pre_arm_checks(ChecklistSettings(), None, GOOD)},
         set(run(GOOD)) - {"supply"},
     ),
 ]
 
 
 @pytest.mark.parametrize(("items", "names"), LEFT_OUT)
-def test_what_the_robot_does_not_have_is_left_out(items: Callable[[], dict[str, Item]], names: set[str]) -> None:
+def test_what_the_robot_does_not_have_is_left_out(items: Callable[[], dict[str, PreArmCheck]], names: set[str]) -> None:
     assert set(items()) == names
 
 
 def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
-    blank = Measured(wanted_hz=100.0)
+    blank = PreArmMeasurements(wanted_hz=100.0)
     assert (blank.still_s, blank.tilt, blank.real_time) == (None, None, None)
     assert not blank.is_heard
-    assert obstacles(list(run(replace(blank, still_s=0.0)).values()))[1:] == [
+    assert failed_checks(list(run(replace(blank, still_s=0.0)).values()))[1:] == [
         f"imu_still: still for 0.00 s of 0.5 s; {MEND_STILL}",
         "tilt: not measured; see that the IMU sends",
     ]
 
 
 def test_an_item_refuses_unless_it_says_that_it_is_a_warning() -> None:
-    assert Item("x", holds=False, text="").refuses
-    assert no_checklist() == ()
+    assert PreArmCheck("x", passed=False, text="").refuses
+    assert no_checks() == ()
 
 
 def test_drives_that_have_nothing_against_arming_are_an_item_that_holds() -> None:
-    item = drives_item(())
+    item = drives_check(())
     assert (item.name, str(item), item.refuses) == ("drives", "ok: nothing speaks against it", False)
 
 
 def test_drives_keep_the_robot_from_arming_with_every_reason_of_theirs() -> None:
-    item = drives_item(("left: no supply; switch it on", "right: too hot; wait"))
-    assert obstacles([item]) == ["drives: left: no supply; switch it on; right: too hot; wait"]
+    item = drives_check(("left: no supply; switch it on", "right: too hot; wait"))
+    assert failed_checks([item]) == ["drives: left: no supply; switch it on; right: too hot; wait"]
     assert str(item) == "refused: left: no supply; switch it on; right: too hot; wait"

@@ -7,7 +7,7 @@ import msgspec
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 
@@ -108,19 +108,19 @@ class Stage(Protocol):
         """Why the world outside has ended, which ends the loop; None while it goes on."""
 
     @property
-    def is_heard(self) -> bool:
+    def wants_reports(self) -> bool:
         """Whether what is published of each cycle is heard; no report is made of a cycle in which it is not."""
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """What has arrived since the last call."""
 
     def publish(self, report: Report) -> None:
-        """Publish this cycle's state; see `is_heard`."""
+        """Publish this cycle's state; see `wants_reports`."""
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish diagnostics; called in the slack of a cycle about once a second."""
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """Do one small piece of what is slow; called in the slack of a cycle."""
 
     def close(self) -> None:
@@ -167,7 +167,7 @@ class Recorder(Protocol):
     def write(self, record: CycleRecord) -> None:
         """Keep one cycle."""
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics."""
 
     def close(self) -> None:
@@ -180,21 +180,21 @@ class NoStage:
     over: str | None = None
 
     @property
-    def is_heard(self) -> bool:
+    def wants_reports(self) -> bool:
         """Whether it is a world that builds on this one and hears reports."""
         return type(self).publish is not NoStage.publish
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """Nothing ever arrives."""
         return Inbox()
 
     def publish(self, report: Report) -> None:
         """Nobody listens."""
 
-    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def publish_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Nobody listens."""
 
-    def look_around(self) -> None:
+    def do_background_work(self) -> None:
         """There is nothing to see."""
 
     def close(self) -> None:
@@ -207,7 +207,7 @@ class NoRecorder:
     def write(self, record: CycleRecord) -> None:
         """Forget it."""
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Forget them."""
 
     def close(self) -> None:

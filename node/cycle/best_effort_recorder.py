@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Sequence
 
-from segway_ecc.node.cycle.seams import CycleRecord, NoRecorder, Recorder
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder, Recorder
+from segway_ecc.node.cycle.status import DiagnosticStatus
 
 
-class ExpendableRecorder:
+class BestEffortRecorder:
     """Stands in front of a recorder and never raises: recording is worth less than control; see `Recorder`.
 
     Once the recorder has failed nothing more is given to it, and that is said once; it is closed all the same.
@@ -26,7 +26,7 @@ class ExpendableRecorder:
         except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not fall for it
             self._do_without(error)
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep a set of diagnostics, while that can be done."""
         try:
             self._recorder.write_diagnostics(stamp_ns, statuses)

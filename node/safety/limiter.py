@@ -10,7 +10,7 @@ def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> t
     return tuple([min(max(value, old - step), old + step) for value, old in zip(commands, previous, strict=True)])
 
 
-class Restraint:
+class CommandLimiter:
     """Keeps commands within the drive's limits, the robot's own, and its slew rate.
 
     Attributes:

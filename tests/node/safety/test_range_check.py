@@ -2,10 +2,10 @@ import math
 
 import pytest
 
-from segway_ecc.node.safety.bounds import Bounds
 from segway_ecc.node.safety.check import Signal, View
+from segway_ecc.node.safety.range_check import RangeCheck
 
-SUPPLY = Bounds(Signal("supply.voltage", 1), 20.0, 30.0, "V")
+SUPPLY = RangeCheck(Signal("supply.voltage", 1), 20.0, 30.0, "V")
 
 
 def look(value: float, *, valid: bool = True) -> str | None:

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.node.safety.slew import Restraint, slew
+from segway_ecc.node.safety.limiter import CommandLimiter, slew
 
 
 def test_each_command_moves_by_no_more_than_a_step_from_what_it_was() -> None:
@@ -15,19 +15,19 @@ def test_a_command_without_a_previous_one_is_refused() -> None:
 
 
 def test_without_limits_of_its_own_only_those_of_the_drive_count() -> None:
-    restraint = Restraint([3.0, 9.0], None, None, 0.01)
+    restraint = CommandLimiter([3.0, 9.0], None, None, 0.01)
     assert restraint.limits == (3.0, 9.0)
     assert restraint.apply([5.0, -5.0], [-3.0, 9.0]) == (3.0, -5.0)
 
 
 def test_the_lower_of_the_drive_s_limit_and_the_robot_s_counts() -> None:
-    restraint = Restraint([3.0, 9.0], 4.0, None, 0.01)
+    restraint = CommandLimiter([3.0, 9.0], 4.0, None, 0.01)
     assert restraint.limits == (3.0, 4.0)
     assert restraint.apply([5.0, -5.0], [0.0, 0.0]) == (3.0, -4.0)
 
 
 def test_the_slew_rate_is_per_second() -> None:
-    restraint = Restraint([30.0], None, 200.0, 0.01)
+    restraint = CommandLimiter([30.0], None, 200.0, 0.01)
     sent: list[tuple[float, ...]] = [(0.0,)]
     for wanted in [9.0] * 6 + [-9.0] * 2:
         sent.append(restraint.apply([wanted], sent[-1]))
@@ -36,7 +36,7 @@ def test_the_slew_rate_is_per_second() -> None:
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=30), st.floats(0.1, 100.0), st.floats(1.0, 1e4))
 def test_neither_limit_nor_slew_is_ever_exceeded(wanted: list[float], bound: float, rate: float) -> None:
-    restraint = Restraint([50.0], bound, rate, 0.005)
+    restraint = CommandLimiter([50.0], bound, rate, 0.005)
     last = 0.0
     for value in wanted:
         (sent,) = restraint.apply([value], [last])

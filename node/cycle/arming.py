@@ -4,23 +4,23 @@ from collections.abc import Callable, Sequence
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Hardware
-from segway_ecc.node.cycle.seams import HardwareAnswer
+from segway_ecc.node.cycle.interfaces import HardwareAnswer
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
-from segway_ecc.node.safety.checklist import Item, no_checklist, obstacles
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
+from segway_ecc.node.safety.pre_arm import PreArmCheck, failed_checks, no_checks
 
 Reply = Callable[[Answer], None]
-Evaluate = Callable[[], Sequence[Item]]
+Evaluate = Callable[[], Sequence[PreArmCheck]]
 
 
-class Authority:
+class ArmingManager:
     """Arms the drives on the way into an active mode; on any way out of one disarms them and forgets the set-points.
 
     Drives take a while to pass through their states: whoever asks to arm has the answer once they have, or have failed.
 
     Attributes:
         modes: What the robot is allowed to do, and why.
-        arming_obstacle: What keeps a robot that arms itself from doing so; None where nothing does.
+        arming_refusal: What keeps a robot that arms itself from doing so; None where nothing does.
         checklist: Goes through what must hold before the drives are asked to arm.
         answers: What the hardware answered in the present cycle, where that decides; whoever runs the cycles clears it.
     """
@@ -31,11 +31,11 @@ class Authority:
         schedule: SetpointSchedule,
         *,
         arm_at_start: bool,
-        checklist: Evaluate = no_checklist,
+        checklist: Evaluate = no_checks,
     ) -> None:
         """Start disarmed; with `arm_at_start`, arm as soon as nothing speaks against it."""
         self.modes = Modes()
-        self.arming_obstacle: str | None = None
+        self.arming_refusal: str | None = None
         self.checklist = checklist
         self.answers: list[HardwareAnswer] = []
         self._hardware = hardware
@@ -108,7 +108,7 @@ class Authority:
         if self.modes.mode is not Mode.DISARMED:
             reply(self.modes.ask(Action.ARM))
             return
-        reasons = obstacles(self.checklist())
+        reasons = failed_checks(self.checklist())
         if reasons:
             reply(self.modes.ask(Action.ARM, reasons))
             return
@@ -132,13 +132,13 @@ class Authority:
 
     def _note(self, answer: Answer) -> None:
         """The answer to a robot that arms itself."""
-        self.arming_obstacle = answer.message
+        self.arming_refusal = answer.message
 
     def _settle(self) -> None:
         if self.modes.mode is Mode.FAULT:
             self._arms_itself = False
         if self.is_active:
-            self.arming_obstacle = None
+            self.arming_refusal = None
         if self._live and self._waiting is None and not self.is_active:
             self._live = False
             self._schedule.clear()

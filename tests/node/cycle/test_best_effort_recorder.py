@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from segway_ecc.node.cycle.expendable import ExpendableRecorder
+from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.seams import CycleRecord
-from segway_ecc.node.cycle.status import Status
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.testing import Bench
@@ -27,7 +27,7 @@ class Disk:
         del record
         self.call("write")
 
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[Status]) -> None:
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         del stamp_ns, statuses
         self.call("write_diagnostics")
 
@@ -41,7 +41,7 @@ class Disk:
 
 
 def loop_with(bench: Bench, disk: Disk) -> Loop:
-    bench.cycle.recorder = ExpendableRecorder(disk, bench.cycle.events)
+    bench.cycle.recorder = BestEffortRecorder(disk, bench.cycle.events)
     return Loop(
         cycle=bench.cycle,
         clock=bench.clock,
@@ -89,4 +89,4 @@ def test_what_ends_the_process_is_not_held_up() -> None:
     disk = Disk(["close"], RuntimeError("never mind"))
     disk.error = KeyboardInterrupt()  # type: ignore[assignment] # not an Exception, which is the point
     with pytest.raises(KeyboardInterrupt):
-        ExpendableRecorder(disk, deque()).close()
+        BestEffortRecorder(disk, deque()).close()
