@@ -1,1 +1,1 @@
-"""Simulated devices; each bears the name of the drive family it stands in for."""
+"""Simulated devices; each has the name of the drive family it stands in for."""

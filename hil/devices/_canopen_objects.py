@@ -48,7 +48,7 @@ class SdoAbortError(Exception):
     """A request that the dictionary does not grant.
 
     Attributes:
-        code: Why, as SDO puts it.
+        code: The SDO abort code.
     """
 
     def __init__(self, code: int) -> None:
@@ -104,23 +104,20 @@ class ObjectDictionary:
     def serve(self, request: Sdo) -> Sdo:
         """The answer to an SDO request; transfers of more than four bytes are not offered."""
         key = (request.object_index, request.subindex)
+        command = request.specifier & _COMMAND_MASK
         try:
-            return self._answer(request, key)
+            if command == _READ:
+                entry = self._entry(key)
+                specifier = _READ | (4 - entry.size) << 2 | _EXPEDITED | _SIZED
+                return Sdo(specifier, *key, entry.value.to_bytes(4, "little"))
+            if command == _WRITE and request.specifier & _EXPEDITED:
+                entry = self._entry(key)
+                size = 4 - (request.specifier >> 2 & 0x03) if request.specifier & _SIZED else entry.size
+                self._write(key, entry, request.data[:size])
+                return Sdo(_WRITTEN, *key)
         except SdoAbortError as abort:
             return Sdo(ABORTED, *key, abort.code.to_bytes(4, "little"))
-
-    def _answer(self, request: Sdo, key: Key) -> Sdo:
-        command = request.specifier & _COMMAND_MASK
-        if command == _READ:
-            entry = self._entry(key)
-            specifier = _READ | (4 - entry.size) << 2 | _EXPEDITED | _SIZED
-            return Sdo(specifier, *key, entry.value.to_bytes(4, "little"))
-        if command == _WRITE and request.specifier & _EXPEDITED:
-            entry = self._entry(key)
-            size = 4 - (request.specifier >> 2 & 0x03) if request.specifier & _SIZED else entry.size
-            self._write(key, entry, request.data[:size])
-            return Sdo(_WRITTEN, *key)
-        raise SdoAbortError(Abort.COMMAND)
+        return Sdo(ABORTED, *key, Abort.COMMAND.to_bytes(4, "little"))
 
     def _entry(self, key: Key) -> ObjectEntry:
         entry = self._objects.get(key)

@@ -1,4 +1,4 @@
-"""A CANopen node as CiA 301 wants it: object dictionary, SDO server, NMT, heartbeats, PDOs on SYNC."""
+"""A CANopen node as CiA 301 defines it: object dictionary, SDO server, NMT, heartbeats, PDOs on SYNC."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -65,59 +65,57 @@ class CanopenSlave:
         self._link = link
         self._on_host_lost = on_host_lost
         self.objects = ObjectDictionary({**_communication_defaults(node_id), **defaults})
-        self.nmt = NmtState.BOOT_UP
-        self._beat_ns = 0
-        self._heard_ns: int | None = None
-        self._host_is_lost = False
-        self._due: list[int] = []
-        self._syncs = [0] * PDOS
-        self._received: dict[int, bytes] = {}
+        self.reset()
 
     def reset(self, *, communication_only: bool = False) -> None:
         """Begin anew with objects at their defaults, as after power-on; a boot-up is due."""
         self.objects.reset(communication_only=communication_only)
         self.nmt = NmtState.BOOT_UP
         self._beat_ns = 0
-        self._heard_ns = None
+        self._host_beat_ns: int | None = None
         self._host_is_lost = False
-        self._due.clear()
+        self._due: list[int] = []
         self._syncs = [0] * PDOS
-        self._received.clear()
+        self._received: dict[int, bytes] = {}
 
-    def put(self, index: int, value: int) -> None:
-        """Set an object, whoever may write it over the bus."""
-        self.objects[index, 0].put(value)
-
-    def get(self, index: int) -> int:
-        """An object's value, unsigned."""
-        return self.objects[index, 0].value
-
-    def get_signed(self, index: int) -> int:
-        """An object's value, signed."""
-        return self.objects[index, 0].signed
-
-    def take(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame of the bus; one that is not for this node changes nothing."""
+    def receive(self, frame: Frame, now_ns: int) -> None:
+        """Process a frame of the bus; one that is not for this node changes nothing."""
         if frame.is_extended or not self.is_powered:
             return
+        identifier, data, host = frame.arbitration_id, frame.data, self.objects[0x1016, 1].value >> 16
         try:
-            self._take(frame.arbitration_id, frame.data, now_ns)
+            if identifier == Service.NMT:
+                self._obey(data)
+            elif identifier == Service.SYNC:
+                self._sync()
+            elif identifier == Service.SDO_REQUEST + self.node_id:
+                request = Sdo.unpack(data)
+                if request.specifier != ABORTED and self.nmt not in (NmtState.STOPPED, NmtState.BOOT_UP):
+                    self._send(Service.SDO_REPLY, self.objects.serve(request).pack())
+            elif host and identifier == Service.HEARTBEAT + host:
+                unpack_heartbeat(data)
+                self._host_beat_ns = now_ns
+                if self._host_is_lost:
+                    self._host_is_lost = False
+                    self.send_emergency(ALL_CLEAR)
+            elif self.nmt is NmtState.OPERATIONAL:
+                self._receive_pdo(identifier, data)
         except FrameRefusedError:
             self.refused_frames += 1
 
     def watch(self, now_ns: int) -> None:
-        """Look whether the heartbeat that it watches has stopped."""
+        """Check whether the heartbeat that it watches has stopped."""
         wait_ms = self.objects[0x1016, 1].value & 0xFFFF
-        if self._heard_ns is None or not wait_ms or now_ns - self._heard_ns <= wait_ms * _NS_PER_MS:
+        if self._host_beat_ns is None or not wait_ms or now_ns - self._host_beat_ns <= wait_ms * _NS_PER_MS:
             return
-        self._heard_ns = None
+        self._host_beat_ns = None
         self._host_is_lost = True
         self.send_emergency(HEARTBEAT_LOST)
         if self.nmt is NmtState.OPERATIONAL and self.objects[0x1029, 1].value == 0:
             self.nmt = NmtState.PRE_OPERATIONAL
         self._on_host_lost()
 
-    def tell(self, now_ns: int) -> None:
+    def send_telemetry(self, now_ns: int) -> None:
         """Send what is due: a boot-up, the heartbeat, and the PDOs that SYNC has asked for."""
         if not self.is_powered:
             return
@@ -131,25 +129,14 @@ class CanopenSlave:
             self._send(Service.HEARTBEAT, pack_heartbeat(self.nmt))
         due, self._due = self._due, []
         for number in due:
-            self._link.send(Frame(self.objects[TPDO + number, 1].value & 0x7FF, self._transmit(number)))
+            mapped = self.objects.mapped(TPDO_MAPPING + number)
+            data = b"".join(entry.value.to_bytes(entry.size, "little") for entry in mapped)
+            self._link.send(Frame(self.objects[TPDO + number, 1].value & 0x7FF, data))
 
     def send_emergency(self, emergency: Emergency) -> None:
-        """Tell of an error, at once."""
+        """Report an error, at once."""
         if self.is_powered:
             self._send(EMERGENCY, emergency.pack())
-
-    def _take(self, identifier: int, data: bytes, now_ns: int) -> None:
-        host = self.objects[0x1016, 1].value >> 16
-        if identifier == Service.NMT:
-            self._obey(data)
-        elif identifier == Service.SYNC:
-            self._sync()
-        elif identifier == Service.SDO_REQUEST + self.node_id:
-            self._serve(Sdo.unpack(data))
-        elif host and identifier == Service.HEARTBEAT + host:
-            self._hear(unpack_heartbeat(data), now_ns)
-        elif self.nmt is NmtState.OPERATIONAL:
-            self._take_pdo(identifier, data)
 
     def _obey(self, data: bytes) -> None:
         if len(data) != 2 or data[1] not in (0, self.node_id):  # noqa: PLR2004 - a command and a node
@@ -166,12 +153,6 @@ class CanopenSlave:
                 self._on_host_lost()
                 self.reset(communication_only=data[0] == NmtCommand.RESET_COMMUNICATION)
 
-    def _hear(self, _state: NmtState, now_ns: int) -> None:
-        self._heard_ns = now_ns
-        if self._host_is_lost:
-            self._host_is_lost = False
-            self.send_emergency(ALL_CLEAR)
-
     def _sync(self) -> None:
         if self.nmt is not NmtState.OPERATIONAL:
             return
@@ -187,7 +168,7 @@ class CanopenSlave:
                 self._syncs[number] = 0
                 self._due.append(number)
 
-    def _take_pdo(self, identifier: int, data: bytes) -> None:
+    def _receive_pdo(self, identifier: int, data: bytes) -> None:
         for number in range(PDOS):
             cob_id = self.objects[RPDO + number, 1].value
             if cob_id & (NOT_VALID | 0x7FF) != identifier:
@@ -204,13 +185,6 @@ class CanopenSlave:
         for entry in self.objects.mapped(RPDO_MAPPING + number):
             entry.value = int.from_bytes(data[start : start + entry.size], "little")
             start += entry.size
-
-    def _transmit(self, number: int) -> bytes:
-        return b"".join(e.value.to_bytes(e.size, "little") for e in self.objects.mapped(TPDO_MAPPING + number))
-
-    def _serve(self, request: Sdo) -> None:
-        if request.specifier != ABORTED and self.nmt not in (NmtState.STOPPED, NmtState.BOOT_UP):
-            self._send(Service.SDO_REPLY, self.objects.serve(request).pack())
 
     def _send(self, service: int, data: bytes) -> None:
         self._link.send(Frame(service + self.node_id, data))

@@ -56,7 +56,7 @@ class AsciiPort:
             else:
                 self._is_too_long = True
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Lose what was received of a line, as when switched off."""
         self._line.clear()
         self._port.read(self._port.in_waiting)

@@ -64,7 +64,7 @@ class Firmware:
         timeout_brake_current: Current that brakes it then, A.
         status: Which of the status messages 1 to 6 are sent, and how often, 1/s.
         max_current: Limit of the motor current, A.
-        knows_flags: Whether the release is new enough to tell its flags.
+        knows_flags: Whether the release is new enough to send its flags.
     """
 
     timeout_s: float = 1.0
@@ -100,7 +100,7 @@ class Controller:
         self._commanded_ns = 0
         self._watched_ns = -_WATCH_NS
         self._fault_until_ns: int | None = None
-        self._told_ns: dict[int, int] = {}
+        self._sent_ns: dict[int, int] = {}
         self._angle = 0.0
         self._velocity = 0.0
 
@@ -127,9 +127,14 @@ class Controller:
     def run(self, now_ns: int) -> float:
         """One pass of the loops; returns the torque at the wheel, N m."""
         if now_ns - self._watched_ns >= _WATCH_NS:
-            self._watched_ns = now_ns
-            self._watch(now_ns)
-        self._follow_fault(now_ns)
+            self._watched_ns, timeout_ns = now_ns, self.firmware.timeout_s * 1e9
+            self.has_timed_out = timeout_ns > 0 and now_ns - self._commanded_ns > timeout_ns
+            if self.has_timed_out:
+                self._mode, self._target = Command.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
+        if self.fault and self._fault_until_ns is None:
+            self._fault_until_ns = now_ns + _FAULT_NS
+        if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
+            self.fault, self._fault_until_ns = VescFault.NONE, None
         limit = self.firmware.max_current
         wanted = 0.0 if self.fault else min(max(self._wanted_current(), -limit), limit)
         self.current += ((wanted if abs(wanted) >= _MIN_CURRENT else 0.0) - self.current) * _CURRENT_STEP
@@ -139,28 +144,26 @@ class Controller:
         """The status messages that are to be sent now."""
         frames = []
         for number, rate_hz in self.firmware.status.items():
-            told_ns = self._told_ns.get(number)
-            if told_ns is None or now_ns - told_ns >= round(1e9 / rate_hz):
-                self._told_ns[number] = now_ns
+            sent_ns = self._sent_ns.get(number)
+            if sent_ns is None or now_ns - sent_ns >= round(1e9 / rate_hz):
+                self._sent_ns[number] = now_ns
                 frames.append(self._status(number))
         return frames
 
     def reply(self, question: bytes) -> bytes:
         """The reply to a GET_VALUES or GET_VALUES_SELECTIVE packet."""
-        reply = encode_values(question, self._values())
+        values = dict.fromkeys(FIELD_NAMES, 0.0) | {
+            "motor_current": self.current,
+            "duty": self._duty,
+            "erpm": self._erpm,
+            "bus_voltage": self.bus_voltage,
+            "tachometer": self._tachometer,
+            "fault": self.fault,
+            "controller_id": self.controller_id,
+            "flags": TIMED_OUT if self.has_timed_out else 0,
+        }
+        reply = encode_values(question, values)
         return reply if self.firmware.knows_flags or not read_mask(question) & _FLAGS else reply[:-1]
-
-    def _watch(self, now_ns: int) -> None:
-        timeout_ns = self.firmware.timeout_s * 1e9
-        self.has_timed_out = timeout_ns > 0 and now_ns - self._commanded_ns > timeout_ns
-        if self.has_timed_out:
-            self._mode, self._target = Command.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
-
-    def _follow_fault(self, now_ns: int) -> None:
-        if self.fault and self._fault_until_ns is None:
-            self._fault_until_ns = now_ns + _FAULT_NS
-        if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
-            self.fault, self._fault_until_ns = VescFault.NONE, None
 
     def _wanted_current(self) -> float:
         """The motor current that the mode asks for, A."""
@@ -191,18 +194,6 @@ class Controller:
     def _tachometer(self) -> int:
         steps = math.floor(self._angle * self._settings.pole_pairs * _STEPS_PER_TURN / TURN)
         return (steps + (1 << 31)) % (1 << 32) - (1 << 31)
-
-    def _values(self) -> Mapping[str, float]:
-        return dict.fromkeys(FIELD_NAMES, 0.0) | {
-            "motor_current": self.current,
-            "duty": self._duty,
-            "erpm": self._erpm,
-            "bus_voltage": self.bus_voltage,
-            "tachometer": self._tachometer,
-            "fault": self.fault,
-            "controller_id": self.controller_id,
-            "flags": TIMED_OUT if self.has_timed_out else 0,
-        }
 
     def _status(self, number: int) -> Frame:
         """A status message; what the model does not know is zero in it."""

@@ -69,7 +69,7 @@ class SimulatedDrive:
         self.state, self.torque = DriveState.NOT_READY, 0.0
 
     def switch_on(self) -> None:
-        """Give it its supply again: it counts from zero, and has forgotten what it was set up to."""
+        """Give it its supply again: it counts from zero, and has lost its set-up."""
         self.slave.is_powered = True
         self.slave.reset()
         self._origin_counts = self._position_counts
@@ -82,38 +82,39 @@ class SimulatedDrive:
         self.state = DriveState.FAULT_REACTION_ACTIVE
 
     def obey(self, frames: Sequence[Frame], now_ns: int) -> float:
-        """Take what has arrived, and return the torque at the wheel, N m."""
+        """Process what has arrived, and return the torque at the wheel, N m."""
+        objects = self.slave.objects
         if self.state is DriveState.FAULT_REACTION_ACTIVE:
             self.state = DriveState.FAULT
         for frame in frames:
-            self.slave.take(frame, now_ns)
-        self._follow(self.slave.get(0x6040))
+            self.slave.receive(frame, now_ns)
+        self._follow(objects[0x6040, 0].value)
         if self.slave.is_powered:
             self.slave.watch(now_ns)
-        self.slave.put(0x6061, self.slave.get(0x6060))
-        is_on = self.state is DriveState.OPERATION_ENABLED and self.slave.get(0x6061) == _TORQUE_MODE
-        limit = self.slave.get(0x6072)
-        permille = min(max(self.slave.get_signed(0x6071), -limit), limit) if is_on else 0
-        self.slave.put(0x6077, permille)
+        objects[0x6061, 0].put(objects[0x6060, 0].value)
+        is_on = self.state is DriveState.OPERATION_ENABLED and objects[0x6061, 0].value == _TORQUE_MODE
+        limit = objects[0x6072, 0].value
+        permille = min(max(objects[0x6071, 0].signed, -limit), limit) if is_on else 0
+        objects[0x6077, 0].put(permille)
         self.torque = permille * _PERMILLE_MNM
         return self._drivetrain.wheel_torque(self.torque)
 
-    def tell(self, now_ns: int, angle: float, velocity: float, supply: float) -> None:
+    def send_telemetry(self, now_ns: int, angle: float, velocity: float, supply: float) -> None:
         """Measure the wheel (rad, rad/s) and the supply (V), and send what is due."""
-        counts = self._settings.counts_per_turn
+        counts, objects = self._settings.counts_per_turn, self.slave.objects
         self._position_counts = int(self._drivetrain.motor(angle) / TURN * counts // 1)
-        self.slave.put(0x6064, self._position_counts - self._origin_counts)
-        self.slave.put(0x606C, round(self._drivetrain.motor(velocity) / TURN / self._settings.velocity_unit_turns))
-        self.slave.put(0x6041, _STATUSWORDS[self.state])
+        objects[0x6064, 0].put(self._position_counts - self._origin_counts)
+        objects[0x606C, 0].put(round(self._drivetrain.motor(velocity) / TURN / self._settings.velocity_unit_turns))
+        objects[0x6041, 0].put(_STATUSWORDS[self.state])
         if _DC_LINK not in self._lacks:
-            self.slave.put(_DC_LINK, max(round(supply / _MILLIVOLT), 0))
-        self.slave.tell(now_ns)
+            objects[_DC_LINK, 0].put(max(round(supply / _MILLIVOLT), 0))
+        self.slave.send_telemetry(now_ns)
 
     def _lose_host(self) -> None:
         """What 0x6007 asks for where the host's heartbeat has stopped; a quick stop ends at once in torque mode."""
         if self.state is not DriveState.OPERATION_ENABLED:
             return
-        match self.slave.get(0x6007):
+        match self.slave.objects[0x6007, 0].value:
             case 1:
                 self.state = DriveState.FAULT_REACTION_ACTIVE
             case 2 | 3:
@@ -128,14 +129,10 @@ class SimulatedDrive:
                 self.slave.send_emergency(Emergency(0, 0))
         elif not controlword & 0x02:
             self.state = DriveState.SWITCH_ON_DISABLED if self.state in _ON else self.state
-        elif not controlword & 0x04:
-            self._quick_stop()
-        else:
+        elif controlword & 0x04:
             self._climb(controlword & 0x0F)
-
-    def _quick_stop(self) -> None:
-        if self.state is DriveState.OPERATION_ENABLED:
-            stays = self.slave.get_signed(0x605A) > 4  # noqa: PLR2004 - 5 to 8 stay in quick stop active
+        elif self.state is DriveState.OPERATION_ENABLED:
+            stays = self.slave.objects[0x605A, 0].signed > 4  # noqa: PLR2004 - 5 to 8 stay in quick stop active
             self.state = DriveState.QUICK_STOP_ACTIVE if stays else DriveState.SWITCH_ON_DISABLED
         elif self.state in (DriveState.READY, DriveState.SWITCHED_ON):
             self.state = DriveState.SWITCH_ON_DISABLED
@@ -178,11 +175,11 @@ class SimulatedCia402:
         """Take commands and watch the host's heartbeat; see `Device.obey`."""
         return self.left.obey(frames, now_ns), self.right.obey(frames, now_ns)
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
-        """Send what is due; see `Device.tell`."""
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send what is due; see `Device.send_telemetry`."""
         supply = supply_voltage(outputs)
-        self.left.tell(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
-        self.right.tell(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
+        self.left.send_telemetry(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
+        self.right.send_telemetry(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
 
 
 def _objects() -> dict[Key, ObjectEntry]:

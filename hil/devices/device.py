@@ -6,7 +6,7 @@ from typing import Final, Protocol
 from segway_ecc.firmware_io.links.link import Frame
 
 SUPPLY_VOLTAGE: Final = 36.0
-"""What drives measure of a supply that the plant does not have, V: above what any of them is told to give."""
+"""What drives measure of a supply that the plant does not have, V: above what any of them is set to give."""
 _PLANT_SUPPLY: Final = "truth.supply_voltage"
 
 
@@ -35,7 +35,7 @@ class Device(Protocol):
             outputs: The plant's newest outputs by name.
         """
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send the telemetry that is due."""
 
     @property

@@ -21,7 +21,7 @@ _NAMES: Final = ("left", "right")
 _FULL: Final = 8
 _VERSION: Final = t.Version(2, 4, 4, 58, 0, 6, 10, 0)
 _SETPOINTS: Final = (c.SetInputPosition, c.SetInputVelocity, c.SetInputTorque)
-_TOLD: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
+_TELEMETRY: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
     t.Heartbeat: lambda axis: t.Heartbeat(axis.error, axis.state),
     t.ProcedureHeartbeat: lambda axis: t.ProcedureHeartbeat(axis.error, axis.state, axis.procedure_result),
     t.EncoderEstimates: lambda axis: t.EncoderEstimates(axis.position_rev, axis.velocity_rev_s),
@@ -35,9 +35,9 @@ _TOLD: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
     t.EncoderError: lambda _: t.EncoderError(0),
     t.Version: lambda _: _VERSION,
 }
-"""What an axis tells in each message that is simulated."""
+"""What an axis sends in each message that is simulated."""
 _UNASKED: Final = (t.Heartbeat, t.ProcedureHeartbeat)
-"""What is not told on request."""
+"""What is not sent on request."""
 
 
 @dataclass(slots=True)
@@ -72,13 +72,13 @@ class SimulatedOdrive:
     def __init__(
         self, link: Link, settings: OdriveSettings, port: Port | None = None, firmware: Firmware | None = None
     ) -> None:
-        """Switch the drives on, configured as the settings say.
+        """Switch the drives on, configured as the settings have it.
 
         Args:
             link: The bus.
-            settings: What the robot file says of them.
+            settings: Their section of the robot file.
             port: The board's end of a serial line; 0.5.
-            firmware: What runs on them; by default what the settings say, 0.5 for `auto`.
+            firmware: What runs on them; by default what the settings name, 0.5 for `auto`.
         """
         auto = Firmware.V0_5 if settings.firmware == "auto" else Firmware(settings.firmware)
         self.firmware = auto if firmware is None else firmware
@@ -101,29 +101,31 @@ class SimulatedOdrive:
         self.is_on = False
 
     def switch_on(self) -> None:
-        """Give the power back: everything but the configuration is forgotten."""
+        """Give the power back: everything but the configuration is lost."""
         self.is_on = True
         for axis in self.axes:
             axis.restart()
 
     def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
-        """Take frames and lines, run the states and watchdogs; see `Device.obey`."""
+        """Process frames and lines, run the states and watchdogs; see `Device.obey`."""
         if not self.is_on:
             if self._ascii is not None:
-                self._ascii.forget()
+                self._ascii.discard()
             return (0.0, 0.0)
         self._move(outputs)
         for frame in frames:
             axis = None if frame.is_extended else self._by_node.get(frame.arbitration_id // COMMANDS)
             if axis is not None:
-                self._hear(axis, frame, now_ns)
+                self._receive(axis, frame, now_ns)
         if self._ascii is not None:
             self._ascii.serve(now_ns)
         for axis in self.axes:
-            axis.tick(now_ns, board_has_errors=self._board_has_errors())
+            # An error on one axis of 0.5 keeps the other from closed loop; each 0.6 is a board of its own.
+            has_errors = self.firmware is Firmware.V0_5 and any(each.error for each in self.axes)
+            axis.tick(now_ns, board_has_errors=has_errors)
         return [axis.settings.drivetrain.wheel_torque(axis.torque_nm) for axis in self.axes]
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due."""
         if not self.is_on:
             return
@@ -149,22 +151,19 @@ class SimulatedOdrive:
             axis.move(outputs[f"{name}.angle"], outputs[f"{name}.velocity"])
             axis.supply_voltage = supply_voltage(outputs)
 
-    def _board_has_errors(self) -> bool:
-        """Whether an error on one axis keeps the other from closed loop; each 0.6 is a board of its own."""
-        return self.firmware is Firmware.V0_5 and any(axis.error for axis in self.axes)
-
     def _clear_board(self) -> None:
         for axis in self.axes:
             axis.error = 0
 
-    def _hear(self, axis: SimulatedAxis, frame: Frame, now_ns: int) -> None:
-        """Take a frame to an axis. To 0.5 any one feeds the watchdog; to 0.6 a set-point does, as far as is known."""
+    def _receive(self, axis: SimulatedAxis, frame: Frame, now_ns: int) -> None:
+        """Process a frame. To 0.5 any one feeds the watchdog; to 0.6 a set-point does, as far as is known."""
         if self.firmware is Firmware.V0_5:
             axis.feed(now_ns)
         if frame.is_remote or not frame.data:
             layout = LAYOUTS[self.firmware].get(frame.arbitration_id % COMMANDS)
-            if layout is not None and layout.message in _TOLD:
-                self._answer(axis, layout.message)
+            if layout is not None and layout.message in _TELEMETRY:
+                if layout.message not in _UNASKED:
+                    self._send(axis, layout.message)
                 return
         # 0.5 reads its buffer however short the frame was.
         data = frame.data.ljust(_FULL, b"\0") if self.firmware is Firmware.V0_5 else frame.data
@@ -177,12 +176,8 @@ class SimulatedOdrive:
             axis.feed(now_ns)
         self._obey(axis, message, now_ns)
 
-    def _answer(self, axis: SimulatedAxis, kind: type[Message]) -> None:
-        if kind not in _UNASKED:
-            self._send(axis, kind)
-
     def _obey(self, axis: SimulatedAxis, message: Message, now_ns: int) -> None:
-        """Do what a message says; a control mode is changed by its own frame only."""
+        """Obey a message; a control mode is changed by its own frame only."""
         match message:
             case c.SetAxisState(state):
                 axis.request(state, now_ns)
@@ -218,4 +213,4 @@ class SimulatedOdrive:
                 axis.set_origin(position)
 
     def _send(self, axis: SimulatedAxis, kind: type[Message]) -> None:
-        self._link.send(encode(self.firmware, axis.node_id, _TOLD[kind](axis)))
+        self._link.send(encode(self.firmware, axis.node_id, _TELEMETRY[kind](axis)))

@@ -43,7 +43,7 @@ class SimulatedVesc:
     def __init__(
         self, link: Link, settings: VescSettings, port: Port | None = None, firmware: Firmware | None = None
     ) -> None:
-        """Switch two controllers on, set up as `settings` say where `firmware` does not say otherwise."""
+        """Switch two controllers on, set up by `settings` where no `firmware` is given."""
         rate_hz = settings.status_rate_hz
         used = firmware or Firmware(timeout_s=settings.timeout_set_s, status={1: rate_hz, 5: rate_hz})
         self.left, self.right = Controller(settings.left, used), Controller(settings.right, used)
@@ -63,10 +63,12 @@ class SimulatedVesc:
             self._take(frame, now_ns)
         if self._port is not None:
             for packet in self._receiver.feed(self._port.read(self._port.in_waiting)):
-                self._write(self._process(self._near, packet, now_ns))
+                reply = self._process(self._near, packet, now_ns)
+                if reply is not None:
+                    self._port.write(frame_packet(reply))
         return self.left.run(now_ns), self.right.run(now_ns)
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send the status messages that are due."""
         self._measure(outputs)
         for controller in (self.left, self.right):
@@ -128,7 +130,3 @@ class SimulatedVesc:
     def _send(self, receiver_id: int, sender: Controller, mode: Mode, packet: bytes) -> None:
         for frame in frames_of(receiver_id, sender.controller_id, mode, packet):
             self._link.send(frame)
-
-    def _write(self, reply: bytes | None) -> None:
-        if reply is not None and self._port is not None:
-            self._port.write(frame_packet(reply))

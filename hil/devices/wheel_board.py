@@ -1,4 +1,4 @@
-"""A wheel board as its firmware behaves; docs/drives/wheel_board.md tells firmware authors the same."""
+"""A wheel board as its firmware behaves; docs/drives/wheel_board.md is the same for firmware authors."""
 
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
@@ -18,7 +18,6 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     BoardStatus,
     FrameId,
     LinearAcceleration,
-    Payload,
     Wheel,
     WheelCommand,
 )
@@ -48,7 +47,7 @@ class SimulatedWheelBoard:
 
     Each line has its own counters. The owner is the line over which a command that does not enable came last; commands
     that enable are taken from the owner alone. So torque never comes from two lines, either one can always stop it, and
-    a board that was just switched on does nothing before it was told to be off.
+    a board that was just switched on does nothing before it was commanded to be off.
 
     Attributes:
         state: What the board is doing.
@@ -71,7 +70,7 @@ class SimulatedWheelBoard:
         self._strange_commands = 0
         self._watchdog_s = _DEFAULT_WATCHDOG_S
         self._last_command_ns = 0
-        self._told_state = self.state
+        self._sent_state = self.state
         self._ticks = 0
 
     @property
@@ -81,37 +80,32 @@ class SimulatedWheelBoard:
         return refused if self._serial is None else refused + self._serial.refused_frames
 
     def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
-        """Take commands, answer requests on the serial line and run the watchdog; see `Device.obey`."""
+        """Process commands, answer requests on the serial line and run the watchdog; see `Device.obey`."""
         for frame in frames:
-            self._take(self._bus, frame, now_ns)
+            self._receive(self._bus, frame, now_ns)
         if self._serial is not None:
-            self._serve(self._serial, now_ns, outputs)
-        self._watch(now_ns)
+            received, is_asked = self._serial.receive(now_ns)
+            for frame in received:
+                self._receive(self._serial.endpoint, frame, now_ns)
+            if is_asked:
+                self._send_measured(self._serial.endpoint, outputs)
+                self._serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
+        if self.is_broken:
+            self._switch_off(BoardState.FAULT)
+        if self.state is BoardState.ENABLED and now_ns - self._last_command_ns > self._watchdog_s * 1e9:
+            self._switch_off(BoardState.WATCHDOG)
         return self.voltages
 
-    def tell(self, _now_ns: int, outputs: Mapping[str, float]) -> None:
+    def send_telemetry(self, _now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is measured each time, and the status now and then and whenever the state changes."""
-        self._tell_measured(self._bus, outputs)
-        if self._ticks % _STATUS_TICKS == 0 or self.state is not self._told_state:
+        self._send_measured(self._bus, outputs)
+        if self._ticks % _STATUS_TICKS == 0 or self.state is not self._sent_state:
             self._bus.send(FrameId.BOARD_STATUS, self._status(outputs))
-            self._told_state = self.state
+            self._sent_state = self.state
         self._ticks += 1
 
-    def _serve(self, serial: "_SerialEnd", now_ns: int, outputs: Mapping[str, float]) -> None:
-        frames, is_asked = serial.receive(now_ns)
-        for frame in frames:
-            self._take(serial.endpoint, frame, now_ns)
-        if is_asked:
-            self._tell_measured(serial.endpoint, outputs)
-            serial.endpoint.send(FrameId.BOARD_STATUS, self._status(outputs))
-
-    def _take(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
-        payload = line.check(frame)
-        if payload is not None:
-            self._obey(line, payload, now_ns)
-
-    def _obey(self, line: Endpoint, payload: Payload, now_ns: int) -> None:
-        match payload:
+    def _receive(self, line: Endpoint, frame: Frame, now_ns: int) -> None:
+        match line.check(frame):
             case WheelCommand(enable=False):
                 self._owner = line
                 self._switch_off(BoardState.DISABLED)
@@ -124,12 +118,6 @@ class SimulatedWheelBoard:
             case BoardSetup(watchdog_s) if self.state is not BoardState.ENABLED:
                 self._watchdog_s = watchdog_s
 
-    def _watch(self, now_ns: int) -> None:
-        if self.is_broken:
-            self._switch_off(BoardState.FAULT)
-        if self.state is BoardState.ENABLED and now_ns - self._last_command_ns > self._watchdog_s * 1e9:
-            self._switch_off(BoardState.WATCHDOG)
-
     def _switch_off(self, state: BoardState) -> None:
         self.state = state
         self.voltages = _OFF
@@ -138,7 +126,7 @@ class SimulatedWheelBoard:
         volts = min(max(supply_voltage(outputs), 0.0), MAX_BUS_VOLTAGE)
         return BoardStatus(self.state, volts, self._watchdog_s, self.refused_frames)
 
-    def _tell_measured(self, line: Endpoint, outputs: Mapping[str, float]) -> None:
+    def _send_measured(self, line: Endpoint, outputs: Mapping[str, float]) -> None:
         """Send what the board measures over a line; its counters stop at the ends of their range."""
         left_angle, left_velocity, right_angle, right_velocity = _wheels(outputs)
         line.send(FrameId.LEFT_WHEEL, _wheel(left_angle, left_velocity))

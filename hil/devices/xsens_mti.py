@@ -49,8 +49,8 @@ class SimulatedXsensMti:
         """Drive nothing; see `Device.obey`."""
         return ()
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
-        """Send a set of measurements where one is due; see `Device.tell`."""
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+        """Send a set of measurements where one is due; see `Device.send_telemetry`."""
         if not self.powered:
             self._on_since_ns = None
             return

@@ -3,7 +3,7 @@
 import math
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,7 +13,6 @@ import msgspec
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import can_link, make_link, takes_serial, with_port
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.firmware_io.switching import Switch
 from segway_ecc.hil.case_study.can import read_truth, resample
 from segway_ecc.hil.case_study.offline import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
@@ -36,8 +35,6 @@ INTERFACE_DOWN: Final = "interface down"
 """The one cause that is not pretended: the kernel sets the interface down."""
 CAUSES: Final = (*map(str, LinkFault), INTERFACE_DOWN)
 _PLANT_STARTS_WITHIN_S: Final = 20.0
-
-Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +64,10 @@ class Failover:
     """Drives the cart in real time over a redundant link, and takes the bus from under it."""
 
     def __init__(self, robot: str, file: RobotFile, folder: Path) -> None:
-        """Drive a robot; keep what its plant says in `folder`.
+        """Drive a robot; keep its plant's outputs in `folder`.
 
         Args:
-            robot: What the plant's command is told: the file, or the name of one that ships with the package.
+            robot: What the plant's command is given: the file, or the name of one that ships with the package.
             file: The same, read; its bus is the one to lose.
             folder: A folder that is there; the serial line appears in it too.
 
@@ -93,12 +90,18 @@ class Failover:
         plant = ["plant", self._robot, "--interface", can.interface, "--channel", can.channel]
         plant += ["--serial", str(self._port), "--truth", str(truth)]
         with command(plant, self._folder / f"{name}.plant.txt"):
-            self._wait_for_plant()
+            deadline = time.monotonic() + _PLANT_STARTS_WITHIN_S
+            while not self._port.exists():
+                if time.monotonic() > deadline:
+                    raise ProcessFailedError(f"the plant made no serial line at {self._port}")
+                time.sleep(0.01)
             drive = self._drive(cause)
         if cause == INTERFACE_DOWN:
             _set_interface(can.channel, "up")
         points = resample(read_truth(truth), drive.stage.started_wall_ns or 0, MANOEUVRE.duration_ns)
-        return drive.trial(cause, _apart([(p.x, p.y) for p in points], self._alone()))
+        alone = OfflineSeat(self._folder).run("alone", MANOEUVRE).trajectory
+        undisturbed = zip(alone.x, alone.y, strict=True)
+        return drive.result(cause, max(math.dist((p.x, p.y), q) for p, q in zip(points, undisturbed, strict=True)))
 
     def _drive(self, cause: str) -> "_Drive":
         clock = RealClock()
@@ -115,18 +118,6 @@ class Failover:
         drive.run()
         return drive
 
-    def _wait_for_plant(self) -> None:
-        deadline = time.monotonic() + _PLANT_STARTS_WITHIN_S
-        while not self._port.exists():
-            if time.monotonic() > deadline:
-                raise ProcessFailedError(f"the plant made no serial line at {self._port}")
-            time.sleep(0.01)
-
-    def _alone(self) -> list[Place]:
-        """Where the model alone goes."""
-        way = OfflineSeat(self._folder).run("alone", MANOEUVRE).trajectory
-        return list(zip(way.x, way.y, strict=True))
-
 
 class _Drive(NoRecorder):
     """One drive through the manoeuvre; it watches its own cycles, and breaks the bus in one of them."""
@@ -140,7 +131,7 @@ class _Drive(NoRecorder):
         self._break_at = round(FAULT_AFTER_S * 1e9 / robot.period_ns)
         self._places = [list(robot.wiring.published).index(f"odometry.{part}") for part in ("x", "y")]
         self._active = 0
-        self._way: list[Place] = []
+        self._way: list[tuple[float, float]] = []
 
     def run(self) -> None:
         """Drive until the manoeuvre is over, or the robot breaks it off."""
@@ -156,9 +147,10 @@ class _Drive(NoRecorder):
             if self._active == self._break_at:
                 self._break_bus()
 
-    def trial(self, cause: str, off_course_m: float) -> FailoverResult:
-        """What came of it."""
-        switch = self._switch()
+    def result(self, cause: str, off_course_m: float) -> FailoverResult:
+        """The outcome of the drive."""
+        switching = self._hardware.switching if isinstance(self._hardware, Assembly) else None
+        switch = switching.switches[0] if switching is not None and switching.switches else None
         steps = [math.dist(a, b) for a, b in zip(self._way, self._way[1:], strict=False)]
         return FailoverResult(
             cause=cause,
@@ -170,19 +162,10 @@ class _Drive(NoRecorder):
             end=f"{self._loop.stop_reason}; {self._loop.modes.mode}: {self._loop.modes.reason}",
         )
 
-    def _switch(self) -> Switch | None:
-        switching = self._hardware.switching if isinstance(self._hardware, Assembly) else None
-        return switching.switches[0] if switching is not None and switching.switches else None
-
 
 def _set_interface(channel: str, state: str) -> None:
     """Set a CAN interface up or down; not waited for, since the loop goes on."""
     subprocess.Popen(["ip", "link", "set", channel, state])  # noqa: S603, S607 - no shell reads it
-
-
-def _apart(a: Sequence[Place], b: Sequence[Place]) -> float:
-    """The largest distance between places at the same times."""
-    return max(math.dist(p, q) for p, q in zip(a, b, strict=True))
 
 
 def _seconds(duration_ns: int | None) -> float | None:

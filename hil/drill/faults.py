@@ -1,4 +1,4 @@
-"""What can be done to a robot that drives, and what is to come of it."""
+"""The faults of the drill, and the outcome that is expected of each."""
 
 import enum
 import errno
@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from segway_ecc.hil.drill import interface
@@ -19,7 +18,7 @@ from segway_ecc.hil.processes import ProcessFailedError
 
 _ANSWERS_WITHIN_S: Final = 5.0
 _RECORDER_NOTICES_WITHIN_S: Final = 30.0
-_RECORDER_SAYS: Final = "recorder: Writing the log "
+_RECORDER_REPORTS: Final = "recorder: Writing the log "
 LIMIT_S: Final = 0.05
 """Torque must end within this time of a part that died or was cut off."""
 _FROZEN_LIMIT_S: Final = 0.5
@@ -30,7 +29,7 @@ _FILLING: Final = bytes(1 << 16)
 
 @enum.unique
 class DrillOutcome(enum.StrEnum):
-    """What is to come of a fault."""
+    """Expected outcome of a fault."""
 
     ENDS = "torque ends"
     DRIVES_ON = "drives on"
@@ -46,7 +45,7 @@ class DrillFault:
 
     Attributes:
         name: What is done.
-        expected: What is to come of it.
+        expected: The expected outcome.
         harm: Does it.
         within_s: Longest time from it to the last torque, where torque is to end, s.
         guard: Whether it needs a guard.
@@ -67,23 +66,9 @@ class DrillFault:
     interface: bool = False
 
 
-def _node(parts: Parts) -> int:
-    return parts.node.process.pid
-
-
-def _guard(parts: Parts) -> int:
-    if parts.guard is None:
-        raise ProcessFailedError("there is no guard")
-    return parts.guard.process.pid
-
-
-def _recorder(parts: Parts) -> int:
-    return parts.recorder
-
-
-def _kill(find: Callable[[Parts], int]) -> Harm:
+def _kill(part: str) -> Harm:
     def harm(parts: Parts, _undo: ExitStack) -> int:
-        pid = find(parts)
+        pid = parts.pid(part)
         now_ns = time.monotonic_ns()
         os.kill(pid, signal.SIGKILL)
         return now_ns
@@ -91,9 +76,9 @@ def _kill(find: Callable[[Parts], int]) -> Harm:
     return harm
 
 
-def _stop(find: Callable[[Parts], int]) -> Harm:
+def _stop(part: str) -> Harm:
     def harm(parts: Parts, undo: ExitStack) -> int:
-        pid = find(parts)
+        pid = parts.pid(part)
         now_ns = time.monotonic_ns()
         undo.enter_context(stopped(pid))
         return now_ns
@@ -101,12 +86,11 @@ def _stop(find: Callable[[Parts], int]) -> Harm:
     return harm
 
 
-def _tell(line: str) -> Harm:
+def _request(line: str) -> Harm:
     def harm(parts: Parts, _undo: ExitStack) -> int:
-        answer = parts.plant.ask(line, _ANSWERS_WITHIN_S)
-        stamp, _, told = answer.partition(" ")
-        if told != line:
-            raise ProcessFailedError(f"the plant answered '{line}' with '{told}'")
+        stamp, _, answer = parts.plant.ask(line, _ANSWERS_WITHIN_S).partition(" ")
+        if answer != line:
+            raise ProcessFailedError(f"the plant answered '{line}' with '{answer}'")
         return int(stamp)
 
     return harm
@@ -134,46 +118,42 @@ def _step_clock(number: signal.Signals) -> Harm:
 
 def _fill_disk(parts: Parts, _undo: ExitStack) -> int:
     """Leave no room on the log's disk; where it has none of its own, let the recorder's file grow no more."""
-    recorder, folder = parts.recorder, parts.setup.log_folder
+    recorder, folder = parts.pid("recorder"), parts.setup.log_folder
     now_ns = time.monotonic_ns()
     if folder.is_mount():
-        _fill(folder / "filling")
+        with (folder / "filling").open("wb", buffering=0) as file:
+            try:
+                while True:
+                    file.write(_FILLING)
+            except OSError as error:
+                if error.errno != errno.ENOSPC:
+                    raise
     else:
-        # What it says goes to a file as well, which must find room.
+        # Its messages go to a file as well, which must find room.
         size = max(_ROOM_BYTES, *(path.stat().st_size for path in folder.iterdir()))
         resource.prlimit(recorder, resource.RLIMIT_FSIZE, (size, size))
     deadline = time.monotonic() + _RECORDER_NOTICES_WITHIN_S
-    while not any(line.startswith(_RECORDER_SAYS) for line in parts.said()):
+    while not any(line.startswith(_RECORDER_REPORTS) for line in parts.log_lines()):
         if time.monotonic() > deadline:
             raise ProcessFailedError("the recorder did not notice that the disk is full")
         time.sleep(0.02)
     return now_ns
 
 
-def _fill(path: Path) -> None:
-    with path.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(_FILLING)
-        except OSError as error:
-            if error.errno != errno.ENOSPC:
-                raise
-
-
 FAULTS: Final = {
     fault.name: fault
     for fault in (
-        DrillFault("node killed", DrillOutcome.ENDS, _kill(_node)),
-        DrillFault("node stopped", DrillOutcome.ENDS, _stop(_node)),
-        DrillFault("guard killed", DrillOutcome.DRIVES_ON, _kill(_guard), guard=True),
-        DrillFault("guard stopped", DrillOutcome.DRIVES_ON, _stop(_guard), guard=True),
-        DrillFault("recorder killed", DrillOutcome.DRIVES_ON, _kill(_recorder)),
-        DrillFault("recorder stopped", DrillOutcome.DRIVES_ON, _stop(_recorder)),
-        DrillFault("drives mute", DrillOutcome.ENDS, _tell("mute")),
+        DrillFault("node killed", DrillOutcome.ENDS, _kill("node")),
+        DrillFault("node stopped", DrillOutcome.ENDS, _stop("node")),
+        DrillFault("guard killed", DrillOutcome.DRIVES_ON, _kill("guard"), guard=True),
+        DrillFault("guard stopped", DrillOutcome.DRIVES_ON, _stop("guard"), guard=True),
+        DrillFault("recorder killed", DrillOutcome.DRIVES_ON, _kill("recorder")),
+        DrillFault("recorder stopped", DrillOutcome.DRIVES_ON, _stop("recorder")),
+        DrillFault("drives mute", DrillOutcome.ENDS, _request("mute")),
         DrillFault("bus down", DrillOutcome.ENDS, _set_down, interface=True),
-        DrillFault("cable cut", DrillOutcome.ENDS, _tell("cut")),
-        DrillFault("cable cut with serial line", DrillOutcome.DRIVES_ON, _tell("cut"), serial=True),
-        DrillFault("left sensor frozen", DrillOutcome.ENDS, _tell("freeze left"), within_s=_FROZEN_LIMIT_S),
+        DrillFault("cable cut", DrillOutcome.ENDS, _request("cut")),
+        DrillFault("cable cut with serial line", DrillOutcome.DRIVES_ON, _request("cut"), serial=True),
+        DrillFault("left sensor frozen", DrillOutcome.ENDS, _request("freeze left"), within_s=_FROZEN_LIMIT_S),
         DrillFault("clock an hour ahead", DrillOutcome.DRIVES_ON, _step_clock(AHEAD), stepped=True),
         DrillFault("clock an hour back", DrillOutcome.DRIVES_ON, _step_clock(BACK), stepped=True),
         DrillFault("disk full", DrillOutcome.DRIVES_ON, _fill_disk, disk=True),

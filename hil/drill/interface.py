@@ -30,7 +30,7 @@ def down(name: str) -> Iterator[None]:
         _set_flags(name, flags | _IFF_UP)
 
 
-def obstacle(name: str) -> str | None:
+def why_not_down(name: str) -> str | None:
     """Why an interface cannot be set down here; None where it can. Nothing is changed."""
     try:
         _set_flags(name, _flags(name))

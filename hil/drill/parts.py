@@ -64,7 +64,7 @@ class DrillSetup:
         return self.folder / "log"
 
     def messages(self, part: str) -> Path:
-        """What a process said."""
+        """The messages of a process."""
         return self.folder / f"{part}.txt"
 
 
@@ -77,21 +77,25 @@ class Parts:
     guard: Command | None
     node: Command
 
-    @property
-    def recorder(self) -> int:
-        """The process that writes the node's log.
+    def pid(self, part: str) -> int:
+        """The process of `node`, `guard` or `recorder`, which writes the node's log.
 
         Raises:
             ProcessFailedError: There is none.
         """
+        if part != "recorder":
+            process = self.node if part == "node" else self.guard
+            if process is None:
+                raise ProcessFailedError("there is no guard")
+            return process.process.pid
         for task in Path(f"/proc/{self.node.process.pid}/task").iterdir():
             for pid in (task / "children").read_text().split():
                 if "segway_ecc.node.recording.writer" in Path(f"/proc/{pid}/cmdline").read_text():
                     return int(pid)
         raise ProcessFailedError("the node has no recorder")
 
-    def said(self) -> list[str]:
-        """What node and guard have said so far, in the order of the processes."""
+    def log_lines(self) -> list[str]:
+        """The messages of node and guard so far, in the order of the processes."""
         parts = ("node",) if self.guard is None else ("node", "guard")
         return [
             (line if part == "node" else f"{part}: {line}").replace("segway-ecc: ", "", 1)
@@ -105,15 +109,19 @@ def running(setup: DrillSetup) -> Iterator[Parts]:
     """Start everything; leave it when the context ends, stopped processes included."""
     setup.log_folder.mkdir(exist_ok=True)
     module = STEPPED if setup.stepped else _COMMAND
+    robot = [setup.robot, *setup.bus, *(["--serial", str(setup.folder / "serial")] if setup.serial else [])]
+    sequence = setup.folder / "sequence.yaml"
+    sequence.write_bytes(msgspec.yaml.encode(Manoeuvre(segments=_SEGMENTS * _TIMES)))
     with contextlib.ExitStack() as stack:
-        plant = stack.enter_context(
-            command(_plant(setup), setup.messages("plant"), module=module, listens=True),
-        )
+
+        def start(part: str, *words: str, listens: bool = False) -> Command:
+            return stack.enter_context(command(words, setup.messages(part), module=module, listens=listens))
+
+        plant = start("plant", "plant", *robot, "--control", "--trace", str(setup.trace), listens=True)
         plant.ask("heal", _STARTS_WITHIN_S)  # it answers once it runs
-        guard = None
-        if setup.guard:
-            guard = stack.enter_context(command(_guard(setup), setup.messages("guard"), module=module))
-        node = stack.enter_context(command(_node(setup), setup.messages("node"), module=module))
+        guard = start("guard", "guard", *robot) if setup.guard else None
+        log = str(setup.log_folder / "run.mcap")
+        node = start("node", "run", *robot, "--no-ros", "--sequence", str(sequence), "--log", log)
         yield Parts(setup, plant, guard, node)
 
 
@@ -126,11 +134,11 @@ def wait_until_driven(parts: Parts, driven_s: float) -> None:
     deadline = time.monotonic() + _STARTS_WITHIN_S
     while (since_ns := trace.driven_since_ns(trace.read(parts.setup.trace))) is None:
         if time.monotonic() > deadline or parts.node.process.poll() is not None:
-            raise ProcessFailedError(f"the robot does not drive: {' | '.join(parts.said()) or 'it said nothing'}")
+            raise ProcessFailedError(f"the robot does not drive: {' | '.join(parts.log_lines()) or 'it wrote nothing'}")
         time.sleep(_POLL_S)
     time.sleep(max(since_ns * 1e-9 + driven_s - time.monotonic(), 0.0))
     if parts.guard is not None and parts.guard.process.poll() is not None:
-        raise ProcessFailedError(f"the guard has ended: {' | '.join(parts.said())}")
+        raise ProcessFailedError(f"the guard has ended: {' | '.join(parts.log_lines())}")
 
 
 @contextlib.contextmanager
@@ -161,22 +169,3 @@ def _succeeds(words: Sequence[str]) -> bool:
         return subprocess.run(words, check=False, capture_output=True).returncode == 0  # noqa: S603 - no shell reads it
     except OSError:
         return False
-
-
-def _lines(setup: DrillSetup) -> list[str]:
-    return [setup.robot, *setup.bus, *(["--serial", str(setup.folder / "serial")] if setup.serial else [])]
-
-
-def _plant(setup: DrillSetup) -> list[str]:
-    return ["plant", *_lines(setup), "--control", "--trace", str(setup.trace)]
-
-
-def _guard(setup: DrillSetup) -> list[str]:
-    return ["guard", *_lines(setup)]
-
-
-def _node(setup: DrillSetup) -> list[str]:
-    sequence = setup.folder / "sequence.yaml"
-    sequence.write_bytes(msgspec.yaml.encode(Manoeuvre(segments=_SEGMENTS * _TIMES)))
-    log = setup.log_folder / "run.mcap"
-    return ["run", *_lines(setup), "--no-ros", "--sequence", str(sequence), "--log", str(log)]

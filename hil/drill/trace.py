@@ -65,17 +65,16 @@ def torque_after(ticks: Sequence[Tick], fault_ns: int, until_ns: int) -> Torque:
     after = driven[-1] + 1 if driven else 0
     zero_ns = seen[after].monotonic_ns if after < len(seen) else None
     stamps = [fault_ns, *(seen[index].monotonic_ns for index in driven)]
+    # A gap: ticks without torque lie before a driven one.
     gaps = [
-        later - earlier for place, (earlier, later) in enumerate(itertools.pairwise(stamps)) if _is_gap(place, driven)
+        later - earlier
+        for (earlier, later), (before, place) in zip(
+            itertools.pairwise(stamps), itertools.pairwise([-1, *driven]), strict=True
+        )
+        if place - before > 1
     ]
     return Torque(
         last_s=(stamps[-1] - fault_ns) * 1e-9,
         zero_s=None if zero_ns is None else (zero_ns - fault_ns) * 1e-9,
         gap_s=max(gaps, default=0) * 1e-9,
     )
-
-
-def _is_gap(place: int, driven: Sequence[int]) -> bool:
-    """Whether ticks without torque lie before the driven tick at `place`."""
-    before = driven[place - 1] if place else -1
-    return driven[place] - before > 1

@@ -1,4 +1,4 @@
-"""One fault, done to a robot that drives, and what came of it."""
+"""One fault, done to a robot that drives, and its outcome."""
 
 import contextlib
 import time
@@ -23,15 +23,15 @@ _DISK_BYTES: Final = 4 << 20
 
 @dataclass(frozen=True, slots=True)
 class DrillResult:
-    """What came of a fault.
+    """The outcome of a fault.
 
     Attributes:
         fault: What was done.
-        expected: What was to come of it.
+        expected: The expected outcome.
         guard: Whether the guard ran.
-        torque: What became of the torque; None where the trial failed.
-        said: What node and guard said after the fault.
-        note: How the harm was done, where that is not plain; or why the trial failed.
+        torque: What became of the torque; None where the drill failed.
+        messages: The messages of node and guard after the fault.
+        note: How the harm was done, where that is not plain; or why the drill failed.
         within_s: Longest time to the last torque, where torque was to end, s.
     """
 
@@ -39,7 +39,7 @@ class DrillResult:
     expected: DrillOutcome
     guard: bool
     torque: Torque | None
-    said: Sequence[str]
+    messages: Sequence[str]
     note: str = ""
     within_s: float = LIMIT_S
 
@@ -61,58 +61,54 @@ class DrillResult:
 
 
 def run(fault: DrillFault, setup: DrillSetup) -> DrillResult:
-    """Start the robot, do the harm and look on."""
+    """Start the robot, do the harm and observe it."""
+    torque, messages, note = None, list[str](), ""
     try:
         with contextlib.ExitStack() as disk:
             setup.log_folder.mkdir(parents=True, exist_ok=True)
             is_small = fault.disk and disk.enter_context(small_disk(setup.log_folder, _DISK_BYTES))
             with running(setup) as parts:
                 wait_until_driven(parts, _DRIVEN_S)
-                torque, said = _harm(fault, parts)
+                torque, messages = _harm(fault, parts)
     except ProcessFailedError as error:
-        return DrillResult(fault.name, fault.expected, setup.guard, None, [], str(error), fault.within_s)
-    return DrillResult(
-        fault.name, fault.expected, setup.guard, torque, said, _note(fault, is_small=is_small), fault.within_s
-    )
+        note = str(error)
+    else:
+        if fault.disk:
+            note = (
+                "a tmpfs filled to the last byte"
+                if is_small
+                else "no tmpfs to be had: the recorder's file size limited"
+            )
+        elif fault.stepped:
+            note = "as the processes read it: the machine's own clock is not set"
+    return DrillResult(fault.name, fault.expected, setup.guard, torque, messages, note, fault.within_s)
 
 
 def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:
-    before = parts.said()
+    before = parts.log_lines()
     with contextlib.ExitStack() as undo:
         fault_ns = fault.harm(parts, undo)
         time.sleep(_LOOK_S)
     time.sleep(_AFTER_S)
     until_ns = time.monotonic_ns()
     torque = trace.torque_after(trace.read(parts.setup.trace), fault_ns, until_ns)
-    return torque, _new(parts.said(), before)
-
-
-def _new(lines: Sequence[str], before: Sequence[str]) -> list[str]:
-    """The lines that were not there before, each as often as it is new."""
-    left = list(before)
     new = []
-    for line in lines:
-        if line in left:
-            left.remove(line)
+    for line in parts.log_lines():
+        if line in before:
+            before.remove(line)
         else:
             new.append(line)
-    return new
+    return torque, new
 
 
-def _note(fault: DrillFault, *, is_small: bool) -> str:
-    if fault.disk:
-        return "a tmpfs filled to the last byte" if is_small else "no tmpfs to be had: the recorder's file size limited"
-    if fault.stepped:
-        return "as the processes read it: the machine's own clock is not set"
-    return ""
+def worst(results: Sequence[DrillResult]) -> DrillResult:
+    """The result that counts most against the robot: one not as expected first, then the longest."""
 
+    def badness(result: DrillResult) -> tuple[bool, bool, float]:
+        torque = result.torque
+        if torque is None:
+            return not result.is_as_expected, True, 0.0
+        ends = result.expected is DrillOutcome.ENDS
+        return not result.is_as_expected, False, torque.last_s if ends else torque.gap_s
 
-def worst(trials: Sequence[DrillResult]) -> DrillResult:
-    """The trial that tells most against the robot: one not as expected first, then the longest."""
-    return max(trials, key=lambda t: (not t.is_as_expected, t.torque is None, _longest(t)))
-
-
-def _longest(trial: DrillResult) -> float:
-    if trial.torque is None:
-        return 0.0
-    return trial.torque.last_s if trial.expected is DrillOutcome.ENDS else trial.torque.gap_s
+    return max(results, key=badness)

@@ -15,8 +15,8 @@ from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.faults.links import DisturbedBus
 from segway_ecc.hil.faults.plant import DisturbedPlant
-from segway_ecc.hil.rig.kernel_bus import kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.paced_link import kernel_ends
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile

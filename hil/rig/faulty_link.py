@@ -1,4 +1,4 @@
-"""A link that fails as it is told to, in front of one that works."""
+"""A link that fails on request, in front of one that works."""
 
 import enum
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ class LinkFault(enum.StrEnum):
     STALE = "stale telemetry"
     """The drives' frames do not arrive; what is sent does."""
     CUT = "cable cut"
-    """Nothing passes either way, and nothing says so."""
+    """Nothing passes either way, and nothing reports it."""
     PASSIVE = "error-passive"
     """Nobody acknowledges: frames are taken, and stay in the controller."""
     BUS_OFF = "bus-off"
@@ -29,11 +29,11 @@ class LinkFault(enum.StrEnum):
 _STATES = {LinkFault.PASSIVE: LinkState.PASSIVE, LinkFault.BUS_OFF: LinkState.BUS_OFF}
 _SENDS_INTO_THE_VOID = frozenset({LinkFault.CUT, LinkFault.PASSIVE})
 _REFUSES_TO_SEND = frozenset({LinkFault.BUS_OFF, LinkFault.QUEUE_FULL, LinkFault.UNPLUGGED})
-_HEARS = frozenset({None, LinkFault.QUEUE_FULL})
+_RECEIVES = frozenset({None, LinkFault.QUEUE_FULL})
 
 
 class FaultyLink(LinkFront):
-    """A link with a fault that can be set and mended while it runs; see `Link`.
+    """A link with a fault that can be set and cleared while it runs; see `Link`.
 
     Attributes:
         fault: What is wrong at the moment; None while all is well.
@@ -46,7 +46,7 @@ class FaultyLink(LinkFront):
 
     @property
     def state(self) -> LinkState:
-        """What the fault shows, else what the link behind says."""
+        """What the fault shows, else the state of the link behind."""
         if self.fault is LinkFault.UNPLUGGED:
             return LinkState.GONE
         return self.behind.state if self.fault is None else _STATES.get(self.fault, self.behind.state)
@@ -68,4 +68,4 @@ class FaultyLink(LinkFront):
         frames = self.behind.receive()
         if self.fault is LinkFault.UNPLUGGED:
             raise LinkLostError(f"{self.description} is gone: unplugged")
-        return frames if self.fault in _HEARS else []
+        return frames if self.fault in _RECEIVES else []

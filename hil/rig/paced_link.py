@@ -1,11 +1,13 @@
-"""Lock step over a real bus: time stands still until everything that was sent has arrived."""
+"""Lock step over a real bus: simulated time stops until everything that was sent has arrived."""
 
 import time
 from collections.abc import Callable
 from typing import Final
 
+from segway_ecc.firmware_io.links.can_link import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.lockstep import LockstepRig
 
 _PATIENCE_S: Final = 0.25
 """For a frame that is on its way through a kernel and its controllers; longer, and it is lost."""
@@ -46,13 +48,24 @@ class PacedLink(LinkFront):
     def receive(self) -> list[Frame]:
         """Everything that the other end has sent."""
         frames = self.behind.receive()
-        deadline_s = time.monotonic() + _PATIENCE_S
-        while (missing := self._missing()) > 0 and time.monotonic() < deadline_s:
+        sent, deadline_s = 0 if self.other is None else self.other.sent, time.monotonic() + _PATIENCE_S
+        while (missing := sent - self.lost - self.counters.received) > 0 and time.monotonic() < deadline_s:
             self._sleep(_POLL_S)
             frames += self.behind.receive()
-        self.lost += missing
+        self.lost += max(missing, 0)
         return frames
 
-    def _missing(self) -> int:
-        sent = 0 if self.other is None else self.other.sent
-        return max(sent - self.lost - self.counters.received, 0)
+
+def kernel_ends(rig: LockstepRig, channels: tuple[str, str], bitrate: int) -> tuple[PacedLink, PacedLink]:
+    """The ends of the kernel's own CAN bus for robot and plant, in place of a simulated bus.
+
+    Args:
+        rig: Its clock stops while a frame is on its way.
+        channels: The CAN interfaces of robot and plant: one and the same, or two controllers on one bus.
+        bitrate: In bit/s.
+    """
+    robot, plant = (
+        PacedLink(make_can_link("socketcan", channel, bitrate, rig.now_ns, rig.wall_ns)) for channel in channels
+    )
+    robot.other, plant.other = plant, robot
+    return robot, plant

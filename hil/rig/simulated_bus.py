@@ -110,7 +110,7 @@ class SimulatedLink:
         return self.counters.as_text()
 
     def open(self) -> None:
-        """Forget what passed before."""
+        """Discard what passed before."""
         self._received.clear()
 
     def send(self, frame: Frame) -> bool:
@@ -131,5 +131,5 @@ class SimulatedLink:
         self._received.append(frame)
 
     def close(self) -> None:
-        """Forget what was not taken."""
+        """Discard what was not received."""
         self._received.clear()

@@ -17,7 +17,9 @@ class SimulatedRobot:
     """The other end of the robot's bus.
 
     Attributes:
+        link: The bus it is on.
         tick_ns: Period of the firmware's loops.
+        output_names: Names of the plant's outputs.
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.
@@ -30,10 +32,10 @@ class SimulatedRobot:
             PlantMismatchError: The plant's ports or its step do not fit.
         """
         self.tick_ns = tick_ns
-        self._link = link
+        self.link = link
         self._devices = tuple(devices)
         self._plant, self._advance = plant, advance_of(plant)
-        self._names = [v.name for v in plant.outputs]
+        self.output_names = [v.name for v in plant.outputs]
         self._places = _places(devices, plant)
         self._steps, self._ticks_per_step = _rates(plant, tick_ns)
         self._ticks = 0
@@ -53,23 +55,16 @@ class SimulatedRobot:
         self._plant, self._advance = plant, advance_of(plant)
 
     @property
-    def link(self) -> Link:
-        """The bus it is on."""
-        return self._link
-
-    @property
-    def output_names(self) -> list[str]:
-        """Names of the plant's outputs."""
-        return self._names
-
-    @property
     def refused_frames(self) -> int:
         """Frames that the devices refused since power-on."""
         return sum(device.refused_frames for device in self._devices)
 
     def tick(self, now_ns: int) -> None:
         """One pass of every device's loop at time `now_ns`, with the plant's share of time after it."""
-        frames = self._receive()
+        try:
+            frames: Sequence[Frame] = self.link.receive()
+        except LinkLostError:  # a bus that is gone carries nothing; what happens then is what is simulated
+            frames = ()
         outputs = self._measured()
         for device, places in zip(self._devices, self._places, strict=True):
             for place, value in zip(places, device.obey(frames, now_ns, outputs), strict=True):
@@ -79,19 +74,13 @@ class SimulatedRobot:
             self.outputs, self._by_name_of = self._advance(self.inputs, self._steps), None
             outputs = self._measured()
         for device in self._devices:
-            device.tell(now_ns, outputs)
+            device.send_telemetry(now_ns, outputs)
 
     def _measured(self) -> dict[str, float]:
         """The outputs by name, as the devices find them; from one step of the plant to the next they are the same."""
         if self._by_name_of is not self.outputs:
-            self._by_name, self._by_name_of = dict(zip(self._names, self.outputs, strict=True)), self.outputs
+            self._by_name, self._by_name_of = dict(zip(self.output_names, self.outputs, strict=True)), self.outputs
         return {**self._by_name, **self.stuck} if self.stuck else self._by_name
-
-    def _receive(self) -> Sequence[Frame]:
-        try:
-            return self._link.receive()
-        except LinkLostError:  # a bus that is gone carries nothing; what happens then is what is simulated
-            return ()
 
 
 def _places(devices: Sequence[Device], plant: Model) -> list[list[int]]:

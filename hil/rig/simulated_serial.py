@@ -48,7 +48,7 @@ class SimulatedSerial:
 
     def garbage(self, data: bytes, port: "SimulatedPort | None" = None) -> None:
         """Noise: bytes that arrive now at `port`, or at the robot's, in the middle of whatever is on its way."""
-        (self.host if port is None else port).hear(data)
+        (self.host if port is None else port).inject(data)
 
 
 class _Wire:
@@ -92,8 +92,8 @@ class _Wire:
         """Let bytes wait to be read."""
         self.arrived += data[: _MOST_KEPT - len(self.arrived)]
 
-    def forget(self) -> None:
-        """Drop what has arrived."""
+    def discard(self) -> None:
+        """Discard what has arrived."""
         self.pass_on()
         self.arrived.clear()
 
@@ -140,7 +140,7 @@ class SimulatedPort:
         """
         if not self._is_there:
             raise FileNotFoundError(errno.ENOENT, "the simulated port is unplugged")
-        self._incoming.forget()
+        self._incoming.discard()
         return self
 
     def close(self) -> None:
@@ -154,7 +154,7 @@ class SimulatedPort:
         """Put the port back."""
         self._is_there = True
 
-    def hear(self, data: bytes) -> None:
+    def inject(self, data: bytes) -> None:
         """Let bytes arrive that nobody sent."""
         self._incoming.pass_on()
         self._incoming.keep(data)

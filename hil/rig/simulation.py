@@ -1,4 +1,4 @@
-"""What a robot file says of its simulation."""
+"""The simulation that a robot file describes: its bus, its serial line, its plant and its devices."""
 
 from collections.abc import Callable, Sequence
 
@@ -71,30 +71,21 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
         NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
     """
-    _hear_remote_frames(link)
-    devices, tick_ns = _devices(_hardware(file), link, port)
-    devices = [*devices, *_external_imu(_hardware(file), link, tick_ns)]
-    return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
-
-
-def _hear_remote_frames(link: Link) -> None:
-    """Let devices on a real bus be asked by remote frame, as real ones can."""
-    while isinstance(link, LinkFront):
-        link = link.behind
-    if isinstance(link, BaseCanLink):
-        link.hears_remote = True
-
-
-def _external_imu(settings: HardwareSettings, link: Link, tick_ns: int) -> Sequence[Device]:
-    imu = settings.external_imu
-    if imu is None:
-        return []
-    if round(imu.period_s * 1e9) % tick_ns != 0:
+    hardware, behind = _hardware(file), link
+    while isinstance(behind, LinkFront):
+        behind = behind.behind
+    if isinstance(behind, BaseCanLink):
+        behind.hears_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
+    drives, tick_ns = _drives(hardware, link, port)
+    devices, imu = [drives], hardware.external_imu
+    if imu is not None and round(imu.period_s * 1e9) % tick_ns != 0:
         raise NoSimulationError(
             f"the simulated drives tick every {tick_ns * 1e-6:g} ms: make external_imu.period_s, {imu.period_s:g} s, "
             "a multiple of that"
         )
-    return [SimulatedXsensMti(link, imu)]
+    if imu is not None:
+        devices.append(SimulatedXsensMti(link, imu))
+    return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
 
 
 def _hardware(file: RobotFile) -> HardwareSettings:
@@ -103,14 +94,14 @@ def _hardware(file: RobotFile) -> HardwareSettings:
     return file.hardware
 
 
-def _devices(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Sequence[Device], int]:
-    """The devices, and the period of their firmware's loops, ns."""
+def _drives(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Device, int]:
+    """The drives, and the period of their firmware's loops, ns."""
     match settings:
         case WheelBoardSettings():
-            return [SimulatedWheelBoard(link, settings, port)], wheel_board.TICK_NS
+            return SimulatedWheelBoard(link, settings, port), wheel_board.TICK_NS
         case VescSettings():
-            return [SimulatedVesc(link, settings, port)], vesc.TICK_NS
+            return SimulatedVesc(link, settings, port), vesc.TICK_NS
         case OdriveSettings():
-            return [SimulatedOdrive(link, settings, port)], odrive.TICK_NS
+            return SimulatedOdrive(link, settings, port), odrive.TICK_NS
         case Cia402Settings():
-            return [SimulatedCia402(link, settings, port)], cia402.TICK_NS
+            return SimulatedCia402(link, settings, port), cia402.TICK_NS

@@ -11,8 +11,7 @@ from typing import IO
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.hil.drill import trace
-from segway_ecc.hil.drill.disturbed_link import DisturbedLink
-from segway_ecc.hil.drill.plant_control import LineReader, PlantControl
+from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
 from segway_ecc.hil.pseudo_terminal import PtyPort
 from segway_ecc.hil.rig.real_time import RealTimePlant, Trace
 from segway_ecc.hil.rig.simulation import Observer, simulated_bus, simulated_robot, simulated_serial

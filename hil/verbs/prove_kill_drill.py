@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--interface", default="local", help="python-can interface (default: local, this machine only)")
     parser.add_argument("--channel", help="CAN channel (default: one of our own)")
     parser.add_argument("--fault", action="append", choices=list(FAULTS), help="only this one (may be given again)")
-    parser.add_argument("--repeat", type=int, default=1, metavar="N", help="do each fault so often; the worst is told")
+    parser.add_argument(
+        "--repeat", type=int, default=1, metavar="N", help="do each fault so often; the worst is reported"
+    )
     parser.add_argument("--no-guard", action="store_true", help="without the guard: the drives' own watchdog alone")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -80,11 +82,11 @@ def _no_interface(options: argparse.Namespace) -> str | None:
     """Why no interface can be set down; None where one can be."""
     if options.interface != "socketcan" or options.channel is None:
         return "it needs a network interface: --interface socketcan --channel vcan0"
-    return interface.obstacle(options.channel)
+    return interface.why_not_down(options.channel)
 
 
 def _as_json(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> object:
-    told = [
+    faults = [
         {
             **dataclasses.asdict(worst := trial.worst(row)),
             "outcome": worst.outcome,
@@ -94,7 +96,7 @@ def _as_json(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) ->
         }
         for row in rows
     ]
-    return {"faults": told, "left_out": left_out}
+    return {"faults": faults, "left_out": left_out}
 
 
 def _table(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> str:
@@ -105,13 +107,13 @@ def _table(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> s
         cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)]
         text += "  ".join(cells).rstrip() + "\n"
         if index:
-            text += "".join(f"    {said}\n" for said in _said(trial.worst(rows[index - 1])))
+            text += "".join(f"    {note}\n" for note in _notes(trial.worst(rows[index - 1])))
     return text + "".join(f"{name}: left out, {why}\n" for name, why in left_out.items())
 
 
-def _said(worst: DrillResult) -> list[str]:
+def _notes(worst: DrillResult) -> list[str]:
     note = [f"({worst.note})"] if worst.note else []
-    return [*note, *(f"robot: {line}" for line in worst.said)] or ["robot: nothing"]
+    return [*note, *(f"robot: {line}" for line in worst.messages)] or ["robot: nothing"]
 
 
 def _row(worst: DrillResult, repeats: int) -> tuple[str, ...]:

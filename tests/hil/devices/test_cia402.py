@@ -47,7 +47,7 @@ class Bench:
         for _ in range(times):
             self.now_ns += TICK_NS
             self.torques = tuple(self.drives.obey(self.link.receive(), self.now_ns, self.outputs))
-            self.drives.tell(self.now_ns, self.outputs)
+            self.drives.send_telemetry(self.now_ns, self.outputs)
         self.now_ns += 10_000
         return [(frame.arbitration_id, frame.data.hex()) for frame in self.host.receive()]
 
@@ -398,7 +398,7 @@ def test_frames_of_others_change_nothing(bench: Bench) -> None:
     ]
     assert tuple(bench.drives.obey(frames, bench.now_ns, bench.outputs)) == bench.torques
     assert snapshot() == before
-    bench.drives.tell(bench.now_ns, bench.outputs)
+    bench.drives.send_telemetry(bench.now_ns, bench.outputs)
     assert snapshot() == before
 
 

@@ -45,7 +45,7 @@ class Bus(canopen.Network):
     def tick(self, *frames: Frame) -> None:
         self.now_ns += 1_000_000
         self.torques = tuple(self.drives.obey(frames, self.now_ns, self.outputs))
-        self.drives.tell(self.now_ns, self.outputs)
+        self.drives.send_telemetry(self.now_ns, self.outputs)
 
 
 @pytest.fixture

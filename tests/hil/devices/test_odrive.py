@@ -87,7 +87,7 @@ class Bench:
         self.link.frames.clear()
         for index in range(times):
             self.torques = self.device.obey(frames if index == 0 else (), self.now_ns, self.outputs)
-            self.device.tell(self.now_ns, self.outputs)
+            self.device.send_telemetry(self.now_ns, self.outputs)
             self.now_ns += MS
         return list(self.link.frames)
 

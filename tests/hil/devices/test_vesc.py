@@ -80,7 +80,7 @@ class Bench:
         for _ in range(ticks):
             self.now_ns += TICK_NS
             self.torques = tuple(self.vesc.obey(self._end.receive(), self.now_ns, self.outputs))
-            self.vesc.tell(self.now_ns, self.outputs)
+            self.vesc.send_telemetry(self.now_ns, self.outputs)
 
     def has_timed_out(self) -> bool:
         return self.vesc.left.has_timed_out

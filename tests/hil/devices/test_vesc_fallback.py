@@ -101,7 +101,7 @@ class Bench:
             for _ in range(CYCLE_NS // TICK_NS):
                 self.now_ns += TICK_NS
                 self.torques = tuple(self.vesc.obey(self._device_link.receive(), self.now_ns, OUTPUTS))
-                self.vesc.tell(self.now_ns, OUTPUTS)
+                self.vesc.send_telemetry(self.now_ns, OUTPUTS)
             self.sensors = self.robot.exchange((1.0, -2.0))
 
     def arm(self) -> None:

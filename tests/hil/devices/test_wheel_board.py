@@ -117,7 +117,7 @@ class Bench:
         for _ in range(times):
             self.now_ns += TICK_NS
             self.board.obey(self.board_link.receive(), self.now_ns, self.outputs)
-            self.board.tell(self.now_ns, self.outputs)
+            self.board.send_telemetry(self.now_ns, self.outputs)
 
     def tick_serial(self, *commands: WheelCommand) -> None:
         """Send commands over the serial line, and let the board tick."""

@@ -45,7 +45,7 @@ class Bench:
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
             assert tuple(self.imu.obey([], self.now_ns, self.outputs)) == ()
-            self.imu.tell(self.now_ns, self.outputs)
+            self.imu.send_telemetry(self.now_ns, self.outputs)
             self.now_ns += self._tick_ns
 
     def heard(self) -> list[Frame]:

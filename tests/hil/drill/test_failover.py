@@ -33,8 +33,8 @@ SWITCH_WITHIN_NS = 50_000_000
 class Breaker(NoRecorder):
     """Breaks the bus after a number of cycles of driving, and mends it after another, if any."""
 
-    def __init__(self, bus: FaultyLink, fault: LinkFault | None, at: int, mend_at: int | None = None) -> None:
-        self._bus, self._fault, self._at, self._mend_at = bus, fault, at, mend_at
+    def __init__(self, bus: FaultyLink, fault: LinkFault | None, at: int, clear_at: int | None = None) -> None:
+        self._bus, self._fault, self._at, self._mend_at = bus, fault, at, clear_at
         self._active = 0
 
     def write(self, record: CycleRecord) -> None:
@@ -62,7 +62,7 @@ def with_serial(name: str, baudrate: int = 921_600) -> RobotFile:
     return msgspec.structs.replace(file, hardware=msgspec.structs.replace(file.hardware, serial=serial))
 
 
-def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, mend_at: int | None = None) -> Drive:
+def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int | None = None) -> Drive:
     hardware = file.hardware
     assert not isinstance(hardware, NoHardwareSection)
     serial = hardware.serial  # type: ignore[union-attr]
@@ -76,7 +76,7 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, mend_at: int 
     assert isinstance(link, RedundantLink)
     robot = build_robot(file, rig, link)
     stage = ManoeuvreStage(Player(MANOEUVRE), list(robot.wiring.published), rig)
-    loop = robot.loop(stage, Breaker(bus, fault, at, mend_at))
+    loop = robot.loop(stage, Breaker(bus, fault, at, clear_at))
     loop.run(2_000)
     assert isinstance(robot.hardware, Assembly)
     assert robot.hardware.switching is not None
@@ -111,7 +111,7 @@ def test_it_does_whenever_the_cable_is_cut(phase: int) -> None:
 
 
 def test_the_bus_that_comes_back_is_not_taken_while_the_robot_is_armed() -> None:
-    disturbed = drive(with_serial("cart-can"), LinkFault.UNPLUGGED, at=150, mend_at=170)
+    disturbed = drive(with_serial("cart-can"), LinkFault.UNPLUGGED, at=150, clear_at=170)
     assert disturbed.loop.stop_reason == "the sequence is over"
     assert len(disturbed.switches) == 1
     assert disturbed.owner == "serial"

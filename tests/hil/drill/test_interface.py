@@ -1,4 +1,4 @@
-"""Setting an interface down: what is asked of the kernel; with a real interface in tests/kernel/guest."""
+"""Setting an interface down: what the kernel is requested; with a real interface in tests/kernel/guest."""
 
 import errno
 import fcntl
@@ -53,14 +53,14 @@ def test_it_is_up_again_after_an_error(kernel: Kernel) -> None:
     assert kernel.flags == OTHERS | IFF_UP
 
 
-def test_obstacles_are_told_and_asking_changes_nothing(kernel: Kernel) -> None:
+def test_the_reason_is_reported_and_asking_changes_nothing(kernel: Kernel) -> None:
     before = kernel.flags
-    assert interface.obstacle("vcan7") is None
-    assert interface.obstacle("vcan8") == "vcan8 cannot be set down: No such device"
+    assert interface.why_not_down("vcan7") is None
+    assert interface.why_not_down("vcan8") == "vcan8 cannot be set down: No such device"
     kernel.may = False
-    assert interface.obstacle("vcan7") == "vcan7 cannot be set down: Operation not permitted"
+    assert interface.why_not_down("vcan7") == "vcan7 cannot be set down: Operation not permitted"
     assert kernel.flags == before
 
 
 def test_the_real_kernel_knows_no_such_interface() -> None:
-    assert interface.obstacle("nosuch0") == "nosuch0 cannot be set down: No such device"
+    assert interface.why_not_down("nosuch0") == "nosuch0 cannot be set down: No such device"

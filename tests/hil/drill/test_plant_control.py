@@ -17,8 +17,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelComma
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.local_bus import LocalBus
-from segway_ecc.hil.drill.disturbed_link import Disturbance, DisturbedLink
-from segway_ecc.hil.drill.plant_control import LineReader, PlantControl
+from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_bus import SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
@@ -68,7 +67,7 @@ def body(frames: list[Frame], arbitration_id: int) -> bytes:
     return found
 
 
-def test_a_mute_drive_hears_and_is_not_heard(bench: Bench) -> None:
+def test_a_mute_drive_receives_and_its_frames_are_lost(bench: Bench) -> None:
     assert bench.ask("mute") == "mute"
     assert bench.link.send(Frame(1, b""))
     bench.host.send(Frame(2, b"x"))
@@ -92,18 +91,18 @@ def test_over_a_cut_cable_nothing_passes(bench: Bench) -> None:
     assert bench.tick()
 
 
-def test_a_bus_that_is_lost_is_told_but_where_it_is_cut_anyway(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_bus_raises_unless_the_cable_is_cut(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_link: object) -> list[Frame]:
         raise LinkLostError("gone")
 
     monkeypatch.setattr(SimulatedLink, "receive", lost)
     with pytest.raises(LinkLostError):
         bench.link.receive()
-    bench.link.disturbance = Disturbance.CUT
+    bench.link.disturbance = "cut"
     assert bench.link.receive() == []
 
 
-def test_the_link_tells_what_the_one_behind_tells(bench: Bench) -> None:
+def test_the_link_reports_the_state_of_the_one_behind(bench: Bench) -> None:
     behind = bench.rig.bus.attach("other")
     link = DisturbedLink(behind)
     assert (link.description, link.state, link.health) == (behind.description, behind.state, behind.health)

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.real_time
 
 
 def made(expected: DrillOutcome, torque: Torque | None) -> DrillResult:
-    return DrillResult("a fault", expected, guard=True, torque=torque, said=[])
+    return DrillResult("a fault", expected, guard=True, torque=torque, messages=[])
 
 
 @pytest.mark.parametrize(
@@ -91,15 +91,15 @@ def test_a_stopped_node_leaves_the_motors_off_also_when_it_goes_on(tmp_path: Pat
     assert found.outcome == "torque ends"
     # It went on later, and torque did not come back; generous, since the machine may be busy.
     assert found.torque.last_s < 0.6
-    assert lines(found.said, "FAULT: the wheel board switched its motors off: WATCHDOG")
+    assert lines(found.messages, "FAULT: the wheel board switched its motors off: WATCHDOG")
 
 
-def test_a_full_disk_is_told_and_the_robot_drives_on(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_the_robot_drives_on(tmp_path: Path) -> None:
     found = trial.run(FAULTS["disk full"], setup(tmp_path))
 
     assert found.outcome == "drives on", found
-    assert lines(found.said, "recorder: Writing the log ")
-    assert not lines(found.said, "FAULT")
+    assert lines(found.messages, "recorder: Writing the log ")
+    assert not lines(found.messages, "FAULT")
     assert found.note
     assert not (tmp_path / "drill" / "log").is_mount(), "nothing is left mounted"
 
@@ -109,7 +109,7 @@ def test_a_full_disk_without_a_file_system_of_our_own(tmp_path: Path, monkeypatc
     found = trial.run(FAULTS["disk full"], setup(tmp_path))
 
     assert found.outcome == "drives on", found
-    assert lines(found.said, "recorder: Writing the log ")
+    assert lines(found.messages, "recorder: Writing the log ")
     assert "file size limited" in found.note
 
 
@@ -127,10 +127,10 @@ def test_a_cut_cable_is_survived_over_the_serial_line(tmp_path: Path) -> None:
     found = trial.run(FAULTS["cable cut with serial line"], setup(tmp_path, serial=True))
 
     assert found.outcome == "drives on", found
-    assert lines(found.said, "link: from can to serial")
+    assert lines(found.messages, "link: from can to serial")
 
 
-def test_a_plant_that_does_not_start_is_told(tmp_path: Path) -> None:
+def test_a_plant_that_does_not_start_is_reported(tmp_path: Path) -> None:
     found = trial.run(FAULTS["node killed"], setup(tmp_path, robot="cart"))
 
     assert (found.outcome, found.is_as_expected) == ("failed", False)
@@ -138,7 +138,7 @@ def test_a_plant_that_does_not_start_is_told(tmp_path: Path) -> None:
     assert "is on no CAN bus" in found.note
 
 
-def test_harm_that_cannot_be_done_is_told(tmp_path: Path) -> None:
+def test_harm_that_cannot_be_done_is_reported(tmp_path: Path) -> None:
     found = trial.run(FAULTS["guard killed"], setup(tmp_path))
 
     assert (found.outcome, found.is_as_expected, found.note) == ("failed", False, "there is no guard")

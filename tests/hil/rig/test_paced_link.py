@@ -1,5 +1,9 @@
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
-from segway_ecc.hil.rig.paced_link import PacedLink
+import pytest
+
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
+from segway_ecc.hil.rig import paced_link
+from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.paced_link import PacedLink, kernel_ends
 
 FRAME = Frame(0x120, b"angle")
 
@@ -82,3 +86,16 @@ def test_is_otherwise_the_link_itself() -> None:
     assert (wire.journal, wire.sent) == (["open", "close"], [FRAME])
     assert (robot.state, robot.health, robot.counters) == (LinkState.ACTIVE, {"state": "active"}, wire.counters)
     assert robot.description == "can0, in lock step"
+
+
+def test_each_end_waits_for_the_other_on_the_rigs_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, made = LockstepRig(500_000), list[object]()
+
+    def make(*words: object) -> Link:
+        made.append(words)
+        return rig.bus.attach("any")
+
+    monkeypatch.setattr(paced_link, "make_can_link", make)
+    robot, plant = kernel_ends(rig, ("can0", "can1"), 250_000)
+    assert (robot.other, plant.other) == (plant, robot)
+    assert made == [("socketcan", name, 250_000, rig.now_ns, rig.wall_ns) for name in ("can0", "can1")]

@@ -89,7 +89,7 @@ class Motors:
         self.calls.append(("obey", now_ns, outputs["steps"]))
         return self.values
 
-    def tell(self, now_ns: int, outputs: Mapping[str, float]) -> None:
+    def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         self.calls.append(("tell", now_ns, outputs["steps"]))
 
 

@@ -165,7 +165,7 @@ INTERFACE = ("--fault", "bus down", "--interface", "socketcan", "--channel", "vc
 
 
 def test_an_interface_that_can_be_set_down_is(segway_ecc: Run, trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interface, "obstacle", {"vcan7": None}.__getitem__)
+    monkeypatch.setattr(interface, "why_not_down", {"vcan7": None}.__getitem__)
     outcome = segway_ecc("prove", "kill-drill", *INTERFACE)
 
     assert outcome.code == 0
