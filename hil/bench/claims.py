@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
 
 COST_OF_USERS: Final = 0.25
@@ -38,7 +38,7 @@ class Claim:
         return f"{self.what}: {self.ratio:.2f}, at most {self.limit:g} wanted: {'met' if self.is_met else 'NOT met'}"
 
 
-def claims(results: Mapping[Contestant, Result]) -> list[Claim]:
+def claims(results: Mapping[Contestant, ProgramResult]) -> list[Claim]:
     """The claims that can be judged by these results."""
     found = []
     ours = results.get(Contestant.OURS)

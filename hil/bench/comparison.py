@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from segway_ecc.hil.bench.conditions import Conditions
-from segway_ecc.hil.bench.contestants import NAMESPACE, Contestant, Place, Ran, plant, run_contestant
+from segway_ecc.hil.bench.contestants import NAMESPACE, BenchSite, Contestant, ProgramRun, plant, run_contestant
 from segway_ecc.hil.bench.listener import listening
 from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.rig import Bus, make_rig
@@ -22,7 +22,7 @@ _OUR_PHASES: Final = {"bus": "exchange", "model": "equations", "ros": "ros", "cy
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class ProgramResult:
     """What a program cost over all its runs.
 
     Attributes:
@@ -41,7 +41,7 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class ComparisonSetup:
     """What every comparison of one run of the bench shares.
 
     Attributes:
@@ -56,12 +56,12 @@ class Setup:
 
 
 def compare(
-    setup: Setup,
+    setup: ComparisonSetup,
     rate_hz: float,
     duration_s: float,
     repeats: int,
     who: Sequence[Contestant] = tuple(Contestant),
-) -> dict[Contestant, Result]:
+) -> dict[Contestant, ProgramResult]:
     """Run the programs in turns at one rate.
 
     Args:
@@ -75,9 +75,9 @@ def compare(
         ConfigurationError: One of them does not run here.
     """
     period_ns = round(NS_PER_S / rate_hz)
-    runs: dict[Contestant, list[Ran]] = {one: [] for one in who}
+    runs: dict[Contestant, list[ProgramRun]] = {one: [] for one in who}
     with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
-        place = Place(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
+        place = BenchSite(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
         heard = listening(NAMESPACE) if setup.conditions.is_heard else contextlib.nullcontext()
         with plant(place) as seen, heard:
             for repeat in range(repeats):
@@ -90,14 +90,14 @@ def compare(
         return {one: _result(ran, period_ns) for one, ran in runs.items()}
 
 
-def _result(runs: Sequence[Ran], period_ns: int) -> Result:
+def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
     warm_up = round(_WARM_UP_S * NS_PER_S / period_ns)
     cycles = cycles_of([read_samples(run.samples) for run in runs], period_ns, warm_up)
     told = [run.told for run in runs if run.told is not None]
     if told:
         cycles = replace(cycles, phases=_our_phases(told[-1]))
     starts = [run.start_s for run in runs if run.start_s is not None]
-    return Result(
+    return ProgramResult(
         cycles,
         statistics.median(run.share for run in runs),
         max((run.memory for run in runs), key=lambda held: held.pss),

@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.heartbeat import HeartbeatListener, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.process_cost import Memory, cpu_s, memory, tree
-from segway_ecc.hil.bench.rig import Bus, Rig
+from segway_ecc.hil.bench.rig import BenchPrograms, Bus
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.modes import Mode
@@ -50,10 +50,10 @@ class Contestant(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BenchSite:
     """Where a program runs, and for how long."""
 
-    rig: Rig
+    rig: BenchPrograms
     bus: Bus
     conditions: Conditions
     folder: Path
@@ -65,7 +65,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Ran:
+class ProgramRun:
     """One run of one program.
 
     Attributes:
@@ -85,7 +85,7 @@ class Ran:
     fault: str | None
 
 
-def run_contestant(who: Contestant, place: Place, duration_s: float) -> Ran:
+def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> ProgramRun:
     """Run a program for a while.
 
     Raises:
@@ -105,7 +105,7 @@ def run_contestant(who: Contestant, place: Place, duration_s: float) -> Ran:
         said = messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
         raise ConfigurationError(f"the program '{who}' ended with exit code {process.returncode}: {' | '.join(said)}")
     told = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
-    return Ran(samples, start_s, share, held, told, _fault(told))
+    return ProgramRun(samples, start_s, share, held, told, _fault(told))
 
 
 def _fault(told: dict[str, Any] | None) -> str | None:
@@ -116,7 +116,7 @@ def _fault(told: dict[str, Any] | None) -> str | None:
 
 
 @contextlib.contextmanager
-def plant(place: Place) -> Iterator[dict[str, int]]:
+def plant(place: BenchSite) -> Iterator[dict[str, int]]:
     """The plant, at the other end of the bus for as long as the context lasts.
 
     Yields:
@@ -146,7 +146,7 @@ def plant(place: Place) -> Iterator[dict[str, int]]:
 class _Heartbeats:
     """Hears as the guard would when a program commands the motors for the first time."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: BenchSite) -> None:
         self._listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
         self._listener.open()
 
@@ -164,14 +164,14 @@ class _Heartbeats:
         self._listener.close()
 
 
-def _ours(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
+def _ours(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
     bus = place.bus
     words = ["run", str(place.rig.robot), "--interface", bus.interface, "--channel", bus.channel, "--json"]
     words += ["--duration", str(duration_s), "--namespace", NAMESPACE, "--log", str(place.folder / "bench.mcap")]
     return [*_CHILD, str(os.getpid()), "segway_ecc.hil.bench.ours", str(samples), *words]
 
 
-def _user(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
+def _user(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
     bus, period_s = place.bus, place.rig.period_ns * 1e-9
     words = ["--model", str(place.rig.library), "--interface", bus.interface, "--channel", bus.channel]
     words += ["--period", str(period_s), "--duration", str(duration_s)]
@@ -179,15 +179,15 @@ def _user(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
     return [*_CHILD, str(os.getpid()), "segway_ecc.hil.bench.same_settings", *words]
 
 
-def _c(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
+def _c(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
     return _loop(place, samples, duration_s, place.bus.place(place.bus.channel))
 
 
-def _bare(place: Place, samples: Path, duration_s: float) -> Sequence[str]:
+def _bare(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
     return _loop(place, samples, duration_s, "-")
 
 
-def _loop(place: Place, samples: Path, duration_s: float, channel: str) -> Sequence[str]:
+def _loop(place: BenchSite, samples: Path, duration_s: float, channel: str) -> Sequence[str]:
     period_ns = place.rig.period_ns
     cycles = round(duration_s * 1e9 / period_ns)
     numbers = (period_ns, cycles, place.conditions.priority)
@@ -196,7 +196,7 @@ def _loop(place: Place, samples: Path, duration_s: float, channel: str) -> Seque
     return [*pinned, str(place.rig.loop), place.bus.interface, channel, place.guard, *map(str, numbers), str(samples)]
 
 
-_COMMANDS: Final[dict[Contestant, Callable[[Place, Path, float], Sequence[str]]]] = {
+_COMMANDS: Final[dict[Contestant, Callable[[BenchSite, Path, float], Sequence[str]]]] = {
     Contestant.OURS: _ours,
     Contestant.USER: _user,
     Contestant.C: _c,

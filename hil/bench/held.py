@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.bench.comparison import Setup, compare
+from segway_ecc.hil.bench.comparison import ComparisonSetup, compare
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.samples import Cycles
 
@@ -15,7 +15,7 @@ _HOPELESS: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class SustainedRates:
     """How a program did at the rates that it was tried at.
 
     Attributes:
@@ -46,11 +46,11 @@ class Held:
 
 
 def search(
-    setup: Setup,
+    setup: ComparisonSetup,
     hold_s: float,
     who: Sequence[Contestant] = SEARCHED,
     rates_hz: Sequence[float] = RATES_HZ,
-) -> dict[Contestant, Held]:
+) -> dict[Contestant, SustainedRates]:
     """Try the rates from the lowest up; a program that fails one by far is not tried at the next.
 
     Args:
@@ -62,7 +62,7 @@ def search(
     Raises:
         ConfigurationError: One of them does not run here.
     """
-    found = {one: Held({}, {}) for one in who}
+    found = {one: SustainedRates({}, {}) for one in who}
     left = list(who)
     for rate_hz in sorted(rates_hz):
         for one, result in compare(setup, rate_hz, hold_s, 1, tuple(left)).items():

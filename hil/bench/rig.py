@@ -36,7 +36,7 @@ class Bus:
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class BenchPrograms:
     """What is needed to run every program at one rate.
 
     Attributes:
@@ -59,7 +59,7 @@ def missing() -> str | None:
     return None if shutil.which("cc") else "no C compiler here (sudo apt-get install gcc)"
 
 
-def make_rig(folder: Path, period_ns: int) -> Rig:
+def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
     """Write and compile everything for one rate.
 
     Args:
@@ -77,7 +77,7 @@ def make_rig(folder: Path, period_ns: int) -> Rig:
     programs = _OURS / "programs"
     bus = [str(programs / "bus.c"), f"-I{programs}"]
     load_native(model)  # into the cache, so that the first start is as the next ones
-    rig = Rig(robot, folder / "controller.so", folder / "loop", folder / "board", period_ns)
+    rig = BenchPrograms(robot, folder / "controller.so", folder / "loop", folder / "board", period_ns)
     _compile([*sources, "-shared", "-fPIC", "-lm", "-o", str(rig.library)])
     _compile([str(programs / "loop.c"), *bus, f"-I{model}", *sources, "-lm", "-o", str(rig.loop)])
     _compile([str(programs / "board.c"), *bus, "-o", str(rig.board)])

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from segway_ecc.hil.bench.campaign_speed import CAMPAIGN_WANTED, CampaignSpeed
-from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import Held
+from segway_ecc.hil.bench.held import SustainedRates
 from segway_ecc.hil.bench.lock_step import SEGWAY_WANTED, LockStep
 from segway_ecc.hil.bench.samples import Spread
 
@@ -20,7 +20,7 @@ _MB: Final = 1e6
 _PHASES: Final = ("bus", "ros", "decide", "model", "limit", "record", "cycle")
 
 
-def comparison_text(results: Mapping[Contestant, Result]) -> str:
+def comparison_text(results: Mapping[Contestant, ProgramResult]) -> str:
     """Cost and lateness, what the processes take, and the wall time of the parts of a cycle."""
     head = ["", "cost: mean", "p50", "p99", "p99.9", "max", "late by: p50", "p99", "p99.9", "max", "late", "lost", "of"]
     timing = [
@@ -49,7 +49,7 @@ def comparison_text(results: Mapping[Contestant, Result]) -> str:
     )
 
 
-def held_text(held: Mapping[Contestant, Held], hold_s: float) -> str:
+def held_text(held: Mapping[Contestant, SustainedRates], hold_s: float) -> str:
     """The highest rates, and how many cycles were late or lost at each."""
     rates = sorted({rate for one in held.values() for rate in one.tried})
     head = ["", *(f"{rate:g} Hz" for rate in rates), "none late up to", "none lost up to"]
@@ -102,20 +102,20 @@ def _us(spread: Spread) -> list[str]:
     return [f"{value * 1e6:.1f}" for value in (spread.p50_s, spread.p99_s, spread.p999_s, spread.max_s)]
 
 
-def _takes(result: Result) -> list[str]:
+def _takes(result: ProgramResult) -> list[str]:
     start = "-" if result.start_s is None else f"{result.start_s:.2f} s"
     held = result.memory
     return [f"{result.share * 100.0:.1f} %", f"{held.pss / _MB:.0f} MB", f"{held.rss / _MB:.0f} MB", start]
 
 
-def _parts(result: Result) -> list[str]:
+def _parts(result: ProgramResult) -> list[str]:
     phases = result.cycles.phases
     return [
         f"{phases[name].p50_s * 1e6:.1f}/{phases[name].p99_s * 1e6:.1f}" if name in phases else "-" for name in _PHASES
     ]
 
 
-def _late_and_lost(held: Held, rate_hz: float) -> str:
+def _late_and_lost(held: SustainedRates, rate_hz: float) -> str:
     cycles = held.tried.get(rate_hz)
     gave_up = " gave up" if rate_hz in held.faults else ""
     return "-" if cycles is None else f"{cycles.late}/{cycles.lost}{gave_up}"

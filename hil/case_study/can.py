@@ -11,7 +11,7 @@ import msgspec
 
 from segway_ecc.firmware_io.links.can_link import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.hil.case_study.seats import Run, trajectory
+from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.hil.processes import command
 from segway_ecc.hil.rig.lockstep import LockstepRig
@@ -39,7 +39,7 @@ class RealTimeCanSeat:
     def __init__(
         self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
     ) -> None:
-        """Run a robot; keep messages in `folder` and logs in `logs`.
+        """SeatRun a robot; keep messages in `folder` and logs in `logs`.
 
         Args:
             folder: Where messages go.
@@ -56,7 +56,7 @@ class RealTimeCanSeat:
         self._channels = (first, channels[1] or first)
         self.jobs = 4 if first is None else 1
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre over the bus; see `SeatRunner.run`."""
         file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
@@ -71,7 +71,7 @@ class RealTimeCanSeat:
             played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
         # The plant has ended too by now, so its file is whole.
         points = resample(read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
-        return Run(trajectory(Seat.CAN, points))
+        return SeatRun(trajectory(Seat.CAN, points))
 
 
 class LockstepCanSeat:
@@ -84,7 +84,7 @@ class LockstepCanSeat:
     jobs = 1
 
     def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
-        """Run a robot.
+        """SeatRun a robot.
 
         Args:
             logs: Where the logs of its runs go; None for none.
@@ -96,7 +96,7 @@ class LockstepCanSeat:
         self._robot = robot
         self._channels = channels
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre in lock step; see `SeatRunner.run`."""
         file = load_robot(self._robot)
         rig = LockstepRig(simulated_bus(file).bitrate)
@@ -112,7 +112,7 @@ class LockstepCanSeat:
         with contextlib.closing(plant_link):
             plant_link.open()
             robot.loop(stage, recorder).run()
-        return Run(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
+        return SeatRun(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
 
     def _links(self, rig: LockstepRig, bitrate: int) -> tuple[Link, Link]:
         """The ends of the bus for robot and plant."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from typing import Final
 
-from segway_ecc.hil.case_study.seats import Run, SeatRunner
+from segway_ecc.hil.case_study.seats import SeatRun, SeatRunner
 from segway_ecc.hil.case_study.study import Cell, Seat, Study, Trajectory, thesis_cells
 from segway_ecc.hil.errors import RigError
 from segway_ecc.node.errors import NodeError
@@ -25,7 +25,7 @@ OnProgress = Callable[[Seat, int, int], None]
 
 
 def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress: OnProgress) -> Study:
-    """Run the twelve cells and the turn in each seat.
+    """SeatRun the twelve cells and the turn in each seat.
 
     Raises:
         NodeError, RigError: A run failed; the first failure ends the study.
@@ -49,7 +49,7 @@ def cell_name(cell: Cell) -> str:
     return f"linear_{cell.linear:g}_angular_{cell.angular:g}"
 
 
-def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, Run]:
+def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, SeatRun]:
     # The longest first, so that it does not run alone at the end.
     manoeuvres = {TURN: _TURN_MANOEUVRE} | {cell_name(cell): _manoeuvre(cell) for cell in cells}
     on_progress(runner.seat, 0, len(manoeuvres))
@@ -58,8 +58,8 @@ def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress
         return _gather(runner.seat, futures, on_progress)
 
 
-def _gather(seat: Seat, futures: Mapping[Future[Run], str], on_progress: OnProgress) -> dict[str, Run]:
-    runs: dict[str, Run] = {}
+def _gather(seat: Seat, futures: Mapping[Future[SeatRun], str], on_progress: OnProgress) -> dict[str, SeatRun]:
+    runs: dict[str, SeatRun] = {}
     try:
         for future in as_completed(futures):
             runs[futures[future]] = future.result()
@@ -75,7 +75,7 @@ def _manoeuvre(cell: Cell) -> Manoeuvre:
     return Manoeuvre(segments=(Segment(linear=cell.linear, angular=cell.angular, duration=DURATION_S),))
 
 
-def _with_positions(cell: Cell, runs: Mapping[Seat, Mapping[str, Run]]) -> Cell:
+def _with_positions(cell: Cell, runs: Mapping[Seat, Mapping[str, SeatRun]]) -> Cell:
     return dataclasses.replace(cell, positions={seat: of[cell_name(cell)].position for seat, of in runs.items()})
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import segway_ecc.node.models
-from segway_ecc.hil.case_study.seats import Run, trajectory
+from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.models.load import load_model
@@ -51,7 +51,7 @@ class OfflineSeat:
         self._logs = logs
         self._cart = cart
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Step the cart through a manoeuvre; see `SeatRunner.run`."""
         points = list(self._points(manoeuvre))
         with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
@@ -60,7 +60,7 @@ class OfflineSeat:
                 log.point("/position", stamp_ns, x, y, 0.0)
                 log.float64("/linear_velocity", stamp_ns, linear)
                 log.float64("/angular_velocity", stamp_ns, angular)
-        return Run(trajectory(self.seat, points))
+        return SeatRun(trajectory(self.seat, points))
 
     def _points(self, manoeuvre: Manoeuvre) -> Iterator[Odometry]:
         model = load_model(self._cart.source)

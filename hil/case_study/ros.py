@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.case_study.seats import Run, trajectory
+from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Edge, Seat
 from segway_ecc.hil.processes import command
 from segway_ecc.node.ros.runtime import require_ros
@@ -42,7 +42,7 @@ class RosSeat:
             "ROS_LOG_DIR": str(folder / "ros"),
         }
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre through ROS; see `SeatRunner.run`."""
         namespace = f"/{name}"
         file, heard = self._folder / f"ros_{name}.yaml", self._folder / f"ros_{name}.csv"
@@ -55,7 +55,7 @@ class RosSeat:
         ):
             result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S)
         graph = tuple(Edge(**edge) for edge in result["graph"])
-        return Run(trajectory(Seat.ROS, _read_csv(heard)), graph)
+        return SeatRun(trajectory(Seat.ROS, _read_csv(heard)), graph)
 
 
 def _read_csv(path: Path) -> list[Odometry]:

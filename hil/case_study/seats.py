@@ -10,7 +10,7 @@ from segway_ecc.node.sequence.player import Odometry
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class SeatRun:
     """What came of one manoeuvre.
 
     Attributes:
@@ -38,7 +38,7 @@ class SeatRunner(Protocol):
     seat: Seat
     jobs: int
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre to a cart that stands at the origin.
 
         Args:

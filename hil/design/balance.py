@@ -91,7 +91,7 @@ class BiasedModel:
         return [value + self.biases.get(name, 0.0) for name, value in zip(self._names, u, strict=True)]
 
 
-class World(NoStage):
+class ScriptedStage(NoStage):
     """A world that follows a script: at which time what is to happen; see `Stage`."""
 
     def __init__(self, script: Mapping[float, Callable[[], None]], period_ns: int) -> None:
@@ -115,7 +115,7 @@ class World(NoStage):
 class _Keeper(NoRecorder):
     """Keeps the phase of each cycle; the world is over once the robot has given up, if that is asked for."""
 
-    def __init__(self, place: int, kept: list[float], world: World | None) -> None:
+    def __init__(self, place: int, kept: list[float], world: ScriptedStage | None) -> None:
         self._place, self._kept, self._world = place, kept, world
 
     def write(self, record: CycleRecord) -> None:
@@ -175,7 +175,7 @@ class Balance:
         """Run for some seconds, in which the script happens, or until it gives up; return where it really was."""
         period_ns = self.robot.period_ns
         events = {time: _bound(event, self) for time, event in (script or {}).items()}
-        self.world = World(events, period_ns)
+        self.world = ScriptedStage(events, period_ns)
         phase = [v.name for v in self.robot.model.outputs].index("Phase")
         self.loop: Loop = self.robot.loop(
             self.world, _Keeper(phase, self.phases, self.world if until_given_up else None)

@@ -47,7 +47,7 @@ Script = dict[float, Callable[[Balance], None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Disturbance:
+class DisturbanceKind:
     """A kind of disturbance.
 
     Attributes:
@@ -93,7 +93,7 @@ class Limit:
         return self.required is None or abs(self.borne) >= abs(self.required) - 1e-9
 
 
-def disturbances(body: SegwayParameters) -> Sequence[Disturbance]:
+def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
     """All kinds, for a robot with this body."""
     payload, centre = PAYLOAD_SHARE * body.body_mass, body.body_height_of_centre
     lightest = 0.9 * body.body_mass
@@ -105,21 +105,21 @@ def disturbances(body: SegwayParameters) -> Sequence[Disturbance]:
         return {"Payload": size, "PayloadHeight": centre}
 
     return (
-        Disturbance("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
-        Disturbance("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
-        Disturbance("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, _long_push),
-        Disturbance("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, _long_push),
-        Disturbance("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
-        Disturbance("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
-        Disturbance("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
-        Disturbance("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
-        Disturbance("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
-        Disturbance("gyro bias, sudden", "rad/s", 0.5, 0.005, GYRO_BIAS, plain, _bias("GyroY")),
-        Disturbance("accelerometer bias, sudden", "m/s2", 5.0, 0.05, None, plain, _bias("AccelerationX")),
+        DisturbanceKind("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
+        DisturbanceKind("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
+        DisturbanceKind("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, _long_push),
+        DisturbanceKind("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, _long_push),
+        DisturbanceKind("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
+        DisturbanceKind("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
+        DisturbanceKind("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
+        DisturbanceKind("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
+        DisturbanceKind("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
+        DisturbanceKind("gyro bias, sudden", "rad/s", 0.5, 0.005, GYRO_BIAS, plain, _bias("GyroY")),
+        DisturbanceKind("accelerometer bias, sudden", "m/s2", 5.0, 0.05, None, plain, _bias("AccelerationX")),
     )
 
 
-def find_limit(file: RobotFile, kind: Disturbance, seeds: Sequence[int]) -> Limit:
+def find_limit(file: RobotFile, kind: DisturbanceKind, seeds: Sequence[int]) -> Limit:
     """The largest size borne with every seed; it is taken that less than what is borne is borne too."""
 
     def is_borne(size: float) -> bool:
@@ -137,7 +137,7 @@ def find_limit(file: RobotFile, kind: Disturbance, seeds: Sequence[int]) -> Limi
     return Limit(kind.name, kind.unit, borne, kind.required, is_beyond=False)
 
 
-def recovers(file: RobotFile, kind: Disturbance, size: float, seed: int) -> bool:
+def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> bool:
     """Whether the robot stands up, is disturbed, and balances at the end, still and without having given up."""
     balance = Balance(file, pitch=LIES_AT, seed=seed, plant=kind.plant(size))
     truth = balance.run(_DURATION_S, kind.script(size), until_given_up=True)

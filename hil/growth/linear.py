@@ -16,7 +16,7 @@ class Measured(NamedTuple):
     spread: float
 
 
-class Line(msgspec.Struct, frozen=True, kw_only=True):
+class LinearFit(msgspec.Struct, frozen=True, kw_only=True):
     """The line through the small sizes.
 
     Attributes:
@@ -40,7 +40,7 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
         return self.at_zero + self.per_one * size
 
 
-def line(points: Sequence[Measured]) -> Line:
+def line(points: Sequence[Measured]) -> LinearFit:
     """Lay a line through the smallest sizes, and go on with each next one that is on it within the spread.
 
     Through three, and more where their costs do not differ by more than twice their spread: such a line, laid on to
@@ -70,17 +70,17 @@ def _differ(points: Sequence[Measured]) -> bool:
     return abs(points[-1].cost - points[0].cost) > 2.0 * max(point.spread for point in points)
 
 
-def _is_on(found: Line, point: Measured) -> bool:
+def _is_on(found: LinearFit, point: Measured) -> bool:
     return abs(point.cost - found(point.size)) <= max(found.spread, point.spread)
 
 
-def _through(points: Sequence[Measured]) -> Line:
+def _through(points: Sequence[Measured]) -> LinearFit:
     """Least squares."""
     count = len(points)
     mean_size = sum(p.size for p in points) / count
     mean_cost = sum(p.cost for p in points) / count
     across = sum((p.size - mean_size) ** 2 for p in points)
     per_one = sum((p.size - mean_size) * (p.cost - mean_cost) for p in points) / across
-    bare = Line(at_zero=mean_cost - per_one * mean_size, per_one=per_one, spread=0.0, up_to=points[-1].size)
+    bare = LinearFit(at_zero=mean_cost - per_one * mean_size, per_one=per_one, spread=0.0, up_to=points[-1].size)
     spread = max(max(abs(p.cost - bare(p.size)), p.spread) for p in points)
     return msgspec.structs.replace(bare, spread=spread)

@@ -12,7 +12,7 @@ import msgspec
 
 from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.growth.cost import Axis, Point, together
-from segway_ecc.hil.growth.robot import Told
+from segway_ecc.hil.growth.robot import RobotCost
 from segway_ecc.hil.processes import Command, command
 
 ROBOT: Final = "cart"
@@ -71,14 +71,14 @@ def _side_by_side(count: int) -> Iterator[tuple[Path, list[Command], dict[str, s
         yield folder, running, environment
 
 
-def _measured(running: list[Command]) -> list[Told]:
+def _measured(running: list[Command]) -> list[RobotCost]:
     for robot in running:
         robot.ask("begin", _ANSWER_S)
     time.sleep(MEASURED_S)
-    return [msgspec.json.decode(robot.ask("end", _ANSWER_S), type=Told) for robot in running]
+    return [msgspec.json.decode(robot.ask("end", _ANSWER_S), type=RobotCost) for robot in running]
 
 
-def _point(axis: Axis, size: int, told: list[Told]) -> Point:
+def _point(axis: Axis, size: int, told: list[RobotCost]) -> Point:
     notes = {
         "share of a core, all threads": f"{sum(t.cpu for t in told):.2f}",
         "cycles that began late": f"{max(t.late for t in told):.1%}",

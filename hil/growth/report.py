@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import image, svg
-from segway_ecc.hil.growth.study import Grown
+from segway_ecc.hil.growth.study import AxisResult
 from segway_ecc.hil.growth.table import rows, verdict
 from segway_ecc.hil.page import page, pairs, section, wide
 
@@ -24,7 +24,7 @@ _GREY: Final = "#6b6b6b"
 _COLUMNS: Final = 2
 
 
-def render(found: Sequence[Grown], facts: Mapping[str, str]) -> str:
+def render(found: Sequence[AxisResult], facts: Mapping[str, str]) -> str:
     """Render what was found, as a complete HTML page; `facts` are what else is known, by name."""
     verdicts = "".join(f"<p>{escape(verdict(grown))}.</p>\n" for grown in found)
     caption = "Median (dots, with the spread) and p99 (crosses) of each size; the line is laid through the small ones."
@@ -38,16 +38,16 @@ def render(found: Sequence[Grown], facts: Mapping[str, str]) -> str:
     )
 
 
-def figure(found: Sequence[Grown]) -> bytes:
+def figure(found: Sequence[AxisResult]) -> bytes:
     """The figure alone, as SVG."""
     return svg("growth", _size(found), lambda figure: _draw(figure, found))
 
 
-def _size(found: Sequence[Grown]) -> tuple[float, float]:
+def _size(found: Sequence[AxisResult]) -> tuple[float, float]:
     return 10.0, 3.4 * -(-len(found) // _COLUMNS)
 
 
-def _draw(figure: Figure, found: Sequence[Grown]) -> None:
+def _draw(figure: Figure, found: Sequence[AxisResult]) -> None:
     panels = figure.subplots(-(-len(found) // _COLUMNS), _COLUMNS, squeeze=False)
     for place, panel in enumerate(panels.flat):
         if place < len(found):
@@ -56,7 +56,7 @@ def _draw(figure: Figure, found: Sequence[Grown]) -> None:
             panel.set_visible(False)
 
 
-def _panel(panel: Axes, grown: Grown) -> None:
+def _panel(panel: Axes, grown: AxisResult) -> None:
     run = [(p.size, p.cost) for p in grown.points if p.cost is not None]
     sizes = [size for size, _ in run]
     spreads = [0.5 * cost.spread_us for _, cost in run]
@@ -73,7 +73,7 @@ def _panel(panel: Axes, grown: Grown) -> None:
     panel.set_ylabel("CPU time per cycle, us")
 
 
-def _table(grown: Grown) -> str:
+def _table(grown: AxisResult) -> str:
     head, *body = rows(grown)
     names = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
     lines = "".join(f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>\n" for row in body)

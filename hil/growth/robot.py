@@ -29,7 +29,7 @@ from segway_ecc.node.ros.remote import RemoteStage, RosBridge
 _LOOK_S: Final = 0.02
 
 
-class Told(msgspec.Struct, frozen=True, kw_only=True):
+class RobotCost(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot cost.
 
     Attributes:
@@ -43,7 +43,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
     late: float
 
 
-class _Operator(threading.Thread):
+class _CommandThread(threading.Thread):
     """Answers lines beside the loop."""
 
     def __init__(self, clock: MeteredClock, loop: Loop, pids: list[int]) -> None:
@@ -68,11 +68,11 @@ class _Operator(threading.Thread):
     def _now(self) -> tuple[int, float, float, int]:
         return len(self._clock.taken_ns), cpu_s(self._pids), time.monotonic(), self._loop.counters.late
 
-    def _told(self, begun: tuple[int, float, float, int]) -> Told:
+    def _told(self, begun: tuple[int, float, float, int]) -> RobotCost:
         ended = self._now()
         cycles, cpu_s, clock_s, late = (after - before for after, before in zip(ended, begun, strict=True))
         cost = cost_of(self._clock.taken_ns[begun[0] : ended[0]])
-        return Told(cost=cost, cpu=cpu_s / clock_s, late=late / cycles)
+        return RobotCost(cost=cost, cpu=cpu_s / clock_s, late=late / cycles)
 
 
 def main() -> int:
@@ -87,7 +87,7 @@ def main() -> int:
     recorder = ProcessRecorder(options.log, layout_of(robot))
     with contextlib.closing(RosBridge()) as bridge:
         loop = robot.loop(RemoteStage(bridge, robot, options.namespace), recorder)
-        _Operator(clock, loop, [os.getpid(), bridge.pid]).start()
+        _CommandThread(clock, loop, [os.getpid(), bridge.pid]).start()
         with real_time():
             loop.run()
     return 0

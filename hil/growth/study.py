@@ -7,7 +7,7 @@ import msgspec
 
 from segway_ecc.hil.growth import drives, ports, real
 from segway_ecc.hil.growth.cost import Axis, Point, together
-from segway_ecc.hil.growth.linear import Line, Measured, line
+from segway_ecc.hil.growth.linear import LinearFit, Measured, line
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.node.ros.runtime import missing_packages
 
@@ -31,7 +31,7 @@ _ROUNDS: Final = dict.fromkeys(_WITH_ROS, 2)
 """In real time a machine's other work comes and goes: every size is run again after all of them were run."""
 
 
-class Grown(msgspec.Struct, frozen=True, kw_only=True):
+class AxisResult(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one axis.
 
     Attributes:
@@ -42,7 +42,7 @@ class Grown(msgspec.Struct, frozen=True, kw_only=True):
 
     axis: Axis
     points: tuple[Point, ...]
-    line: Line | None
+    line: LinearFit | None
 
     @property
     def refused(self) -> Point | None:
@@ -52,7 +52,7 @@ class Grown(msgspec.Struct, frozen=True, kw_only=True):
 
 def conduct(
     sizes: Mapping[Axis, Sequence[int]], on_progress: OnProgress, measures: Mapping[Axis, Measure] = MEASURES
-) -> list[Grown]:
+) -> list[AxisResult]:
     """Measure every size; those axes that need ROS are left out where it is not there.
 
     Raises:
@@ -73,7 +73,7 @@ def _of_all_rounds(points: Sequence[Point]) -> Point:
     return msgspec.structs.replace(points[-1], cost=together(costs)) if costs else points[-1]
 
 
-def grown(axis: Axis, points: Sequence[Point]) -> Grown:
+def grown(axis: Axis, points: Sequence[Point]) -> AxisResult:
     """Lay the line through what was measured on an axis."""
     measured = [Measured(p.size, p.cost.p50_us, p.cost.spread_us) for p in points if p.cost is not None]
-    return Grown(axis=axis, points=tuple(points), line=line(measured) if len(measured) >= 3 else None)  # noqa: PLR2004 - a line's least
+    return AxisResult(axis=axis, points=tuple(points), line=line(measured) if len(measured) >= 3 else None)  # noqa: PLR2004 - a line's least

@@ -3,25 +3,25 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.hil.growth.linear import Line
-from segway_ecc.hil.growth.study import Grown
+from segway_ecc.hil.growth.linear import LinearFit
+from segway_ecc.hil.growth.study import AxisResult
 
 HEAD: Final = ("p50, us", "p99, us", "spread, us", "line, us")
 
 
-def text(found: Sequence[Grown]) -> str:
+def text(found: Sequence[AxisResult]) -> str:
     """All tables, for a terminal."""
     return "\n".join(_one(grown) for grown in found)
 
 
-def verdict(grown: Grown) -> str:
+def verdict(grown: AxisResult) -> str:
     """Where it is linear, and where it stops being so."""
     line, refused = grown.line, grown.refused
     told = f"{grown.axis}: " + ("too few sizes for a line" if line is None else _line_text(line))
     return told if refused is None else f"{told}; {refused.size} do not run: {refused.refused}"
 
 
-def rows(grown: Grown) -> list[list[str]]:
+def rows(grown: AxisResult) -> list[list[str]]:
     """The head and a row for each size."""
     notes = list(dict.fromkeys(name for p in grown.points if p.cost is not None for name in p.cost.notes))
     made = [[str(grown.axis), *HEAD, *notes]]
@@ -36,14 +36,14 @@ def rows(grown: Grown) -> list[list[str]]:
     return made
 
 
-def _line_text(line: Line) -> str:
+def _line_text(line: LinearFit) -> str:
     told = f"{line.at_zero:.1f} us and {line.per_one:.3g} us for each, linear up to {line.up_to:g}"
     if line.left_at is None:
         return f"{told}, the most that was tried"
     return f"{told}; at {line.left_at:g} it is {line.off:+.1f} us off (spread {line.spread:.1f} us)"
 
 
-def _one(grown: Grown) -> str:
+def _one(grown: AxisResult) -> str:
     made = rows(grown)
     widths = [max(map(len, column)) for column in zip(*made, strict=True)]
     lines = ["  ".join(f"{word:>{width}}" for word, width in zip(row, widths, strict=True)) for row in made]

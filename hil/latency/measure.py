@@ -64,7 +64,9 @@ def measure(  # noqa: PLR0913 - what there is to choose
         folder = Path(name)
         robot = _robot_file(folder, actuate)
         interface, channel = ("local", f"latency_{os.getpid()}") if channel is None else ("socketcan", channel)
-        bench = _Bench(folder, robot, ["--interface", interface, "--channel", channel], {**alone, **environment})
+        bench = _LatencyProcesses(
+            folder, robot, ["--interface", interface, "--channel", channel], {**alone, **environment}
+        )
         with (
             _bus(interface, channel) as bus,
             command(["plant", *bench.words], folder / "plant.txt"),
@@ -79,7 +81,7 @@ def measure(  # noqa: PLR0913 - what there is to choose
             raise RigError(f"{where}: {error}; the robot said: {_last_words(folder / 'node.txt')}") from error
 
 
-class _Bench:
+class _LatencyProcesses:
     """What is started."""
 
     def __init__(self, folder: Path, robot: Path, line: Sequence[str], environment: Mapping[str, str]) -> None:

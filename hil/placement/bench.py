@@ -11,14 +11,14 @@ from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
 from segway_ecc.hil.faults.injection import Injections
-from segway_ecc.hil.placement.guard import GuardOnTheRobot
+from segway_ecc.hil.placement.guard import LockstepGuard
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network
 from segway_ecc.hil.placement.placement import Placement
 from segway_ecc.hil.placement.programs import Program, StampedSequence, Supervisor, UnstampedSequence
 from segway_ecc.hil.placement.remote_link import RemoteLink
 from segway_ecc.hil.placement.rig import EventRig
-from segway_ecc.hil.placement.seen import FALLEN_RAD, PhaseKeeper, Seen
-from segway_ecc.hil.placement.world import Way, World
+from segway_ecc.hil.placement.seen import FALLEN_RAD, PhaseRecorder, RunRecord
+from segway_ecc.hil.placement.world import ProgramChannels, ProgramsStage
 from segway_ecc.hil.rig.lockstep import WALL_START_NS
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
@@ -31,7 +31,7 @@ START_S: Final = 3.0
 _NS_PER_S: Final = 1_000_000_000
 
 
-class Job(msgspec.Struct, frozen=True, kw_only=True):
+class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):
     """One run.
 
     Attributes:
@@ -61,7 +61,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True):
     until_fallen: bool = False
 
 
-def run(job: Job) -> Seen:
+def run(job: PlacementRun) -> RunRecord:
     """Run a job; what the node would tell people meanwhile is not told.
 
     Raises:
@@ -72,16 +72,16 @@ def run(job: Job) -> Seen:
     logger.setLevel(logging.CRITICAL)
     guard_logger.setLevel(logging.CRITICAL)
     try:
-        return _Bench(job).run()
+        return _LockstepPlacement(job).run()
     finally:
         logger.setLevel(levels[0])
         guard_logger.setLevel(levels[1])
 
 
-class _Bench:
+class _LockstepPlacement:
     """Everything of one run, joined."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: PlacementRun) -> None:
         self._job = job
         file = load_robot(job.robot)
         self._rig = rig = EventRig(simulated_bus(file).bitrate)
@@ -99,13 +99,13 @@ class _Bench:
         self._world = self._make_world()
         rig.attach(self._simulated, self._observe)
 
-    def run(self) -> Seen:
+    def run(self) -> RunRecord:
         """Run it."""
         robot = self._robot
         outputs = [variable.name for variable in robot.model.outputs]
         if "Phase" not in outputs:
             raise ConfigurationError(f"robot '{self._job.robot}' does not tell its phase: it is no segway")
-        phases = PhaseKeeper(outputs.index("Phase"), robot.period_ns)
+        phases = PhaseRecorder(outputs.index("Phase"), robot.period_ns)
         watch = NodeWatch(self._injections, robot.hardware, phases)
         loop = robot.loop(self._world, watch)
         watch.watch(loop)
@@ -115,7 +115,7 @@ class _Bench:
         armed_ns = self._injections.timeline.started_ns or 0
         drive, guard = self._drive, self._guard.watch.interventions
         tick_ns = self._simulated.tick_ns  # a drive gives what it gave at its last tick until the next one
-        return Seen(
+        return RunRecord(
             truth=self._truth,
             changes=[change._replace(at_ns=change.at_ns + armed_ns) for change in watch.changes],
             phases=phases.phases,
@@ -140,7 +140,7 @@ class _Bench:
         rig.add(link)
         return link
 
-    def _make_world(self) -> World:
+    def _make_world(self) -> ProgramsStage:
         job, start_ns = self._job, round(START_S * _NS_PER_S)
         sequence: Program = (
             StampedSequence(job.manoeuvre, WALL_START_NS + start_ns)
@@ -152,11 +152,11 @@ class _Bench:
             (sequence, self._way("sequence", crosses=job.placement.sequence_crosses)),
             (supervisor, self._way("supervision", crosses=job.placement.supervision_crosses)),
         ]
-        return World(ways, self._rig.now_ns)
+        return ProgramsStage(ways, self._rig.now_ns)
 
-    def _way(self, name: str, *, crosses: bool) -> Way:
+    def _way(self, name: str, *, crosses: bool) -> ProgramChannels:
         """The qualities of service are those of the model node's topics and services."""
-        return Way(
+        return ProgramChannels(
             self._channel(f"{name}, to", Delivery.IN_ORDER, crosses=crosses),
             self._channel(f"{name}, beats", Delivery.NEWEST, crosses=crosses),
             self._channel(f"{name}, back", Delivery.IN_ORDER, crosses=crosses),
@@ -180,7 +180,7 @@ class _Bench:
             self._simulated.plant.write("PushForce", self._job.pushed_n if is_pushed else 0.0)
 
 
-def _guard(file: RobotFile, rig: EventRig) -> GuardOnTheRobot:
+def _guard(file: RobotFile, rig: EventRig) -> LockstepGuard:
     if isinstance(file.hardware, NoHardwareSection):
         raise ConfigurationError(f"robot '{file.name}' has no hardware that could be away from its control")
-    return GuardOnTheRobot(file.hardware, rig)
+    return LockstepGuard(file.hardware, rig)

@@ -6,12 +6,12 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.placement.bench import START_S, Job, run
-from segway_ecc.hil.placement.judging import UPRIGHT, Errors, Outcome, errors, outcome_of, reason_of, story
+from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
+from segway_ecc.hil.placement.judging import UPRIGHT, Errors, RunOutcome, errors, outcome_of, reason_of, story
 from segway_ecc.hil.placement.network import PERFECT, Network, Partition
 from segway_ecc.hil.placement.placement import ON_THE_ROBOT, Placement
 from segway_ecc.hil.placement.results import Cut, Drive, Stop
-from segway_ecc.hil.placement.seen import Seen
+from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 MANOEUVRE: Final = Manoeuvre(
@@ -54,9 +54,9 @@ class Setting(msgspec.Struct, frozen=True, kw_only=True):
         places = {name: str(place) for name, place in self.placement._asdict().items()}
         return {**places, "network": self.name, "setpoints": setpoints}
 
-    def job(self, manoeuvre: Manoeuvre, until_s: float) -> Job:
+    def job(self, manoeuvre: Manoeuvre, until_s: float) -> PlacementRun:
         """A run with it."""
-        return Job(
+        return PlacementRun(
             robot=self.robot,
             placement=self.placement,
             network=self.network,
@@ -95,7 +95,7 @@ def stop(setting: Setting, seeds: Sequence[int]) -> Stop:
         outcomes.append(outcome)
         is_measured = outcome in UPRIGHT and seen.zero_s is not None
         times.append((seen.zero_s or 0.0) - pressed_s if is_measured else None)
-    return Stop(**setting.row, zero_s=tuple(times), outcome=max(outcomes, key=list(Outcome).index))
+    return Stop(**setting.row, zero_s=tuple(times), outcome=max(outcomes, key=list(RunOutcome).index))
 
 
 def cut(setting: Setting, partition_s: float) -> Cut:
@@ -115,7 +115,7 @@ def cut(setting: Setting, partition_s: float) -> Cut:
     )
 
 
-def _before(seen: Seen, until_s: float) -> Seen:
+def _before(seen: RunRecord, until_s: float) -> RunRecord:
     """What was seen up to a time."""
     return seen._replace(
         truth=[at for at in seen.truth if at.time < until_s],
@@ -124,13 +124,13 @@ def _before(seen: Seen, until_s: float) -> Seen:
     )
 
 
-def _against_reference(job: Job) -> tuple[Seen, Errors]:
+def _against_reference(job: PlacementRun) -> tuple[RunRecord, Errors]:
     seen = run(job)
     reference = _reference(msgspec.structs.replace(job, placement=ON_THE_ROBOT, network=PERFECT, stamped=True))
     return seen, errors(seen.since(START_S), reference.since(START_S))
 
 
 @functools.lru_cache(maxsize=16)
-def _reference(job: Job) -> Seen:
+def _reference(job: PlacementRun) -> RunRecord:
     """The same with everything on the robot."""
     return run(job)

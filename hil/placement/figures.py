@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import image
 from segway_ecc.hil.placement.judging import UPRIGHT
-from segway_ecc.hil.placement.results import Bound, Drive, Found, Stop
+from segway_ecc.hil.placement.results import Bound, Drive, Stop, StudyResult
 from segway_ecc.hil.placement.verdict import POSITION_M, STOP_S, Choice, choice_of, choices, network_names
 
 _BAD: Final = "#b3261e"
@@ -19,7 +19,7 @@ _FLOOR_M: Final = 1e-3
 """Distances below this stand at the foot of the logarithmic axis, m."""
 
 
-def distances(found: Found) -> str:
+def distances(found: StudyResult) -> str:
     """How far off each choice is on each network."""
 
     def draw(figure: Figure) -> None:
@@ -32,7 +32,7 @@ def distances(found: Found) -> str:
     return image("distances", label, (11.0, 5.4), draw)
 
 
-def stops(found: Found) -> str:
+def stops(found: StudyResult) -> str:
     """How long each stop took."""
 
     def draw(figure: Figure) -> None:
@@ -52,7 +52,7 @@ def stops(found: Found) -> str:
     return image("stops", "From pressing stop to zero torque on each network", (9.5, 4.2), draw)
 
 
-def bounds(found: Found) -> str:
+def bounds(found: StudyResult) -> str:
     """What balance control on the station bears, where it is a time."""
     times = [bound for bound in found.bounds if bound.unit == "s"]
 
@@ -77,7 +77,7 @@ def _grid(axes: Axes, networks: Sequence[str], shown: Sequence[Choice]) -> None:
         side.set_visible(False)
 
 
-def _draw_distance(axes: Axes, drive: Drive, found: Found) -> None:
+def _draw_distance(axes: Axes, drive: Drive, found: StudyResult) -> None:
     x, y = network_names(found).index(drive.network), choices(found).index(choice_of(drive))
     is_up = drive.outcome in UPRIGHT
     text = f"{drive.max_position_m * 1e3:.0f} mm" if is_up else drive.outcome.value.replace(" ", "\n", 1)

@@ -10,7 +10,7 @@ from segway_ecc.hil.placement.cells import Setting, cut, drive, stop
 from segway_ecc.hil.placement.network import Delivery, Network
 from segway_ecc.hil.placement.placement import PLACEMENTS, Placement
 from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop
-from segway_ecc.hil.placement.search import Kind, Size, find
+from segway_ecc.hil.placement.search import LimitSearch, Size, find
 
 ROBOT: Final = "segway"
 TORQUE_ROBOT: Final = "segway-odrive"
@@ -44,7 +44,7 @@ _QUICK_PARTITIONS_S: Final = (0.3,)
 _QUICK_RESOLUTION: Final = 0.032
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
+class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What is run.
 
     Attributes:
@@ -61,7 +61,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     placements: tuple[Placement, ...]
     partitions_s: tuple[float, ...]
     seeds: tuple[int, ...]
-    searches: tuple[Kind, ...]
+    searches: tuple[LimitSearch, ...]
     search_seeds: tuple[int, ...]
     resolution: float | None = None
 
@@ -69,9 +69,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 Task = Callable[[], Drive | Stop | Cut | Bound]
 
 
-def whole(margins_s: Mapping[str, float]) -> Plan:
+def whole(margins_s: Mapping[str, float]) -> StudyPlan:
     """The whole grid; `margins_s` are the delay margins by design, s, by robot."""
-    return Plan(
+    return StudyPlan(
         networks=tuple(NETWORKS),
         placements=PLACEMENTS,
         partitions_s=PARTITIONS_S,
@@ -81,29 +81,29 @@ def whole(margins_s: Mapping[str, float]) -> Plan:
     )
 
 
-def quick(margins_s: Mapping[str, float]) -> Plan:
+def quick(margins_s: Mapping[str, float]) -> StudyPlan:
     """A few cells of it: enough to see that the study works."""
-    return Plan(
+    return StudyPlan(
         networks=_QUICK_NETWORKS,
         placements=(PLACEMENTS[0], PLACEMENTS[5], PLACEMENTS[7]),
         partitions_s=_QUICK_PARTITIONS_S,
         seeds=SEEDS[:1],
-        searches=(Kind(robot=ROBOT, size=Size.DELAY, theory=margins_s.get(ROBOT)),),
+        searches=(LimitSearch(robot=ROBOT, size=Size.DELAY, theory=margins_s.get(ROBOT)),),
         search_seeds=SEARCH_SEEDS[:1],
         resolution=_QUICK_RESOLUTION,
     )
 
 
-def _searches(margins_s: Mapping[str, float]) -> Iterator[Kind]:
+def _searches(margins_s: Mapping[str, float]) -> Iterator[LimitSearch]:
     for robot in (ROBOT, TORQUE_ROBOT):
-        yield Kind(robot=robot, size=Size.DELAY, theory=margins_s.get(robot))
-        yield Kind(robot=robot, size=Size.STANDING)
-    yield from (Kind(robot=ROBOT, size=Size.JITTER, delivery=delivery) for delivery in Delivery)
-    yield from (Kind(robot=ROBOT, size=Size.LOSS, delivery=way) for way in (Delivery.NEWEST, Delivery.IN_ORDER))
-    yield Kind(robot=ROBOT, size=Size.PARTITION)
+        yield LimitSearch(robot=robot, size=Size.DELAY, theory=margins_s.get(robot))
+        yield LimitSearch(robot=robot, size=Size.STANDING)
+    yield from (LimitSearch(robot=ROBOT, size=Size.JITTER, delivery=delivery) for delivery in Delivery)
+    yield from (LimitSearch(robot=ROBOT, size=Size.LOSS, delivery=way) for way in (Delivery.NEWEST, Delivery.IN_ORDER))
+    yield LimitSearch(robot=ROBOT, size=Size.PARTITION)
 
 
-def tasks(plan: Plan) -> list[Task]:
+def tasks(plan: StudyPlan) -> list[Task]:
     """Everything that is run, what takes long first, so that no process is left alone with it."""
     found: list[Task] = [partial(find, kind, plan.search_seeds, plan.resolution) for kind in plan.searches]
     for partition_s in sorted(plan.partitions_s, reverse=True):
@@ -114,7 +114,7 @@ def tasks(plan: Plan) -> list[Task]:
     return found
 
 
-def settings(plan: Plan, name: str) -> Iterator[Setting]:
+def settings(plan: StudyPlan, name: str) -> Iterator[Setting]:
     """Every placement on a network; with set-points of both kinds where they cross it."""
     for placement in plan.placements:
         for stamped in (True, False) if placement.sequence_crosses else (True,):

@@ -9,7 +9,7 @@ from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.hil.rig.lockstep import LockstepRig
 
 
-class NoBeats:
+class NoHeartbeats:
     """Nobody beats: a node on the other side of a network cannot, and its commands are on the bus. See `Beats`."""
 
     def open(self) -> None:
@@ -23,7 +23,7 @@ class NoBeats:
         """There is nothing to close."""
 
 
-class GuardOnTheRobot:
+class LockstepGuard:
     """Makes its passes on the rig's clock; see `Source`.
 
     Attributes:
@@ -37,7 +37,7 @@ class GuardOnTheRobot:
         self.next_ns = 0
         ears, voice = rig.bus.attach("guard's ears"), rig.bus.attach("guard's voice")
         clocks = Clocks(rig.now_ns, rig.wall_ns, rig.sleep_until_ns)
-        self._guard = Guard(ears, voice, NoBeats(), self.watch, clocks)
+        self._guard = Guard(ears, voice, NoHeartbeats(), self.watch, clocks)
 
     def act(self) -> None:
         """One pass."""

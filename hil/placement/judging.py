@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
-from segway_ecc.hil.placement.seen import Seen
+from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.safety.modes import Mode
 
@@ -15,7 +15,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 @enum.unique
-class Outcome(enum.StrEnum):
+class RunOutcome(enum.StrEnum):
     """What came of a run."""
 
     DROVE_ON = "drove on"
@@ -27,7 +27,7 @@ class Outcome(enum.StrEnum):
     NEVER_ARMED = "never armed"
 
 
-UPRIGHT: Final = frozenset({Outcome.DROVE_ON, Outcome.HELD, Outcome.SAT_DOWN})
+UPRIGHT: Final = frozenset({RunOutcome.DROVE_ON, RunOutcome.HELD, RunOutcome.SAT_DOWN})
 """What does not hurt anybody."""
 
 
@@ -52,22 +52,22 @@ def _rms(values: Sequence[float]) -> float:
     return math.sqrt(math.fsum(value * value for value in values) / len(values)) if values else 0.0
 
 
-def outcome_of(seen: Seen, start_s: float) -> Outcome:
+def outcome_of(seen: RunRecord, start_s: float) -> RunOutcome:
     """What came of a run whose manoeuvre began at `start_s`; the worst counts."""
     after = [change.mode for change in seen.changes if change.at_ns >= start_s * _NS_PER_S]
     is_sitting = any(phase is Phase.SITTING_DOWN for at_s, phase in seen.phases if at_s >= start_s)
     if not seen.changes:
-        return Outcome.NEVER_ARMED
+        return RunOutcome.NEVER_ARMED
     if seen.phase_at(start_s) is not Phase.BALANCING:
-        return Outcome.NEVER_STOOD
+        return RunOutcome.NEVER_STOOD
     if seen.fell_s(start_s) is not None:
-        return Outcome.FELL
+        return RunOutcome.FELL
     if is_sitting:
-        return Outcome.SAT_DOWN
-    return Outcome.HELD if Mode.HOLD in after else Outcome.DROVE_ON
+        return RunOutcome.SAT_DOWN
+    return RunOutcome.HELD if Mode.HOLD in after else RunOutcome.DROVE_ON
 
 
-def reason_of(seen: Seen, since_s: float = 0.0) -> str:
+def reason_of(seen: RunRecord, since_s: float = 0.0) -> str:
     """The first reason for which the node was not armed after a time, or that the guard stopped the drives."""
     said = [_of_change(c) for c in seen.changes if c.mode is not Mode.ARMED and c.at_ns >= since_s * _NS_PER_S]
     guarded_s = seen.guard_s
@@ -85,7 +85,7 @@ def shortened(reason: str) -> str:
     return f"{first}, and {len(others)} more" if others else first
 
 
-def story(seen: Seen, since_s: float) -> str:
+def story(seen: RunRecord, since_s: float) -> str:
     """What the robot did by itself after a time, one thing after the other, with how much later it was."""
     told = [(c.at_ns / _NS_PER_S, f"{c.mode} ({shortened(c.reason)})") for c in seen.changes]
     told += [(at_s, "sits down") for at_s, phase in seen.phases if phase is Phase.SITTING_DOWN]

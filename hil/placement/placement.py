@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 
 @enum.unique
-class Place(enum.StrEnum):
+class Site(enum.StrEnum):
     """One end of the network."""
 
     ROBOT = "robot"
@@ -22,9 +22,9 @@ class Placement(NamedTuple):
         supervision: Supervision: heartbeats, and the stop button.
     """
 
-    sequence: Place
-    balance: Place
-    supervision: Place
+    sequence: Site
+    balance: Site
+    supervision: Site
 
     @property
     def sequence_crosses(self) -> bool:
@@ -34,7 +34,7 @@ class Placement(NamedTuple):
     @property
     def balance_crosses(self) -> bool:
         """Whether what is measured, and the commands, cross the network."""
-        return self.balance is Place.STATION
+        return self.balance is Site.STATION
 
     @property
     def supervision_crosses(self) -> bool:
@@ -44,14 +44,14 @@ class Placement(NamedTuple):
     @property
     def at_station(self) -> int:
         """How many of the three are on the base station."""
-        return sum(place is Place.STATION for place in self)
+        return sum(place is Site.STATION for place in self)
 
     def __str__(self) -> str:
         """What is on the station, in words."""
-        away = [name for name, place in zip(self._fields, self, strict=True) if place is Place.STATION]
+        away = [name for name, place in zip(self._fields, self, strict=True) if place is Site.STATION]
         return f"{' and '.join(away)} on the station" if away else "all on the robot"
 
 
-PLACEMENTS: Final = tuple(itertools.starmap(Placement, itertools.product(Place, repeat=3)))
+PLACEMENTS: Final = tuple(itertools.starmap(Placement, itertools.product(Site, repeat=3)))
 """All there are; the first has everything on the robot."""
 ON_THE_ROBOT: Final = PLACEMENTS[0]

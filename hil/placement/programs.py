@@ -13,7 +13,7 @@ from segway_ecc.node.sequence.player import Odometry, Player
 STATION: Final = "station"
 
 
-class Heard(NamedTuple):
+class NodeReport(NamedTuple):
     """What the model node tells of a cycle: its stamp, ns since the Unix epoch, and its mode."""
 
     stamp_ns: int
@@ -26,7 +26,7 @@ Message = StampedSetpoint | Heartbeat | Action
 class Program(Protocol):
     """A program that hears the model node and speaks to it, over a network or not."""
 
-    def step(self, now_ns: int, heard: Sequence[Heard]) -> Sequence[Message]:
+    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
         """What it says now, simulated ns, after what it has heard since the last step."""
 
 
@@ -38,7 +38,7 @@ class UnstampedSequence:
         self._said = [(start_ns + said.offset_ns, said.setpoint) for said in schedule(manoeuvre)]
         self._next = 0
 
-    def step(self, now_ns: int, heard: Sequence[Heard]) -> Sequence[Message]:
+    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         del heard
         first = self._next
@@ -54,7 +54,7 @@ class StampedSequence:
         """Play from a time of the robot's on."""
         self._player = Player(manoeuvre, start_ns=start_stamp_ns)
 
-    def step(self, now_ns: int, heard: Sequence[Heard]) -> Sequence[Message]:
+    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         del now_ns
         for told in heard:
@@ -71,7 +71,7 @@ class Supervisor:
         self._heartbeats = Heartbeats(STATION)
         self._again_ns = stop_ns
 
-    def step(self, now_ns: int, heard: Sequence[Heard]) -> Sequence[Message]:
+    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         beat_ns = self._heartbeats.due(now_ns)
         said: list[Message] = [] if beat_ns is None else [Heartbeat(STATION, beat_ns)]

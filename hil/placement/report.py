@@ -6,7 +6,7 @@ from typing import Final
 
 from segway_ecc.hil.page import page, pairs, section, wide
 from segway_ecc.hil.placement import figures
-from segway_ecc.hil.placement.results import Found
+from segway_ecc.hil.placement.results import StudyResult
 from segway_ecc.hil.placement.table import Table, tables
 from segway_ecc.hil.placement.verdict import POSITION_M, STOP_S, overall
 
@@ -18,7 +18,7 @@ _INTRODUCTION: Final = (
 )
 
 
-def render(found: Found, facts: Mapping[str, str]) -> str:
+def render(found: StudyResult, facts: Mapping[str, str]) -> str:
     """Render what was found, as a complete HTML page.
 
     Args:
@@ -34,7 +34,7 @@ def render(found: Found, facts: Mapping[str, str]) -> str:
     return page(_TITLE, _INTRODUCTION, sections)
 
 
-def _verdict(found: Found) -> str:
+def _verdict(found: StudyResult) -> str:
     rule = (
         f"Fit is what neither falls nor holds while the network lasts, stays within {POSITION_M:g} m of the robot with "
         f"all control on board, stops within {STOP_S:g} s, and does not fall in a partition. Recommended is, of those "
@@ -44,7 +44,7 @@ def _verdict(found: Found) -> str:
     return f"<p>Recommended: <strong>{escape(best)}</strong>.</p>\n<p>{escape(rule)}</p>\n"
 
 
-def _figures(found: Found) -> str:
+def _figures(found: StudyResult) -> str:
     drawn = {
         "How far off each placement is. Red: it fell, never stood up, or is too far off.": figures.distances,
         "From stop to zero torque, the longest of all presses. Dashed: what is allowed.": figures.stops,

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from segway_ecc.hil.placement.judging import Outcome
+from segway_ecc.hil.placement.judging import RunOutcome
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,7 +42,7 @@ class Drive(Row, frozen=True, kw_only=True):
         digest: Over everything that the drives gave and all truth: equal digests are equal bits.
     """
 
-    outcome: Outcome
+    outcome: RunOutcome
     reason: str
     max_position_m: float
     rms_position_m: float
@@ -61,7 +61,7 @@ class Stop(Row, frozen=True, kw_only=True):
     """
 
     zero_s: tuple[float | None, ...]
-    outcome: Outcome
+    outcome: RunOutcome
 
     @property
     def worst_s(self) -> float | None:
@@ -82,7 +82,7 @@ class Cut(Row, frozen=True, kw_only=True):
     """
 
     partition_s: float
-    outcome: Outcome
+    outcome: RunOutcome
     did: str
     max_position_m: float
     max_tilt_rad: float
@@ -110,7 +110,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     theory: float | None = None
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True):
+class StudyResult(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that the study found."""
 
     drives: tuple[Drive, ...]

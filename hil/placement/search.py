@@ -6,15 +6,15 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.placement.bench import START_S, Job, run
+from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
 from segway_ecc.hil.placement.judging import reason_of
 from segway_ecc.hil.placement.network import Delivery, Network, Partition
-from segway_ecc.hil.placement.placement import Place, Placement
+from segway_ecc.hil.placement.placement import Placement, Site
 from segway_ecc.hil.placement.results import Bound
-from segway_ecc.hil.placement.seen import Seen
+from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
-AWAY: Final = Placement(sequence=Place.ROBOT, balance=Place.STATION, supervision=Place.ROBOT)
+AWAY: Final = Placement(sequence=Site.ROBOT, balance=Site.STATION, supervision=Site.ROBOT)
 NUDGE_N: Final = 10.0
 """For 0.1 s: as `segway-ecc design margins` nudges."""
 _REST: Final = Manoeuvre(segments=(Segment(duration=1.0),))
@@ -40,7 +40,7 @@ _ORDERED: Final = (Size.JITTER, Size.LOSS)
 """Where it matters what becomes of messages that are lost or overtaken."""
 
 
-class Kind(msgspec.Struct, frozen=True, kw_only=True):
+class LimitSearch(msgspec.Struct, frozen=True, kw_only=True):
     """A search.
 
     Attributes:
@@ -58,11 +58,11 @@ class Kind(msgspec.Struct, frozen=True, kw_only=True):
     theory: float | None = None
 
 
-def find(kind: Kind, seeds: Sequence[int], resolution: float | None = None) -> Bound:
+def find(kind: LimitSearch, seeds: Sequence[int], resolution: float | None = None) -> Bound:
     """The most that is borne; it is taken that less than what is borne is borne too."""
     what, unit, most, finest = kind.size.value
 
-    def seen_with(size: float) -> list[Seen]:
+    def seen_with(size: float) -> list[RunRecord]:
         return [run(_job(kind, size, seed)) for seed in seeds]
 
     borne, lost, lost_by = _bisect(seen_with, most, resolution or finest)
@@ -78,7 +78,7 @@ def find(kind: Kind, seeds: Sequence[int], resolution: float | None = None) -> B
 
 
 def _bisect(
-    seen_with: Callable[[float], list[Seen]], most: float, resolution: float
+    seen_with: Callable[[float], list[RunRecord]], most: float, resolution: float
 ) -> tuple[float, float | None, str]:
     """The largest borne, the smallest lost, and by what."""
     borne, lost, lost_by = 0.0, most, _lost_by(seen_with(most))
@@ -94,7 +94,7 @@ def _bisect(
     return borne, lost, lost_by
 
 
-def _lost_by(runs: Sequence[Seen]) -> str | None:
+def _lost_by(runs: Sequence[RunRecord]) -> str | None:
     """Why balance was lost in the first run in which it was; None where in none."""
     for seen in runs:
         if seen.fell_s(START_S) is not None or not seen.is_calm_at_the_end:
@@ -102,8 +102,8 @@ def _lost_by(runs: Sequence[Seen]) -> str | None:
     return None
 
 
-def _job(kind: Kind, size: float, seed: int) -> Job:
-    return Job(
+def _job(kind: LimitSearch, size: float, seed: int) -> PlacementRun:
+    return PlacementRun(
         robot=kind.robot,
         placement=AWAY,
         manoeuvre=_REST,
@@ -116,7 +116,7 @@ def _job(kind: Kind, size: float, seed: int) -> Job:
     )
 
 
-def _network(kind: Kind, size: float) -> Network:
+def _network(kind: LimitSearch, size: float) -> Network:
     growing = Network(latency_s=kind.latency_s, begins_s=_BEGINS_S, grows_s=_GROWS_S)
     match kind.size:
         case Size.DELAY:

@@ -17,7 +17,7 @@ _CALM: Final = (0.15, 0.5, 0.3)
 _CALM_FOR_S: Final = 1.0
 
 
-class PhaseKeeper(NoRecorder):
+class PhaseRecorder(NoRecorder):
     """Keeps when the model entered each phase; see `Recorder`.
 
     Attributes:
@@ -37,7 +37,7 @@ class PhaseKeeper(NoRecorder):
             self.phases.append((record.cycle * self._period_s, phase))
 
 
-class Seen(NamedTuple):
+class RunRecord(NamedTuple):
     """What was seen of a run.
 
     Attributes:

@@ -4,12 +4,12 @@ import multiprocessing
 import signal
 from collections.abc import Iterable
 
-from segway_ecc.hil.placement.grid import Plan, Task, tasks
-from segway_ecc.hil.placement.results import Bound, Cut, Drive, Found, Stop
+from segway_ecc.hil.placement.grid import StudyPlan, Task, tasks
+from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
 from segway_ecc.hil.progress import OnProgress
 
 
-def conduct(plan: Plan, jobs: int, on_progress: OnProgress) -> Found:
+def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     """Run a plan; what is found is the same bits whatever `jobs` is.
 
     Args:
@@ -33,13 +33,13 @@ def _leave_ctrl_c_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> Found:
+def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> StudyResult:
     """The results by kind, in the order of the tasks."""
     everything = []
     for result in results:
         everything.append(result)
         on_progress(len(everything), total)
-    return Found(
+    return StudyResult(
         drives=tuple(r for r in everything if isinstance(r, Drive)),
         stops=tuple(r for r in everything if isinstance(r, Stop)),
         cuts=tuple(r for r in everything if isinstance(r, Cut)),

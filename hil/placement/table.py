@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from segway_ecc.hil.placement.judging import Outcome
-from segway_ecc.hil.placement.results import Bound, Drive, Found, Row
+from segway_ecc.hil.placement.judging import RunOutcome
+from segway_ecc.hil.placement.results import Bound, Drive, Row, StudyResult
 from segway_ecc.hil.placement.verdict import Choice, choice_of, choices, network_names, overall, recommended
 
 NOTHING: Final = "-"
@@ -27,7 +27,7 @@ class Table(NamedTuple):
 _WHICH: Final = ("sequence", "balance", "supervision", "set-points on")
 
 
-def tables(found: Found) -> list[Table]:
+def tables(found: StudyResult) -> list[Table]:
     """Everything, as tables."""
     return [
         _drives(found, "Largest distance from the robot with all control on board, m", lambda d: d.max_position_m),
@@ -42,7 +42,7 @@ def tables(found: Found) -> list[Table]:
     ]
 
 
-def text(found: Found) -> str:
+def text(found: StudyResult) -> str:
     """All tables, for a terminal."""
     return "\n".join(_laid_out(table) for table in tables(found) if table.rows)
 
@@ -55,23 +55,23 @@ def bound_text(bound: Bound) -> tuple[str, str, str]:
     return f"{bound.borne * scale:.4g} {unit}", lost, theory
 
 
-def _drives(found: Found, title: str, value: Callable[[Drive], float]) -> Table:
+def _drives(found: StudyResult, title: str, value: Callable[[Drive], float]) -> Table:
     def cell(drive: Drive) -> str:
-        is_up = drive.outcome not in (Outcome.FELL, Outcome.NEVER_STOOD, Outcome.NEVER_ARMED)
-        held = "" if drive.outcome is Outcome.DROVE_ON else f" {drive.outcome}"
+        is_up = drive.outcome not in (RunOutcome.FELL, RunOutcome.NEVER_STOOD, RunOutcome.NEVER_ARMED)
+        held = "" if drive.outcome is RunOutcome.DROVE_ON else f" {drive.outcome}"
         return f"{value(drive):.3f}{held}" if is_up else drive.outcome.value
 
     return _pivot(title, network_names(found), choices(found), {_key(d): cell(d) for d in found.drives})
 
 
-def _stops(found: Found) -> Table:
+def _stops(found: StudyResult) -> Table:
     title = "From pressing stop to zero torque, the longest of all presses, ms"
     cells = {_key(s): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
     shown = list(dict.fromkeys(choice_of(row) for row in found.stops))
     return _pivot(title, network_names(found), shown, cells)
 
 
-def _cuts(found: Found) -> Table:
+def _cuts(found: StudyResult) -> Table:
     rows = [
         (*choice_of(c), f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did)
         for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
@@ -86,7 +86,7 @@ def _bounds(bounds: Sequence[Bound]) -> Table:
     return Table("What balance control on the station bears", head, rows)
 
 
-def _recommended(found: Found) -> Table:
+def _recommended(found: StudyResult) -> Table:
     rows = [(name, str(recommended(found, name) or "none is fit")) for name in network_names(found)]
     best = overall(found)
     return Table("Recommended placement", ("network", "placement"), [*rows, ("all", str(best or "none is fit"))])

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from segway_ecc.hil.placement.judging import UPRIGHT, Outcome
-from segway_ecc.hil.placement.placement import Place
-from segway_ecc.hil.placement.results import Found, Row, Stop
+from segway_ecc.hil.placement.judging import UPRIGHT, RunOutcome
+from segway_ecc.hil.placement.placement import Site
+from segway_ecc.hil.placement.results import Row, Stop, StudyResult
 
 POSITION_M: Final = 0.1
 """Farther than that from where it is with everything on the robot, a placement does not follow its set-points."""
@@ -24,7 +24,7 @@ class Choice(NamedTuple):
     def __str__(self) -> str:
         """Who is where, in words."""
         places = ((name, getattr(self, name)) for name in ("sequence", "balance", "supervision"))
-        away = [name for name, place in places if place == Place.STATION]
+        away = [name for name, place in places if place == Site.STATION]
         where = f"{' and '.join(away)} on the station" if away else "all on the robot"
         return f"{where}, {self.setpoints}" if self.setpoints else where
 
@@ -34,16 +34,16 @@ def choice_of(row: Row) -> Choice:
     return Choice(row.sequence, row.balance, row.supervision, row.setpoints)
 
 
-def choices(found: Found) -> list[Choice]:
+def choices(found: StudyResult) -> list[Choice]:
     """All that were studied, in their order."""
     return list(dict.fromkeys(choice_of(row) for row in found.drives))
 
 
-def unfit(found: Found, choice: Choice, network: str) -> list[str]:
+def unfit(found: StudyResult, choice: Choice, network: str) -> list[str]:
     """What speaks against a choice on a network; empty where it is fit."""
     reasons = []
     for drive in (row for row in found.drives if choice_of(row) == choice and row.network == network):
-        if drive.outcome is not Outcome.DROVE_ON:
+        if drive.outcome is not RunOutcome.DROVE_ON:
             reasons.append(drive.outcome.value)
         elif drive.max_position_m > POSITION_M:
             reasons.append(f"{drive.max_position_m:.2f} m off")
@@ -58,7 +58,7 @@ def unfit(found: Found, choice: Choice, network: str) -> list[str]:
     return reasons
 
 
-def recommended(found: Found, network: str) -> Choice | None:
+def recommended(found: StudyResult, network: str) -> Choice | None:
     """Of those that are fit, the one with the most on the station; then with the supervision there, where people are.
 
     None where none is fit.
@@ -67,7 +67,7 @@ def recommended(found: Found, network: str) -> Choice | None:
     return max(fit, key=_rank, default=None)
 
 
-def overall(found: Found) -> Choice | None:
+def overall(found: StudyResult) -> Choice | None:
     """The choice that is fit on the most networks, and of several the one that would be recommended."""
     networks = network_names(found)
     ranked = {c: sum(not unfit(found, c, network) for network in networks) for c in choices(found)}
@@ -75,15 +75,15 @@ def overall(found: Found) -> Choice | None:
     return best if best is not None and ranked[best] else None
 
 
-def network_names(found: Found) -> list[str]:
+def network_names(found: StudyResult) -> list[str]:
     """The networks on which was driven, in their order."""
     return list(dict.fromkeys(row.network for row in found.drives))
 
 
 def _rank(choice: Choice) -> tuple[int, bool, bool]:
     places = (choice.sequence, choice.balance, choice.supervision)
-    away = sum(place == Place.STATION for place in places)
-    return away, choice.supervision == Place.STATION, choice.setpoints.endswith("stamped")
+    away = sum(place == Site.STATION for place in places)
+    return away, choice.supervision == Site.STATION, choice.setpoints.endswith("stamped")
 
 
 def _stop_of(stops: Sequence[Stop], choice: Choice, network: str) -> Stop | None:

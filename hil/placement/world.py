@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from segway_ecc.hil.placement.network import Channel, NowNs
-from segway_ecc.hil.placement.programs import Heard, Message, Program
+from segway_ecc.hil.placement.programs import Message, NodeReport, Program
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Answer
 
 
-class Way(NamedTuple):
+class ProgramChannels(NamedTuple):
     """The way between a program and the model node.
 
     Attributes:
@@ -20,19 +20,19 @@ class Way(NamedTuple):
 
     to: Channel[Message]
     beats: Channel[Message]
-    back: Channel[Heard]
+    back: Channel[NodeReport]
 
 
-class World(NoStage):
+class ProgramsStage(NoStage):
     """Hands on what the programs say; see `Stage`."""
 
-    def __init__(self, programs: Sequence[tuple[Program, Way]], now_ns: NowNs) -> None:
+    def __init__(self, programs: Sequence[tuple[Program, ProgramChannels]], now_ns: NowNs) -> None:
         """Have these programs in the world."""
         self.over: str | None = None
         self._programs = programs
         self._now_ns = now_ns
 
-    def take_inbox(self) -> Inbox:
+    def take(self) -> Inbox:
         """Let every program speak; take what has arrived."""
         inbox, now_ns = Inbox(), self._now_ns()
         for program, way in self._programs:
@@ -46,7 +46,7 @@ class World(NoStage):
     def publish(self, report: Report) -> None:
         """Tell every program."""
         for _, way in self._programs:
-            way.back.send(Heard(report.stamp_ns, report.mode))
+            way.back.send(NodeReport(report.stamp_ns, report.mode))
 
 
 def _put(inbox: Inbox, message: Message) -> None:

@@ -10,7 +10,7 @@ PUSH_S: Final = 0.1
 FORCE: Final = "PushForce"
 
 
-class Rig:
+class PlantControls:
     """Tells the plant's process what is to happen, without waiting for it.
 
     Attributes:

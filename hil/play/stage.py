@@ -10,7 +10,7 @@ from typing import Final
 from segway_ecc.hil.play.channel import LoopEnd
 from segway_ecc.hil.play.keys import Key
 from segway_ecc.hil.play.posture import Posture
-from segway_ecc.hil.play.rig import Rig
+from segway_ecc.hil.play.rig import PlantControls
 from segway_ecc.hil.play.snapshot import Snapshot
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -56,7 +56,9 @@ class PlayStage:
 
     wants_reports = True
 
-    def __init__(self, behind: Stage, terminal: LoopEnd, rig: Rig, robot: Robot, modes: Modes | None = None) -> None:
+    def __init__(
+        self, behind: Stage, terminal: LoopEnd, rig: PlantControls, robot: Robot, modes: Modes | None = None
+    ) -> None:
         """Drive `robot`, whose plant is reached over `rig`, from `terminal`."""
         self.messages: deque[str] = deque(maxlen=_MESSAGES)
         self._behind = behind

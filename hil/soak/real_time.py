@@ -22,7 +22,7 @@ _DOMAINS: Final = 101
 """ROS domains 1 to 101 have ports that Linux gives to nobody else by itself."""
 
 
-class Run(msgspec.Struct, frozen=True):
+class RealTimeSoak(msgspec.Struct, frozen=True):
     """What is run.
 
     Attributes:
@@ -38,7 +38,7 @@ class Run(msgspec.Struct, frozen=True):
     ros: bool
 
 
-class Ran(msgspec.Struct, frozen=True):
+class RealTimeResult(msgspec.Struct, frozen=True):
     """How the run went.
 
     Attributes:
@@ -50,8 +50,8 @@ class Ran(msgspec.Struct, frozen=True):
     modes: dict[str, int]
 
 
-def soak(run: Run, watching: Watching, folder: Path, on_progress: OnProgress) -> Ran:
-    """Run a robot for some time, and look at its processes every few seconds.
+def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnProgress) -> RealTimeResult:
+    """RealTimeSoak a robot for some time, and look at its processes every few seconds.
 
     Args:
         run: What is run.
@@ -80,10 +80,10 @@ def soak(run: Run, watching: Watching, folder: Path, on_progress: OnProgress) ->
             )
             processes["station"] = station.process.pid
         _watch(watching, processes, run, on_progress)
-        return Ran(controller.result(_END_S), station.result(_END_S)["modes"] if run.ros else {})
+        return RealTimeResult(controller.result(_END_S), station.result(_END_S)["modes"] if run.ros else {})
 
 
-def _watch(watching: Watching, processes: dict[str, int], run: Run, on_progress: OnProgress) -> None:
+def _watch(watching: Watching, processes: dict[str, int], run: RealTimeSoak, on_progress: OnProgress) -> None:
     begun_s = time.monotonic()
     turn = 0
     while (turn + 1) * run.every_s < run.duration_s - _SETTLE_S:

@@ -43,7 +43,7 @@ _DROPPED: Final = Counted("records dropped", None)
 """Told, and not judged: that a writer is kept waiting by other programs is no growth; what the log lacks is told."""
 
 
-class Job(msgspec.Struct, frozen=True):
+class SimulatedSoak(msgspec.Struct, frozen=True):
     """What is driven.
 
     Attributes:
@@ -59,7 +59,7 @@ class Job(msgspec.Struct, frozen=True):
     log: str
 
 
-class Said(msgspec.Struct):
+class ProcessSample(msgspec.Struct):
     """What the process says of itself.
 
     Attributes:
@@ -80,7 +80,7 @@ class Said(msgspec.Struct):
     is_over: bool = False
 
 
-def soak(job: Job, watching: Watching, folder: Path, on_progress: OnProgress) -> Said:
+def soak(job: SimulatedSoak, watching: Watching, folder: Path, on_progress: OnProgress) -> ProcessSample:
     """Drive a robot in lock step, and look at its processes every ten simulated seconds; returns how it ended.
 
     Raises:
@@ -99,8 +99,8 @@ def soak(job: Job, watching: Watching, folder: Path, on_progress: OnProgress) ->
         return said
 
 
-def _ask(driving: Command, line: str) -> Said:
-    return msgspec.json.decode(driving.ask(line, _ANSWER_S), type=Said)
+def _ask(driving: Command, line: str) -> ProcessSample:
+    return msgspec.json.decode(driving.ask(line, _ANSWER_S), type=ProcessSample)
 
 
 class PatientRecorder(NoRecorder):
@@ -138,7 +138,7 @@ class PatientRecorder(NoRecorder):
 
 def main() -> int:
     """Drive what the first line of the standard input says."""
-    job = msgspec.json.decode(sys.stdin.readline(), type=Job)
+    job = msgspec.json.decode(sys.stdin.readline(), type=SimulatedSoak)
     logging.getLogger("segway_ecc.node").setLevel(logging.CRITICAL)
     recorders: list[PatientRecorder] = []
 
@@ -152,7 +152,7 @@ def main() -> int:
 
     def look(time_s: float) -> None:
         gc.collect(1)  # as the loop does about once a second
-        _say(Said(time_s, sys.getallocatedblocks(), len(gc.get_objects()), dropped=recorders[0].dropped))
+        _say(ProcessSample(time_s, sys.getallocatedblocks(), len(gc.get_objects()), dropped=recorders[0].dropped))
         sys.stdin.readline()
 
     try:
@@ -161,11 +161,11 @@ def main() -> int:
         sys.stderr.write(f"segway-ecc: {error}\n")
         return error.exit_code
     trip = "" if stretch.trip is None else f"{stretch.trip.mode} at {stretch.trip.at_s:.3f} s: {stretch.trip.reason}"
-    _say(Said(stretch.simulated_s, 0, 0, trip, stretch.cycles, recorders[0].dropped, is_over=True))
+    _say(ProcessSample(stretch.simulated_s, 0, 0, trip, stretch.cycles, recorders[0].dropped, is_over=True))
     return 0
 
 
-def _say(said: Said) -> None:
+def _say(said: ProcessSample) -> None:
     sys.stdout.write(msgspec.json.encode(said).decode() + "\n")
     sys.stdout.flush()
 

@@ -27,7 +27,7 @@ _HEARD: Final = {
 }
 
 
-class Heard(msgspec.Struct):
+class StationCounts(msgspec.Struct):
     """What came of a drive.
 
     Attributes:
@@ -41,9 +41,9 @@ class Heard(msgspec.Struct):
     modes: dict[str, int]
 
 
-def drive(namespace: str, duration_s: float, seed: int = 1) -> Heard:
+def drive(namespace: str, duration_s: float, seed: int = 1) -> StationCounts:
     """Drive the robot in a namespace for some time."""
-    heard = Heard(0, dict.fromkeys(_HEARD, 0), {})
+    heard = StationCounts(0, dict.fromkeys(_HEARD, 0), {})
     with ros_node("soak", namespace) as node:
         subscriptions = {
             topic: node.create_subscription(message_type(kind), topic, _never_called, _DEPTH)
@@ -51,7 +51,7 @@ def drive(namespace: str, duration_s: float, seed: int = 1) -> Heard:
         }
         mode_type = message_type("diagnostic_msgs/msg/DiagnosticStatus")
         mode = node.create_subscription(mode_type, "mode", _never_called, _DEPTH)
-        speak, operate = _Speaker(node, seed), _Operator(node)
+        speak, operate = _SetpointPublisher(node, seed), _FaultClearer(node)
         begun_s = time.monotonic()
         for turn in itertools.count():
             if turn * _PERIOD_S >= duration_s:
@@ -67,7 +67,7 @@ def drive(namespace: str, duration_s: float, seed: int = 1) -> Heard:
     return heard
 
 
-class _Speaker:
+class _SetpointPublisher:
     """Says the set-point of each turn, and now and then that it lives."""
 
     def __init__(self, node: RosObject, seed: int) -> None:
@@ -87,7 +87,7 @@ class _Speaker:
             self._beats.publish(beat)
 
 
-class _Operator:
+class _FaultClearer:
     """Clears the fault of a robot that has tripped, and arms it again, as people do; its answers are not waited for."""
 
     def __init__(self, node: RosObject) -> None:

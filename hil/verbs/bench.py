@@ -13,7 +13,7 @@ from segway_ecc.hil.bench.bus_choice import choose_bus
 from segway_ecc.hil.bench.cache import own_cache
 from segway_ecc.hil.bench.campaign_speed import campaign_speed
 from segway_ecc.hil.bench.claims import Claim, claims
-from segway_ecc.hil.bench.comparison import Setup, compare
+from segway_ecc.hil.bench.comparison import ComparisonSetup, compare
 from segway_ecc.hil.bench.conditions import held_conditions
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.held import SEARCHED, search
@@ -120,13 +120,13 @@ def _contestants(options: argparse.Namespace, of: Sequence[Contestant] = tuple(C
     return [who for who in wanted if not (lacking and who is Contestant.USER)]
 
 
-def _on_the_rig(options: argparse.Namespace, measure: Callable[[Setup], _Part]) -> _Part:
+def _on_the_rig(options: argparse.Namespace, measure: Callable[[ComparisonSetup], _Part]) -> _Part:
     lack = missing()
     if lack is not None:
         return _Part(None, f"comparison: {lack}")
     bus = choose_bus(options.channel, options.plant_channel)
     with own_cache(), held_conditions(is_heard=options.subscribed) as conditions:
-        part = measure(Setup(bus, conditions, _tell))
+        part = measure(ComparisonSetup(bus, conditions, _tell))
     where = f"{bus.interface} {bus.channel}"
     document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}
     return _Part(document, f"on {where}: {conditions.as_text()}\n{part.text}", part.claims)
@@ -135,7 +135,7 @@ def _on_the_rig(options: argparse.Namespace, measure: Callable[[Setup], _Part]) 
 def _loops(options: argparse.Namespace) -> _Part:
     duration_s = _FULL_DURATION_S if options.full else options.duration
 
-    def measure(setup: Setup) -> _Part:
+    def measure(setup: ComparisonSetup) -> _Part:
         parts = [_loops_at(rate_hz, duration_s, options, setup) for rate_hz in options.rate]
         judged = [claim for part in parts for claim in part.claims]
         return _Part({"rates": [part.document for part in parts]}, "\n".join(part.text for part in parts), judged)
@@ -143,7 +143,7 @@ def _loops(options: argparse.Namespace) -> _Part:
     return _on_the_rig(options, measure)
 
 
-def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, setup: Setup) -> _Part:
+def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
     results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
     judged = claims(results)
     text = "\n".join([f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in judged)])
@@ -155,7 +155,7 @@ def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, se
 def _held(options: argparse.Namespace) -> _Part:
     hold_s = _FULL_HOLD_S if options.full else options.hold
 
-    def measure(setup: Setup) -> _Part:
+    def measure(setup: ComparisonSetup) -> _Part:
         held = search(setup, hold_s, _contestants(options, SEARCHED))
         document = {
             who: {

@@ -16,7 +16,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.hil.play.channel import LoopEnd, channel
-from segway_ecc.hil.play.rig import FORCE, Rig
+from segway_ecc.hil.play.rig import FORCE, PlantControls
 from segway_ecc.hil.play.stage import PlayStage
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.rig.simulation import simulated_plant
@@ -97,16 +97,16 @@ def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Pat
     return plant, stack.enter_context(command(["guard", *lines], folder / "guard.txt"))
 
 
-def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> Rig:
+def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> PlantControls:
     if plant.process.stdin is None:
         raise ValueError("the plant does not listen")
     can_be_pushed = any(state.name == FORCE for state in simulated_plant(file).states)
     control = plant.process.stdin.fileno()
-    return Rig(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
+    return PlantControls(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
 
 
 def _stage(
-    stack: contextlib.ExitStack, options: argparse.Namespace, robot: Robot, rig: Rig, terminal: LoopEnd
+    stack: contextlib.ExitStack, options: argparse.Namespace, robot: Robot, rig: PlantControls, terminal: LoopEnd
 ) -> PlayStage:
     """The keyboard's stage, with ROS behind it where it is."""
     if options.ros:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.growth.study import QUICK, SIZES, Grown, conduct
+from segway_ecc.hil.growth.study import QUICK, SIZES, AxisResult, conduct
 from segway_ecc.hil.growth.table import text, verdict
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.report_folder import has_figures, make_folder, writing_to
@@ -53,7 +53,7 @@ def _facts(took_s: float) -> dict[str, str]:
     }
 
 
-def _write(folder: Path, found: Sequence[Grown], facts: Mapping[str, str]) -> None:
+def _write(folder: Path, found: Sequence[AxisResult], facts: Mapping[str, str]) -> None:
     with writing_to(folder):
         (folder / "growth.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
         if not has_figures():

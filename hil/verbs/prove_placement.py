@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, Plan, quick, whole
-from segway_ecc.hil.placement.results import Found
+from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, StudyPlan, quick, whole
+from segway_ecc.hil.placement.results import StudyResult
 from segway_ecc.hil.placement.study import conduct
 from segway_ecc.hil.placement.table import text
 from segway_ecc.hil.placement.verdict import network_names, overall, recommended
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if overall(found) is not None else 1
 
 
-def _document(found: Found) -> dict[str, object]:
+def _document(found: StudyResult) -> dict[str, object]:
     chosen = {name: recommended(found, name) for name in network_names(found)}
     best = overall(found)
     return {
@@ -62,7 +62,7 @@ def _document(found: Found) -> dict[str, object]:
     }
 
 
-def _facts(plan: Plan, took_s: float, jobs: int) -> dict[str, str]:
+def _facts(plan: StudyPlan, took_s: float, jobs: int) -> dict[str, str]:
     return {
         "Robot": f"{ROBOT}; the delay also with {TORQUE_ROBOT}",
         "Grid": f"{len(plan.placements)} placements on {len(plan.networks)} networks",
@@ -70,7 +70,7 @@ def _facts(plan: Plan, took_s: float, jobs: int) -> dict[str, str]:
     }
 
 
-def _write(folder: Path, found: Found, document: object, facts: dict[str, str]) -> None:
+def _write(folder: Path, found: StudyResult, document: object, facts: dict[str, str]) -> None:
     with writing_to(folder):
         (folder / "placement.json").write_bytes(msgspec.json.format(msgspec.json.encode(document)))
         if not has_figures():

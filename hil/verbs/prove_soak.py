@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run, watch and judge: 0 where nothing grew and nothing failed, else 1."""
+    """RealTimeSoak, watch and judge: 0 where nothing grew and nothing failed, else 1."""
     simulated_s, real_s = options.simulated * 3600.0, options.real_time * 60.0
     _check("--simulated", simulated_s, _LEAST_SIMULATED_S)
     _check("--real-time", real_s, _LEAST_REAL_S)
@@ -116,7 +116,7 @@ def _simulated(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[
     with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
         folder = Path(name)
         watching = Watching(folder)
-        job = simulated.Job(robot, duration_s, _FRAME_LOSS, str(folder / "soak.mcap"))
+        job = simulated.SimulatedSoak(robot, duration_s, _FRAME_LOSS, str(folder / "soak.mcap"))
         said = simulated.soak(job, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
     part = {"duration_s": said.time_s, "cycles": said.cycles, "failure": said.trip}
     return part, watching.series
@@ -127,7 +127,7 @@ def _real_time(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[
     with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
         folder = Path(name)
         watching = Watching(folder)
-        run = real_time.Run(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
+        run = real_time.RealTimeSoak(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
         ran = real_time.soak(run, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
     part = {
         "duration_s": duration_s,

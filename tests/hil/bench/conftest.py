@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.samples import Cycles, Spread
 
@@ -25,10 +25,10 @@ def cycles() -> Callable[..., Cycles]:
 
 
 @pytest.fixture
-def result(cycles: Callable[..., Cycles]) -> Callable[..., Result]:
+def result(cycles: Callable[..., Cycles]) -> Callable[..., ProgramResult]:
     """What a program with such cycles came to."""
 
-    def make(cost_us: float = 100.0, lateness_us: float = 50.0, fault: str | None = None) -> Result:
-        return Result(cycles(cost_us, lateness_us), 0.04, Memory(30_000_000, 20_000_000), 0.5, fault)
+    def make(cost_us: float = 100.0, lateness_us: float = 50.0, fault: str | None = None) -> ProgramResult:
+        return ProgramResult(cycles(cost_us, lateness_us), 0.04, Memory(30_000_000, 20_000_000), 0.5, fault)
 
     return make

@@ -4,10 +4,10 @@ from dataclasses import replace
 import pytest
 
 from segway_ecc.hil.bench.claims import Claim, claims
-from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
 
-Make = Callable[..., Result]
+Make = Callable[..., ProgramResult]
 
 
 def test_cost_is_compared_with_the_users_loop_and_the_limit_and_lateness_with_the_bare_loop(result: Make) -> None:
@@ -48,7 +48,7 @@ def test_a_loop_that_gave_up_has_met_nothing_however_cheap_it_was(result: Make) 
 
 
 def test_where_ticks_are_coarse_the_means_are_compared(result: Make) -> None:
-    def coarse(mean_s: float) -> Result:
+    def coarse(mean_s: float) -> ProgramResult:
         whole = result(10_000.0)
         cost = replace(whole.cycles.cost, mean_s=mean_s)
         return replace(whole, cycles=replace(whole.cycles, cost=cost, is_coarse=True))

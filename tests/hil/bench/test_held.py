@@ -3,29 +3,29 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from segway_ecc.hil.bench import held
-from segway_ecc.hil.bench.comparison import Result, Setup
+from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import Held, search
+from segway_ecc.hil.bench.held import SustainedRates, search
 from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.rig import Bus
 from segway_ecc.hil.bench.samples import Cycles
 
 Make = Callable[..., Cycles]
 NOTHING = Conditions(priority=0, idle_states_off=False, memory_locked=False, cores=2, isolated=(), kernel="6.1")
-SETUP = Setup(Bus("local", "x", "x"), NOTHING, lambda _: None)
+SETUP = ComparisonSetup(Bus("local", "x", "x"), NOTHING, lambda _: None)
 
 
 def test_the_highest_rate_ends_where_the_first_cycle_was_late_or_lost(cycles: Make) -> None:
     tried = {1000.0: cycles(), 500.0: cycles(late=1), 100.0: cycles(), 200.0: cycles()}
-    assert Held(tried, {}).in_time_hz == 200.0
-    assert Held(tried, {}).complete_hz == 1000.0
-    assert Held({100.0: cycles(lost=1)}, {}).in_time_hz == 0.0
-    assert Held({100.0: cycles(lost=1)}, {}).complete_hz == 0.0
+    assert SustainedRates(tried, {}).in_time_hz == 200.0
+    assert SustainedRates(tried, {}).complete_hz == 1000.0
+    assert SustainedRates({100.0: cycles(lost=1)}, {}).in_time_hz == 0.0
+    assert SustainedRates({100.0: cycles(lost=1)}, {}).complete_hz == 0.0
 
 
 def test_a_rate_at_which_it_gave_up_is_not_held(cycles: Make) -> None:
-    gave_up = Held({100.0: cycles(), 200.0: cycles()}, {200.0: "telemetry too old"})
+    gave_up = SustainedRates({100.0: cycles(), 200.0: cycles()}, {200.0: "telemetry too old"})
     assert (gave_up.in_time_hz, gave_up.complete_hz) == (100.0, 100.0)
 
 
@@ -34,13 +34,13 @@ def runs(monkeypatch: pytest.MonkeyPatch, cycles: Make) -> list[tuple[float, tup
     """What was run: ours is late now and then and gives up at 500 Hz, the user's loop too often from 200 Hz on."""
     made: list[tuple[float, tuple[Contestant, ...]]] = []
 
-    def compare(_: Setup, rate_hz: float, hold_s: float, repeats: int, who: Sequence[Contestant]) -> object:
+    def compare(_: ComparisonSetup, rate_hz: float, hold_s: float, repeats: int, who: Sequence[Contestant]) -> object:
         made.append((rate_hz, tuple(who)))
         assert (hold_s, repeats) == (30.0, 1)
         late = {Contestant.USER: 101 if rate_hz >= 200.0 else 0, Contestant.OURS: 100}  # of 10,000
         fault = "too late" if rate_hz >= 500.0 else None
         return {
-            one: Result(
+            one: ProgramResult(
                 cycles(late=late.get(one, 0)), 0.1, Memory(1, 1), None, fault if one is Contestant.OURS else None
             )
             for one in who

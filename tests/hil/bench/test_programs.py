@@ -24,8 +24,8 @@ from segway_ecc.firmware_io.links.can_link import make_can_link
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.bench.cache import own_cache
 from segway_ecc.hil.bench.conditions import Conditions
-from segway_ecc.hil.bench.contestants import Contestant, Place, plant, run_contestant
-from segway_ecc.hil.bench.rig import Bus, Rig, make_rig
+from segway_ecc.hil.bench.contestants import BenchSite, Contestant, plant, run_contestant
+from segway_ecc.hil.bench.rig import BenchPrograms, Bus, make_rig
 from segway_ecc.hil.bench.samples import read_samples
 from segway_ecc.node.errors import ConfigurationError
 
@@ -45,14 +45,14 @@ TELEMETRY = frozenset(
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchPrograms]:
     with own_cache():
         yield make_rig(tmp_path_factory.mktemp("rig"), PERIOD_NS)
 
 
 @pytest.fixture
-def place(rig: Rig, tmp_path: Path) -> Place:
-    return Place(rig, Bus("local", tmp_path.name, tmp_path.name), NOTHING, tmp_path)
+def place(rig: BenchPrograms, tmp_path: Path) -> BenchSite:
+    return BenchSite(rig, Bus("local", tmp_path.name, tmp_path.name), NOTHING, tmp_path)
 
 
 class Host:
@@ -80,14 +80,14 @@ def _is(payload: Payload, wanted: type | BoardState) -> bool:
 
 
 @pytest.fixture
-def host(place: Place) -> Iterator[Host]:
+def host(place: BenchSite) -> Iterator[Host]:
     link = make_can_link("local", place.bus.channel, 500_000)
     link.open()
     yield Host(link)
     link.close()
 
 
-def test_the_board_says_what_it_is_in_frames_that_the_robot_takes(place: Place, host: Host) -> None:
+def test_the_board_says_what_it_is_in_frames_that_the_robot_takes(place: BenchSite, host: Host) -> None:
     with plant(place):
         kinds = (Wheel, AngularVelocity, LinearAcceleration, BoardStatus)
         payloads = [host.hear_until(kind) for kind in kinds]
@@ -101,7 +101,7 @@ def test_the_board_says_what_it_is_in_frames_that_the_robot_takes(place: Place, 
     assert not host.endpoint.lost
 
 
-def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: Place, host: Host) -> None:
+def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: BenchSite, host: Host) -> None:
     with plant(place) as seen:
         host.endpoint.send(FrameId.BOARD_SETUP, BoardSetup(0.03))
         host.endpoint.send(FrameId.WHEEL_COMMAND, WheelCommand(3.0, -3.0, enable=True))
@@ -124,7 +124,7 @@ def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: Place, h
     assert (seen["commands"], seen["refused"], seen["state"]) == (3, 2, 0)
 
 
-def test_the_loop_in_c_commands_once_for_each_cycle_at_its_deadlines(place: Place) -> None:
+def test_the_loop_in_c_commands_once_for_each_cycle_at_its_deadlines(place: BenchSite) -> None:
     with plant(place) as seen:
         ran = run_contestant(Contestant.C, place, 0.5)
     samples = read_samples(ran.samples)
@@ -139,7 +139,7 @@ def test_the_loop_in_c_commands_once_for_each_cycle_at_its_deadlines(place: Plac
     assert ran.start_s is not None
 
 
-def test_the_bare_loop_sends_nothing(place: Place) -> None:
+def test_the_bare_loop_sends_nothing(place: BenchSite) -> None:
     with plant(place) as seen:
         ran = run_contestant(Contestant.BARE, place, 0.5)
     assert 1 < len(read_samples(ran.samples)) <= 100
@@ -148,7 +148,7 @@ def test_the_bare_loop_sends_nothing(place: Place) -> None:
 
 
 @pytest.mark.ros
-def test_the_users_loop_does_the_same_work(place: Place) -> None:
+def test_the_users_loop_does_the_same_work(place: BenchSite) -> None:
     with plant(place) as seen:
         ran = run_contestant(Contestant.USER, place, 1.0)
     samples = read_samples(ran.samples)
@@ -156,7 +156,7 @@ def test_the_users_loop_does_the_same_work(place: Place) -> None:
     assert (seen["commands"], seen["refused"]) == (len(samples), 0)
 
 
-def test_our_own_loop_is_sampled_once_a_cycle_and_drives_to_the_end(place: Place) -> None:
+def test_our_own_loop_is_sampled_once_a_cycle_and_drives_to_the_end(place: BenchSite) -> None:
     with plant(place) as seen:
         ran = run_contestant(Contestant.OURS, place, 1.0)
     assert ran.told is not None
@@ -165,8 +165,8 @@ def test_our_own_loop_is_sampled_once_a_cycle_and_drives_to_the_end(place: Place
     assert seen["refused"] == 0
 
 
-def test_a_program_that_fails_is_told_with_its_last_words(place: Place) -> None:
-    away = Place(place.rig, Bus("socketcan", "nowhere0", "nowhere0"), place.conditions, place.folder)
+def test_a_program_that_fails_is_told_with_its_last_words(place: BenchSite) -> None:
+    away = BenchSite(place.rig, Bus("socketcan", "nowhere0", "nowhere0"), place.conditions, place.folder)
     with pytest.raises(ConfigurationError, match=r"^the program 'c' ended with exit code 1: nowhere0: "):
         run_contestant(Contestant.C, away, 0.5)
     with pytest.raises(ConfigurationError, match=r"^the plant of the bench does not start on nowhere0"), plant(away):

@@ -1,28 +1,28 @@
 from collections.abc import Callable
 
 from segway_ecc.hil.bench.campaign_speed import CampaignSpeed
-from segway_ecc.hil.bench.comparison import Result
+from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import Held
+from segway_ecc.hil.bench.held import SustainedRates
 from segway_ecc.hil.bench.lock_step import LockStep
 from segway_ecc.hil.bench.samples import Cycles
 from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text
 
 
-def test_each_program_has_its_line_in_microseconds(result: Callable[..., Result]) -> None:
+def test_each_program_has_its_line_in_microseconds(result: Callable[..., ProgramResult]) -> None:
     text = comparison_text({Contestant.OURS: result(123.4, 5.6), Contestant.BARE: result(1.0)})
     ours = next(line for line in text.splitlines() if line.startswith("  ours"))
     assert ours.split() == ["ours", *["123.4"] * 5, *["5.6"] * 4, "0", "0", "10000"]
 
 
-def test_columns_are_aligned(result: Callable[..., Result]) -> None:
+def test_columns_are_aligned(result: Callable[..., ProgramResult]) -> None:
     lines = comparison_text({Contestant.OURS: result(12345.6), Contestant.USER: result(1.0)}).splitlines()
     head, ours, user = lines[1:4]
     assert len(head) == len(ours) == len(user)
     assert head.index("p50") + 3 == ours.index("12345.6", ours.index("12345.6") + 1) + 7
 
 
-def test_shares_memory_and_start_are_told_in_units_that_people_read(result: Callable[..., Result]) -> None:
+def test_shares_memory_and_start_are_told_in_units_that_people_read(result: Callable[..., ProgramResult]) -> None:
     text = comparison_text({Contestant.OURS: result()})
     assert "4.0 %" in text
     assert "20 MB" in text
@@ -33,8 +33,8 @@ def test_shares_memory_and_start_are_told_in_units_that_people_read(result: Call
 
 def test_a_rate_that_was_not_tried_is_left_open_and_giving_up_is_told(cycles: Callable[..., Cycles]) -> None:
     held = {
-        Contestant.OURS: Held({100.0: cycles(), 200.0: cycles(late=3, lost=1)}, {200.0: "too late"}),
-        Contestant.USER: Held({100.0: cycles(late=9)}, {}),
+        Contestant.OURS: SustainedRates({100.0: cycles(), 200.0: cycles(late=3, lost=1)}, {200.0: "too late"}),
+        Contestant.USER: SustainedRates({100.0: cycles(late=9)}, {}),
     }
     head, ours, user = held_text(held, 30.0).splitlines()[1:]
     assert head.split() == ["100", "Hz", "200", "Hz", "none", "late", "up", "to", "none", "lost", "up", "to"]

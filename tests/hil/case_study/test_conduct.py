@@ -7,7 +7,7 @@ from typing import Self
 import pytest
 
 from segway_ecc.hil.case_study.conduct import DURATION_S, TURN, cell_name, conduct
-from segway_ecc.hil.case_study.seats import Run
+from segway_ecc.hil.case_study.seats import SeatRun
 from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory, thesis_cells
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
@@ -27,7 +27,7 @@ class PretendSeat:
         self._graph = graph
         self._lock = threading.Lock()
 
-    def run(self, name: str, manoeuvre: Manoeuvre) -> Run:
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         with self._lock:
             self.played[name] = manoeuvre
         if name == self.fails_at:
@@ -37,7 +37,7 @@ class PretendSeat:
         times = [0.0, 1.0, 10.0] if len(manoeuvre.segments) == 1 else [0.0, 1.0, 10.0, 10.01, 20.0]
         count = len(times)
         xs, ys = [*([0.0] * (count - 1)), end[0]], [*([0.0] * (count - 1)), end[1]]
-        return Run(Trajectory(self.seat, times, xs, ys, times, times), self._graph)
+        return SeatRun(Trajectory(self.seat, times, xs, ys, times, times), self._graph)
 
 
 def no_progress(_seat: Seat, _done: int, _total: int) -> None:
@@ -113,7 +113,7 @@ class OnlyFirstRuns:
     """A pool whose first run fails at once, while all others still wait for their turn."""
 
     def __init__(self, _jobs: int) -> None:
-        self.futures: list[Future[Run]] = []
+        self.futures: list[Future[SeatRun]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -121,8 +121,8 @@ class OnlyFirstRuns:
     def __exit__(self, *_error: object) -> None:
         assert [future.cancelled() for future in self.futures] == [False] + [True] * 12
 
-    def submit(self, *_call: object) -> Future[Run]:
-        future: Future[Run] = Future()
+    def submit(self, *_call: object) -> Future[SeatRun]:
+        future: Future[SeatRun] = Future()
         if not self.futures:
             future.set_exception(NodeError("it broke"))
         self.futures.append(future)

@@ -52,7 +52,7 @@ class Tap(LinkFront):
         return [frame for frame in changed if frame is not None]
 
 
-class World(NoStage, NoRecorder):
+class ScriptedStage(NoStage, NoRecorder):
     """Says the set-point in each cycle until a time, does once what a test wants, and keeps each cycle."""
 
     def __init__(self, run: "Run", silent_from_ns: int | None) -> None:
@@ -110,7 +110,7 @@ class Run:
         self.history: list[Transition] = []
 
     def run(self, seconds: float, silent_from_ns: int | None = None) -> list[Seen]:
-        world = World(self, silent_from_ns)
+        world = ScriptedStage(self, silent_from_ns)
         loop = self.robot.loop(world, world)
         loop.run(round((BEGIN_NS + seconds * 1e9) / PERIOD_NS))
         self.history = list(loop.modes.history)

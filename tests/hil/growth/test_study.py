@@ -7,7 +7,7 @@ import pytest
 from segway_ecc.hil.growth import study
 from segway_ecc.hil.growth.cost import Axis, Cost, Point
 from segway_ecc.hil.growth.report import figure, render
-from segway_ecc.hil.growth.study import Grown, conduct, grown
+from segway_ecc.hil.growth.study import AxisResult, conduct, grown
 from segway_ecc.hil.growth.table import text, verdict
 
 
@@ -64,7 +64,7 @@ def test_what_does_not_run_ends_the_table_and_is_no_part_of_the_line() -> None:
     assert "too few sizes" in verdict(grown(Axis.PORTS, [ports(2)]))
 
 
-def bent() -> Grown:
+def bent() -> AxisResult:
     costs = {1: 10.0, 2: 12.0, 4: 16.0, 8: 60.0}
     return grown(Axis.ROBOTS, [Point(axis=Axis.ROBOTS, size=n, cost=cost(c, late="3 %")) for n, c in costs.items()])
 

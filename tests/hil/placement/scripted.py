@@ -1,14 +1,18 @@
 """What a study might have found, made by hand."""
 
-from segway_ecc.hil.placement.judging import Outcome
-from segway_ecc.hil.placement.results import Bound, Cut, Drive, Found, Stop
+from segway_ecc.hil.placement.judging import RunOutcome
+from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
 
 R, S = "robot", "station"
 Places = tuple[str, str, str]
 
 
 def drive(
-    places: Places, network: str = "n", setpoints: str = "", outcome: Outcome = Outcome.DROVE_ON, off_m: float = 0.01
+    places: Places,
+    network: str = "n",
+    setpoints: str = "",
+    outcome: RunOutcome = RunOutcome.DROVE_ON,
+    off_m: float = 0.01,
 ) -> Drive:
     sequence, balance, supervision = places
     return Drive(
@@ -29,7 +33,11 @@ def drive(
 
 
 def stop(
-    places: Places, *zero_s: float | None, network: str = "n", setpoints: str = "", outcome: Outcome = Outcome.DROVE_ON
+    places: Places,
+    *zero_s: float | None,
+    network: str = "n",
+    setpoints: str = "",
+    outcome: RunOutcome = RunOutcome.DROVE_ON,
 ) -> Stop:
     sequence, balance, supervision = places
     return Stop(
@@ -43,7 +51,7 @@ def stop(
     )
 
 
-def cut(places: Places, outcome: Outcome, setpoints: str = "", partition_s: float = 2.0) -> Cut:
+def cut(places: Places, outcome: RunOutcome, setpoints: str = "", partition_s: float = 2.0) -> Cut:
     sequence, balance, supervision = places
     return Cut(
         sequence=sequence,
@@ -59,8 +67,8 @@ def cut(places: Places, outcome: Outcome, setpoints: str = "", partition_s: floa
     )
 
 
-def found(*rows: Drive | Stop | Cut | Bound) -> Found:
-    return Found(
+def found(*rows: Drive | Stop | Cut | Bound) -> StudyResult:
+    return StudyResult(
         drives=tuple(r for r in rows if isinstance(r, Drive)),
         stops=tuple(r for r in rows if isinstance(r, Stop)),
         cuts=tuple(r for r in rows if isinstance(r, Cut)),

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from segway_ecc.hil.placement.bench import START_S, Job, run
+from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
 from segway_ecc.hil.placement.network import Delivery, Network, Partition
 from segway_ecc.hil.placement.placement import ON_THE_ROBOT, PLACEMENTS, Placement
 from segway_ecc.node.safety.modes import Mode
@@ -14,8 +14,8 @@ AWAY = Placement._make(PLACEMENTS[2])
 COMMANDED = PLACEMENTS[5]
 
 
-def job(placement: Placement, network: Network | None = None, **more: object) -> Job:
-    plain = Job(robot="segway", placement=placement, manoeuvre=MANOEUVRE, until_s=START_S + 1.0)
+def job(placement: Placement, network: Network | None = None, **more: object) -> PlacementRun:
+    plain = PlacementRun(robot="segway", placement=placement, manoeuvre=MANOEUVRE, until_s=START_S + 1.0)
     return msgspec.structs.replace(plain, network=network or Network(), **more)
 
 

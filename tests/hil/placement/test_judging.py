@@ -6,8 +6,8 @@ import pytest
 
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
-from segway_ecc.hil.placement.judging import Outcome, errors, outcome_of, reason_of, story
-from segway_ecc.hil.placement.seen import Seen
+from segway_ecc.hil.placement.judging import RunOutcome, errors, outcome_of, reason_of, story
+from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.safety.modes import Mode
 
@@ -28,11 +28,11 @@ def seen(
     fallen_s: float = math.inf,
     zero_s: float | None = None,
     guard_s: float | None = None,
-) -> Seen:
+) -> RunRecord:
     """A run of 10 s, lying on its stop at 0.5 rad until 1.2 s and from `fallen_s` on."""
     times = [0.1 * i for i in range(101)]
     truth = [at(time, pitch=0.5 if time < 1.2 or time >= fallen_s else 0.01) for time in times]
-    return Seen(truth, changes, phases, zero_s, guard_s, "digest")
+    return RunRecord(truth, changes, phases, zero_s, guard_s, "digest")
 
 
 def hold(at_s: float) -> Change:
@@ -46,17 +46,17 @@ def fault(at_s: float) -> Change:
 @pytest.mark.parametrize(
     ("run", "outcome"),
     [
-        (seen(ARMED), Outcome.DROVE_ON),
-        (seen(ARMED, hold(4.0)), Outcome.HELD),
-        (seen(ARMED, hold(2.0)), Outcome.DROVE_ON),
-        (seen(ARMED, hold(4.0), phases=(*STOOD, SITS), fallen_s=6.0), Outcome.SAT_DOWN),
-        (seen(ARMED, hold(4.0), fallen_s=4.5), Outcome.FELL),
-        (seen(ARMED, phases=(*STOOD, (4.0, Phase.GIVEN_UP)), fallen_s=3.5), Outcome.FELL),
-        (seen(ARMED, phases=STOOD[:2]), Outcome.NEVER_STOOD),
-        (seen(phases=STOOD[:1], fallen_s=0.0), Outcome.NEVER_ARMED),
+        (seen(ARMED), RunOutcome.DROVE_ON),
+        (seen(ARMED, hold(4.0)), RunOutcome.HELD),
+        (seen(ARMED, hold(2.0)), RunOutcome.DROVE_ON),
+        (seen(ARMED, hold(4.0), phases=(*STOOD, SITS), fallen_s=6.0), RunOutcome.SAT_DOWN),
+        (seen(ARMED, hold(4.0), fallen_s=4.5), RunOutcome.FELL),
+        (seen(ARMED, phases=(*STOOD, (4.0, Phase.GIVEN_UP)), fallen_s=3.5), RunOutcome.FELL),
+        (seen(ARMED, phases=STOOD[:2]), RunOutcome.NEVER_STOOD),
+        (seen(phases=STOOD[:1], fallen_s=0.0), RunOutcome.NEVER_ARMED),
     ],
 )
-def test_the_worst_that_came_of_a_run_counts(run: Seen, outcome: Outcome) -> None:
+def test_the_worst_that_came_of_a_run_counts(run: RunRecord, outcome: RunOutcome) -> None:
     assert outcome_of(run, 3.0) is outcome
 
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from segway_ecc.hil.placement.placement import ON_THE_ROBOT, PLACEMENTS, Place, Placement
+from segway_ecc.hil.placement.placement import ON_THE_ROBOT, PLACEMENTS, Placement, Site
 
-R, S = Place.ROBOT, Place.STATION
+R, S = Site.ROBOT, Site.STATION
 
 
 def test_there_are_eight_and_the_first_has_everything_on_the_robot() -> None:
@@ -26,7 +26,7 @@ def test_there_are_eight_and_the_first_has_everything_on_the_robot() -> None:
     ],
 )
 def test_what_crosses_is_what_speaks_to_another_place(
-    places: tuple[Place, Place, Place], crossing: tuple[bool, bool, bool], words: str
+    places: tuple[Site, Site, Site], crossing: tuple[bool, bool, bool], words: str
 ) -> None:
     placement = Placement(*places)
     assert (placement.sequence_crosses, placement.balance_crosses, placement.supervision_crosses) == crossing

@@ -1,6 +1,6 @@
 """What was found, as text and as a page."""
 
-from segway_ecc.hil.placement.judging import Outcome
+from segway_ecc.hil.placement.judging import RunOutcome
 from segway_ecc.hil.placement.report import render
 from segway_ecc.hil.placement.results import Bound
 from segway_ecc.hil.placement.table import tables, text
@@ -12,10 +12,10 @@ FOUND = found(
     drive((R, R, R), "near", off_m=0.0),
     drive((R, R, R), "far", off_m=0.0),
     drive((S, R, S), "near", "cmd_vel", off_m=0.0123),
-    drive((S, R, S), "far", "cmd_vel", Outcome.FELL),
+    drive((S, R, S), "far", "cmd_vel", RunOutcome.FELL),
     stop((S, R, S), 0.055, 0.0605, network="near", setpoints="cmd_vel"),
     stop((S, R, S), None, network="far", setpoints="cmd_vel"),
-    cut((S, R, S), Outcome.HELD, "cmd_vel"),
+    cut((S, R, S), RunOutcome.HELD, "cmd_vel"),
     DELAY,
     LOSS,
 )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from segway_ecc.hil.placement.judging import Outcome
+from segway_ecc.hil.placement.judging import RunOutcome
 from segway_ecc.hil.placement.verdict import choice_of, overall, recommended, unfit
 from tests.hil.placement.scripted import R, S, cut, drive, found, stop
 
@@ -14,9 +14,9 @@ ALL_ON_ROBOT, COMMANDED, ALL_AWAY = (R, R, R), (S, R, S), (S, S, S)
     [
         (drive(COMMANDED, off_m=0.1), []),
         (drive(COMMANDED, off_m=0.11), ["0.11 m off"]),
-        (drive(COMMANDED, outcome=Outcome.FELL), ["fell"]),
-        (drive(COMMANDED, outcome=Outcome.HELD), ["held"]),
-        (drive(COMMANDED, outcome=Outcome.NEVER_ARMED), ["never armed"]),
+        (drive(COMMANDED, outcome=RunOutcome.FELL), ["fell"]),
+        (drive(COMMANDED, outcome=RunOutcome.HELD), ["held"]),
+        (drive(COMMANDED, outcome=RunOutcome.NEVER_ARMED), ["never armed"]),
     ],
 )
 def test_what_falls_holds_or_is_far_off_is_unfit(row: object, reasons: list[str]) -> None:
@@ -34,28 +34,28 @@ def test_a_stop_must_come_and_in_time_with_every_press(times: tuple[float | None
 
 
 def test_what_fell_before_the_press_counts_as_fallen_only() -> None:
-    row = drive(COMMANDED, outcome=Outcome.FELL)
-    assert unfit(found(row, stop(COMMANDED, None, outcome=Outcome.FELL)), choice_of(row), "n") == ["fell"]
+    row = drive(COMMANDED, outcome=RunOutcome.FELL)
+    assert unfit(found(row, stop(COMMANDED, None, outcome=RunOutcome.FELL)), choice_of(row), "n") == ["fell"]
 
 
 def test_who_falls_in_a_partition_is_unfit_on_every_network() -> None:
     row = drive(ALL_AWAY)
     rows = (
         row,
-        cut(ALL_AWAY, Outcome.SAT_DOWN, partition_s=0.3),
-        cut(ALL_AWAY, Outcome.FELL),
-        cut(ALL_AWAY, Outcome.FELL),
+        cut(ALL_AWAY, RunOutcome.SAT_DOWN, partition_s=0.3),
+        cut(ALL_AWAY, RunOutcome.FELL),
+        cut(ALL_AWAY, RunOutcome.FELL),
     )
     assert unfit(found(*rows), choice_of(row), "n") == ["falls in a partition of 2 s"]
-    assert unfit(found(row, cut(COMMANDED, Outcome.FELL)), choice_of(row), "n") == []
+    assert unfit(found(row, cut(COMMANDED, RunOutcome.FELL)), choice_of(row), "n") == []
 
 
 def test_recommended_is_what_is_fit_with_the_most_on_the_station() -> None:
     rows = [drive(ALL_ON_ROBOT), drive(COMMANDED, setpoints="cmd_vel"), drive(COMMANDED, setpoints="cmd_vel_stamped")]
     assert recommended(found(*rows), "n") == (*COMMANDED, "cmd_vel_stamped")
     assert recommended(found(*rows, drive(ALL_AWAY)), "n") == (*ALL_AWAY, "")
-    assert recommended(found(*rows, drive(ALL_AWAY, outcome=Outcome.FELL)), "n") == (*COMMANDED, "cmd_vel_stamped")
-    assert recommended(found(drive(ALL_AWAY, outcome=Outcome.FELL)), "n") is None
+    assert recommended(found(*rows, drive(ALL_AWAY, outcome=RunOutcome.FELL)), "n") == (*COMMANDED, "cmd_vel_stamped")
+    assert recommended(found(drive(ALL_AWAY, outcome=RunOutcome.FELL)), "n") is None
 
 
 def test_of_as_many_supervision_belongs_where_the_people_are() -> None:
@@ -69,7 +69,7 @@ def test_overall_is_what_is_fit_on_the_most_networks() -> None:
     assert overall(found(*rows)) == (R, R, S, "")
     assert recommended(found(*rows), "a") == (*COMMANDED, "")
     assert recommended(found(*rows), "b") == (R, R, S, "")
-    assert overall(found(drive(ALL_AWAY, outcome=Outcome.FELL))) is None
+    assert overall(found(drive(ALL_AWAY, outcome=RunOutcome.FELL))) is None
 
 
 def test_a_choice_is_told_in_words() -> None:

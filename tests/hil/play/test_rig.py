@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from segway_ecc.hil.play.rig import Rig
+from segway_ecc.hil.play.rig import PlantControls
 
 MS = 1_000_000
 
@@ -31,7 +31,7 @@ def told(reader: int) -> list[str]:
 
 
 def test_a_push_lasts_a_tenth_of_a_second(pipe: tuple[int, int]) -> None:
-    rig = Rig(pipe[1], 10 * MS, runs, can_be_pushed=True)
+    rig = PlantControls(pipe[1], 10 * MS, runs, can_be_pushed=True)
     rig.push()
     assert told(pipe[0]) == ["write PushForce 50.0"]
     for _ in range(9):
@@ -44,7 +44,7 @@ def test_a_push_lasts_a_tenth_of_a_second(pipe: tuple[int, int]) -> None:
 
 
 def test_what_cannot_be_pushed_is_not(pipe: tuple[int, int]) -> None:
-    rig = Rig(pipe[1], 10 * MS, runs, can_be_pushed=False)
+    rig = PlantControls(pipe[1], 10 * MS, runs, can_be_pushed=False)
     rig.push()
     for _ in range(30):
         rig.work()
@@ -52,7 +52,7 @@ def test_what_cannot_be_pushed_is_not(pipe: tuple[int, int]) -> None:
 
 
 def test_the_bus_is_broken_and_mended_in_turn(pipe: tuple[int, int]) -> None:
-    rig = Rig(pipe[1], 10 * MS, runs, can_be_pushed=False)
+    rig = PlantControls(pipe[1], 10 * MS, runs, can_be_pushed=False)
     states = []
     for _ in range(3):
         rig.break_or_mend_bus()
@@ -62,7 +62,7 @@ def test_the_bus_is_broken_and_mended_in_turn(pipe: tuple[int, int]) -> None:
 
 
 def test_a_plant_that_takes_nothing_is_not_waited_for_and_a_push_ends_once_it_does(pipe: tuple[int, int]) -> None:
-    rig = Rig(pipe[1], 50 * MS, runs, can_be_pushed=True)  # a push lasts two cycles
+    rig = PlantControls(pipe[1], 50 * MS, runs, can_be_pushed=True)  # a push lasts two cycles
     rig.push()
     told(pipe[0])
     while True:

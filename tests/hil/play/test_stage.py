@@ -12,7 +12,7 @@ import pytest
 
 from segway_ecc.hil.play.channel import LoopEnd, TerminalEnd, channel
 from segway_ecc.hil.play.keys import Key
-from segway_ecc.hil.play.rig import Rig
+from segway_ecc.hil.play.rig import PlantControls
 from segway_ecc.hil.play.snapshot import Snapshot
 from segway_ecc.hil.play.stage import PlayStage
 from segway_ecc.node.config import load_robot
@@ -58,7 +58,7 @@ class Game(NamedTuple):
     robot: Robot
     control: int
     ends: tuple[socket.socket, socket.socket]
-    rig: Rig
+    rig: PlantControls
 
     def press(self, *keys: Key) -> Inbox:
         for key in keys:
@@ -90,7 +90,7 @@ def game() -> Iterator[Game]:
     reader, writer = os.pipe()
     ours, theirs = channel()
     behind = Behind()
-    rig = Rig(writer, robot.period_ns, lambda: True, can_be_pushed=True)
+    rig = PlantControls(writer, robot.period_ns, lambda: True, can_be_pushed=True)
     with ours, theirs:
         yield Game(
             PlayStage(behind, LoopEnd(ours), rig, robot),
@@ -285,7 +285,7 @@ def test_the_tilt_is_shown_where_the_model_tells_it(game: Game) -> None:
 
     robot = dataclasses.replace(game.robot, model=Leaning())  # type: ignore[arg-type]  # what is read of a model
     stage = PlayStage(
-        NoStage(), LoopEnd(game.ends[0]), Rig(game.control, 10, lambda: False, can_be_pushed=False), robot
+        NoStage(), LoopEnd(game.ends[0]), PlantControls(game.control, 10, lambda: False, can_be_pushed=False), robot
     )
     assert game._replace(stage=stage, robot=robot).shown(reported(game)).pitch == 0.125
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.processes import ProcessFailedError
-from segway_ecc.hil.soak.simulated import Job, PatientRecorder, soak
+from segway_ecc.hil.soak.simulated import PatientRecorder, SimulatedSoak, soak
 from segway_ecc.hil.soak.watching import Watching
 from segway_ecc.node.cycle.interfaces import CycleRecord
 
@@ -14,7 +14,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord
 @pytest.mark.timeout(180)
 def test_every_ten_simulated_seconds_all_is_looked_at(tmp_path: Path) -> None:
     watching, told = Watching(tmp_path), list[float]()
-    said = soak(Job("cart-can", 31.0, 0.01, str(tmp_path / "soak.mcap")), watching, tmp_path, told.append)
+    said = soak(SimulatedSoak("cart-can", 31.0, 0.01, str(tmp_path / "soak.mcap")), watching, tmp_path, told.append)
     assert (said.trip, said.cycles) == ("", 3100)
     assert told == pytest.approx([10.0, 20.0, 30.0], abs=0.011)
     by_name = {(s.process, s.quantity): s.values for s in watching.series}
@@ -27,7 +27,12 @@ def test_every_ten_simulated_seconds_all_is_looked_at(tmp_path: Path) -> None:
 @pytest.mark.timeout(60)
 def test_a_robot_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ProcessFailedError, match="no-such-robot"):
-        soak(Job("no-such-robot", 30.0, 0.0, str(tmp_path / "soak.mcap")), Watching(tmp_path), tmp_path, lambda _: None)
+        soak(
+            SimulatedSoak("no-such-robot", 30.0, 0.0, str(tmp_path / "soak.mcap")),
+            Watching(tmp_path),
+            tmp_path,
+            lambda _: None,
+        )
 
 
 class Full:

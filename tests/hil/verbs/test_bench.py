@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.bench.comparison import Result, Setup
+from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.process_cost import Memory
@@ -22,10 +22,10 @@ Run = Callable[..., Any]
 COSTS_US = {Contestant.OURS: 50.0, Contestant.USER: 500.0, Contestant.C: 10.0, Contestant.BARE: 5.0}
 
 
-def made_up(cost_us: float) -> Result:
+def made_up(cost_us: float) -> ProgramResult:
     spread = Spread(*[cost_us * 1e-6] * 5)
     cycles = Cycles(5000, 0, 0, spread, Spread(*[40e-6] * 5), {})
-    return Result(cycles, 0.03, Memory(2_000_000, 1_000_000), 0.2)
+    return ProgramResult(cycles, 0.03, Memory(2_000_000, 1_000_000), 0.2)
 
 
 @pytest.fixture
@@ -34,8 +34,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
     made: list[tuple[float, float, int]] = []
 
     def compare(
-        _: Setup, rate_hz: float, duration_s: float, repeats: int, who: list[Contestant]
-    ) -> dict[Contestant, Result]:
+        _: ComparisonSetup, rate_hz: float, duration_s: float, repeats: int, who: list[Contestant]
+    ) -> dict[Contestant, ProgramResult]:
         made.append((rate_hz, duration_s, repeats))
         return {one: made_up(COSTS_US[one]) for one in who}
 

@@ -14,7 +14,7 @@ from segway_ecc.hil.soak.watching import Watching
 from segway_ecc.hil.verbs import prove_soak
 from segway_ecc.node.errors import ConfigurationError
 
-Run = Callable[..., Any]
+RealTimeSoak = Callable[..., Any]
 ARMED = {"DISARMED: just started": 3, "ARMED: it armed itself": 900}
 
 
@@ -37,18 +37,22 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the runs find, and what they were asked."""
     script: dict[str, Any] = {"slope": 0.0, "trip": "", "modes": ARMED, "asked": []}
 
-    def lock_step(job: simulated.Job, watching: Watching, _folder: Path, on_progress: Any) -> simulated.Said:
+    def lock_step(
+        job: simulated.SimulatedSoak, watching: Watching, _folder: Path, on_progress: Any
+    ) -> simulated.ProcessSample:
         script["asked"].append((job.robot, job.duration_s))
         fill(watching, script["slope"])
         on_progress(job.duration_s)
-        return simulated.Said(job.duration_s, trip=script["trip"], cycles=720, is_over=True)
+        return simulated.ProcessSample(job.duration_s, trip=script["trip"], cycles=720, is_over=True)
 
-    def in_real_time(run: real_time.Run, watching: Watching, _folder: Path, on_progress: Any) -> real_time.Ran:
+    def in_real_time(
+        run: real_time.RealTimeSoak, watching: Watching, _folder: Path, on_progress: Any
+    ) -> real_time.RealTimeResult:
         script["asked"].append((run.robot, run.duration_s, run.ros))
         fill(watching, 0.0)
         on_progress(run.duration_s)
         node = {"cycles": 360, "late": 4, "overrun": 0, "skipped": 1, "mean_rate_hz": 200.0}
-        return real_time.Ran(node, script["modes"])
+        return real_time.RealTimeResult(node, script["modes"])
 
     monkeypatch.setattr(simulated, "soak", lock_step)
     monkeypatch.setattr(real_time, "soak", in_real_time)
