@@ -18,12 +18,15 @@ QUICK := not proof and not image
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
 
-# Many tests wait, for a browser or a guest, so one more runs than there are cores. What speaks ROS comes by itself, and
-# robots in real time one at a time, with nothing beside them. firmware_io knows no ROS (tests/test_architecture.py).
+# Only these are collected where a marker is asked for: collecting all takes ten seconds of each worker.
+marked = $(shell grep -rl --include='test_*.py' 'mark\.$(1)\b' tests)
+
+# Many tests wait, for a browser, a guest or ROS, so more run than there are cores. Robots in real time run one at a time,
+# with nothing beside them.
 test: $(READY) lint
 	$(VENV)/bin/python -m pytest -m '$(QUICK) and not ros and not real_time and not rt_kernel' -n 3 --dist loadfile
-	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 2 --dist loadfile --ignore tests/firmware_io
-	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' --ignore tests/firmware_io
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and ros and not real_time' -n 4 --dist loadfile $(call marked,ros)
+	$(VENV)/bin/python -m pytest -m '$(QUICK) and real_time' $(call marked,real_time)
 
 # Emulated instruction by instruction, it takes a core for minutes, and anything beside it in real time would be late.
 rt-test: $(READY)

@@ -13,7 +13,7 @@ from segway_ecc.deploy.image import commands as image_commands
 from segway_ecc.hil.kernels import qemu, uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.node.ros.runtime import missing_packages
-from tests import command, held_up
+from tests import command, held_up, ros_processes
 
 # A run is the same every time; how long an example takes says more of the machine than of us.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -69,9 +69,19 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             (pytest.fail if required() else pytest.skip)(f"needs {marker}: {lacking}; {cure}")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The Makefile finds the files of these markers by their text."""
+    for marker in ("ros", "real_time"):
+        marked = {item.path for item in items if item.get_closest_marker(marker) is not None}
+        hidden = [str(path) for path in sorted(marked) if f"mark.{marker}" not in path.read_text(encoding="utf-8")]
+        if hidden:
+            raise pytest.UsageError(f"marked {marker} from elsewhere, and so not run by make test: {', '.join(hidden)}")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(held_up)
     config.pluginmanager.register(command)
+    config.pluginmanager.register(ros_processes)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

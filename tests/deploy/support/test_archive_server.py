@@ -18,7 +18,7 @@ from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
 from segway_ecc.deploy.support.archive_calls import ArchiveCalls, NoArchiveError
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.ros.runtime import ros_node
-from tests.node.ros.conftest import Start
+from tests.ros_processes import Start
 
 pytestmark = pytest.mark.ros
 CONTENT = hashlib.shake_128(b"log").digest(3_000_000)

@@ -71,7 +71,7 @@ def on_request(tmp_path_factory: pytest.TempPathFactory) -> str:
 def foreign(ros_environment: dict[str, str]) -> Iterator[Ask]:
     """A node of somebody else's; see foreign_node.py."""
     with subprocess.Popen(
-        [sys.executable, str(Path(__file__).with_name("foreign_node.py"))],
+        [sys.executable, str(Path(__file__).with_name("node") / "ros" / "foreign_node.py")],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=ros_environment,
