@@ -1,4 +1,4 @@
-"""Asking the archives of robots, from a thread and a ROS context of its own: nothing of it passes the robots' lines."""
+"""Asking the archives of robots, from a thread and a ROS context of its own: apart from the robots' connections."""
 
 import contextlib
 import importlib
@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import Final, NamedTuple
 
-from segway_ecc.deploy.support.archive_server import SERVICE
-from segway_ecc.deploy.support.pieces import NODE, Value, piece_of
+from segway_ecc.deploy.support.archive_server import SERVICE, value_of
+from segway_ecc.deploy.support.pieces import NODE, Value
 from segway_ecc.node.errors import NobodyListensError, NodeError
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
@@ -24,16 +24,13 @@ _KNOWN_WITHIN_S: Final = 1.0
 _ANSWER_S: Final = 5.0
 _MOST_WAITING: Final = 64
 _MOST_ROBOTS: Final = 100
-_STRING: Final = 4
-_INTEGERS: Final = 7
-_STRINGS: Final = 9
 
 
 class NoArchiveError(NobodyListensError):
-    """A robot hands out nothing; the text says what to start."""
+    """A robot hands out nothing; the text names what to start there."""
 
     def __init__(self, robot: str) -> None:
-        """Say what to start on the robot of a namespace."""
+        """Name what to start on the robot of a namespace."""
         more = "" if robot == "/" else f" --namespace {robot}"
         super().__init__(f"robot {robot} hands out nothing; on the robot, start: segway-ecc log archive ROBOT{more}")
 
@@ -75,9 +72,7 @@ class ArchiveCalls:
                 self._thread = threading.Thread(target=self._run, name="archives", daemon=True)
                 self._thread.start()
             wake = self._wake
-        if wake is not None:
-            with contextlib.suppress(Exception):  # it is being destroyed
-                wake.trigger()
+        _trigger(wake)
         try:
             return call.answer.result(_FOUND_WITHIN_S + _ANSWER_S + 1.0)
         except TimeoutError:
@@ -88,9 +83,7 @@ class ArchiveCalls:
         with self._lock:
             self._is_ending = True
             thread, wake = self._thread, self._wake
-        if wake is not None:
-            with contextlib.suppress(Exception):  # it is being destroyed
-                wake.trigger()
+        _trigger(wake)
         if thread is not None:
             thread.join(_ANSWER_S)
 
@@ -106,7 +99,7 @@ class ArchiveCalls:
                 with self._lock:
                     self._wake = None
                 exchange.fail("the station ends")
-        except Exception as error:  # noqa: BLE001 - whoever asks is told
+        except Exception as error:  # noqa: BLE001 - whoever asks gets it
             failure = error if isinstance(error, NodeError) else NobodyListensError(f"ROS failed: {error}")
             for call in self._taken():
                 call.answer.set_exception(failure)
@@ -123,8 +116,14 @@ class ArchiveCalls:
         return calls
 
 
+def _trigger(wake: RosObject) -> None:
+    if wake is not None:
+        with contextlib.suppress(Exception):  # it is being destroyed
+            wake.trigger()
+
+
 class _Exchange:
-    """What belongs to the thread that speaks ROS."""
+    """What belongs to the thread that runs ROS."""
 
     def __init__(self, node: RosObject) -> None:
         executors = importlib.import_module("rclpy.executors")
@@ -142,7 +141,7 @@ class _Exchange:
         self._unsent += calls
 
     def step(self) -> None:
-        """Send what can be sent, hear what has come, and give up what has taken too long."""
+        """Send what can be sent, receive what has come, and give up what has taken too long."""
         now_s = time.monotonic()
         unsent, self._unsent = self._unsent, []
         for call in unsent:
@@ -156,14 +155,7 @@ class _Exchange:
             else:
                 call.answer.set_exception(NoArchiveError(call.robot))
         self._executor.spin_once(timeout_sec=_LOOK_S)
-        self._hear(time.monotonic())
-
-    def fail(self, why: str) -> None:
-        for call in (*self._unsent, *(call for call, _, _ in self._sent)):
-            call.answer.set_exception(NobodyListensError(why))
-        self._executor.shutdown()
-
-    def _hear(self, now_s: float) -> None:
+        now_s = time.monotonic()
         sent, self._sent = self._sent, []
         for call, client, future in sent:
             if future.done():
@@ -173,6 +165,11 @@ class _Exchange:
             else:
                 client.remove_pending_request(future)
                 call.answer.set_exception(NobodyListensError(f"the archive of robot {call.robot} gave no answer"))
+
+    def fail(self, why: str) -> None:
+        for call in (*self._unsent, *(call for call, _, _ in self._sent)):
+            call.answer.set_exception(NobodyListensError(why))
+        self._executor.shutdown()
 
     def _client(self, robot: str) -> RosObject:
         if robot not in self._clients:
@@ -186,16 +183,6 @@ class _Exchange:
 def _answer(call: _Call, future: RosObject) -> None:
     try:
         values = future.result().values
-        call.answer.set_result(_value_of(values[0]) if len(values) == 1 else None)
-    except Exception as error:  # noqa: BLE001 - whoever asked is told
+        call.answer.set_result(value_of(values[0]) if len(values) == 1 else None)
+    except Exception as error:  # noqa: BLE001 - whoever asked gets it
         call.answer.set_exception(NobodyListensError(f"the archive of robot {call.robot} failed: {error}"))
-
-
-def _value_of(value: RosObject) -> Value:
-    if value.type == _STRING:
-        return str(value.string_value)
-    if value.type == _STRINGS:
-        return list(value.string_array_value)
-    if value.type == _INTEGERS:
-        return piece_of(value.integer_array_value)
-    return None

@@ -1,6 +1,6 @@
 """The ROS side of a robot's archive: hands out pieces when they are asked for, and no faster than is good for others.
 
-What is spoken is told in `segway_ecc.deploy.support.pieces`.
+The parameters are described in `segway_ecc.deploy.support.pieces`.
 """
 
 import importlib
@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from segway_ecc.deploy.support.pieces import Value, words_of
+from segway_ecc.deploy.support.pieces import Value, piece_of, words_of
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.untyped import RosObject
 
@@ -71,3 +71,12 @@ class ArchiveServer:
         lines = [str(line) for line in answer]
         self._owed_s += sum(len(line) for line in lines) / self._bytes_per_s
         return self._value_type(type=_STRINGS, string_array_value=lines)
+
+
+def value_of(value: RosObject) -> Value:
+    """What a `rcl_interfaces/msg/ParameterValue` holds; None for a type that no archive sends."""
+    if value.type == _STRING:
+        return str(value.string_value)
+    if value.type == _STRINGS:
+        return list(value.string_array_value)
+    return piece_of(value.integer_array_value) if value.type == _INTEGERS else None

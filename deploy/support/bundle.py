@@ -132,34 +132,33 @@ def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], ma
 def write_parts(stream: IO[bytes], parts: Sequence[Part], about: Mapping[str, str], made: str) -> BundleManifest:
     """Write the parts and the manifest into an open file."""
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        manifest = BundleManifest(about, made, [_written(archive, part) for part in parts])
+        manifest = BundleManifest(about, made, [_write_part(archive, part) for part in parts])
         archive.writestr(_info(MANIFEST), json_text(manifest), zipfile.ZIP_DEFLATED)
     return manifest
 
 
-def _written(archive: zipfile.ZipFile, part: Part) -> PartEntry:
+def _write_part(archive: zipfile.ZipFile, part: Part) -> PartEntry:
     try:
         collected = part.collect()
     except Exception as error:  # noqa: BLE001 - one part must not cost the others
-        return PartEntry(part.name, "missing", (), (hidden(_why(error)),))
+        return PartEntry(part.name, "missing", (), (hidden(_reason(error)),))
     files: list[FileEntry] = []
     missing = [hidden(text) for text in collected.missing]
     for name, content in collected.files.items():
         try:
-            files.append(_write(archive, name, content))
+            files.append(_write_file(archive, name, content))
         except _SourceError as error:
-            missing.append(f"{name}: {_why(error.cause)}")
+            missing.append(f"{name}: {error}")
     state = "missing" if not files else "partly" if missing else "complete"
     return PartEntry(part.name, state, files, missing)
 
 
-def _write(archive: zipfile.ZipFile, name: str, content: Content) -> FileEntry:
-    is_text = isinstance(content, str)
-    pieces = _text_pieces(content) if isinstance(content, str) else _pieces(content)
+def _write_file(archive: zipfile.ZipFile, name: str, content: Content) -> FileEntry:
+    info, is_text = _info(name), isinstance(content, str)
+    pieces = iter([hidden(content).encode("utf-8", "replace")]) if isinstance(content, str) else _pieces(content)
     # The first piece is read before the entry is begun: a file that is not there leaves nothing behind.
     first = next(pieces, b"")
     digest, size = hashlib.sha256(first), len(first)
-    info = _info(name)
     info.compress_type = zipfile.ZIP_DEFLATED if is_text else zipfile.ZIP_STORED
     with archive.open(info, "w", force_zip64=not is_text) as entry:
         entry.write(first)
@@ -170,37 +169,22 @@ def _write(archive: zipfile.ZipFile, name: str, content: Content) -> FileEntry:
     return FileEntry(name, size, digest.hexdigest())
 
 
-def _text_pieces(text: str) -> Iterator[bytes]:
-    yield hidden(text).encode("utf-8", "replace")
-
-
-def _pieces(stored: Stored) -> Iterator[bytes]:
-    try:
-        file = stored.open()
-    except OSError as error:
-        raise _SourceError(error) from error
-    try:
-        left = stored.size
-        while left > 0 and (piece := _read(file, min(left, _PIECE))):
-            left -= len(piece)
-            yield piece
-    finally:
-        os.close(file)
-
-
-def _read(file: int, size: int) -> bytes:
-    try:
-        return os.read(file, size)
-    except OSError as error:
-        raise _SourceError(error) from error
-
-
 class _SourceError(Exception):
     """What was to be put in cannot be read; that the bundle cannot be written is another matter, and ends it."""
 
-    def __init__(self, cause: OSError) -> None:
-        super().__init__(str(cause))
-        self.cause = cause
+
+def _pieces(stored: Stored) -> Iterator[bytes]:
+    file, left = None, stored.size
+    try:
+        file = stored.open()
+        while left > 0 and (piece := os.read(file, min(left, _PIECE))):
+            left -= len(piece)
+            yield piece
+    except OSError as error:
+        raise _SourceError(_reason(error)) from error
+    finally:
+        if file is not None:
+            os.close(file)
 
 
 def _info(name: str) -> zipfile.ZipInfo:
@@ -209,7 +193,7 @@ def _info(name: str) -> zipfile.ZipInfo:
     return info
 
 
-def _why(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     if isinstance(error, FileNotFoundError) and not error.filename:
         return "it is not there any more"
     text = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)

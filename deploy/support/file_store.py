@@ -13,7 +13,6 @@ from segway_ecc.deploy.support.pieces import (
     BUNDLE,
     BUSY,
     FAILED,
-    LOG,
     LOGS,
     MAKE,
     NONE,
@@ -31,11 +30,11 @@ from segway_ecc.deploy.support.worker import Worker
 _HASHED_AT_ONCE: Final = 1024 * 1024
 _FRESH_NS: Final = 30_000_000_000
 MakeBundle: TypeAlias = Callable[[Path], Path]
-"""Makes a support bundle in a folder, and tells where; may take a minute."""
+"""Makes a support bundle in a folder and returns its path; may take a minute."""
 
 
 class FileStore:
-    """Answers what is asked for."""
+    """The logs of a folder and the newest support bundle, as parameters."""
 
     def __init__(
         self, logs: Path, work: Path, make: MakeBundle, clock_ns: Callable[[], int] = time.monotonic_ns
@@ -62,46 +61,36 @@ class FileStore:
             return listing_of(logs_in(self._logs))
         if name in {BUNDLE, MAKE}:
             return self._bundle(is_wanted=name == MAKE)
-        wanted = file_request_of(name)
-        if wanted is None:
-            return None
-        if wanted.kind == SHA256:
-            return self._sha256(wanted)
-        return self._piece(wanted)
+        request = file_request_of(name)
+        return None if request is None else self._content(request)
 
     def close(self) -> None:
         """Wait a moment for what is being made."""
         self._worker.close()
 
-    def _piece(self, wanted: FileRequest) -> bytes | None:
-        folder = self._logs if wanted.kind == LOG else self._work
-        made = self._last_made()
-        if wanted.kind == BUNDLE and (made is None or made.name != wanted.name):
+    def _content(self, request: FileRequest) -> Value:
+        last = self._last_made()
+        if request.kind == BUNDLE and (last is None or last.name != request.name):
             return None
         try:
-            file, _ = open_log(folder, wanted.name)
+            file, size = open_log(self._work if request.kind == BUNDLE else self._logs, request.name)
         except FileNotFoundError:
             return None
         try:
-            return os.pread(file, PIECE_BYTES, wanted.number)
+            if request.kind != SHA256:
+                return os.pread(file, PIECE_BYTES, request.number)
+            # A log only grows: its beginning stays what it was.
+            key = f"{SHA256} {request.name} {request.number} {os.fstat(file).st_ino}"
+            return self._sha256(key, request) if size >= request.number else None
         except OSError:
             return None
         finally:
             os.close(file)
 
-    def _sha256(self, wanted: FileRequest) -> str | None:
-        try:
-            file, size = open_log(self._logs, wanted.name)
-        except FileNotFoundError:
-            return None
-        # A log only grows: its beginning stays what it was.
-        key = f"{SHA256} {wanted.name} {wanted.number} {os.fstat(file).st_ino}"
-        os.close(file)
-        if size < wanted.number:
-            return None
+    def _sha256(self, key: str, request: FileRequest) -> str:
         result = self._worker.result(key)
         if result is None:
-            self._worker.begin(key, functools.partial(_hashed, self._logs, wanted.name, wanted.number))
+            self._worker.begin(key, functools.partial(_hashed, self._logs, request.name, request.number))
             return BUSY
         if result.startswith(FAILED):
             self._worker.forget(key)
@@ -110,22 +99,19 @@ class FileStore:
     def _bundle(self, *, is_wanted: bool) -> str:
         if self._worker.is_busy and self._worker.key == BUNDLE:
             return BUSY
-        if is_wanted and not self._is_fresh():
+        old = self._last_made()
+        # Another one, made a moment after the last, would take that from who fetches it.
+        if is_wanted and (old is None or self._clock_ns() - self._made_ns >= _FRESH_NS):
             self._is_wanted = True
         if not self._is_wanted:
             return self._worker.result(BUNDLE) or NONE
-        old = self._last_made()
-        if self._worker.begin(BUNDLE, self._made):  # or else a log is being hashed: next time
+        if self._worker.begin(BUNDLE, self._make_bundle):  # or else a log is being hashed: next time
             self._is_wanted = False
             if old is not None:
                 (self._work / old.name).unlink(missing_ok=True)
         return BUSY
 
-    def _is_fresh(self) -> bool:
-        """Whether the newest bundle was made a moment ago; another one would take it from who fetches it."""
-        return self._last_made() is not None and self._clock_ns() - self._made_ns < _FRESH_NS
-
-    def _made(self) -> str:
+    def _make_bundle(self) -> str:
         path = self._make(self._work)
         size = path.stat().st_size
         self._made_ns = self._clock_ns()

@@ -30,7 +30,7 @@ from segway_ecc.deploy.support.log_folder import LONGEST_NAME, MOST_LOGS, LogFil
 
 NODE: Final = "archive"
 PIECE_BYTES: Final = 60 * 1024
-"""Fits one UDP message of DDS; what else the robot has to say waits for no more than that on a slow network."""
+"""Fits one UDP message of DDS; what else the robot has to send waits for no more than that on a slow network."""
 BUSY: Final = "busy"
 NONE: Final = "none"
 FAILED: Final = "failed: "
@@ -125,7 +125,7 @@ def logs_of(lines: Sequence[str]) -> list[LogFile]:
 
 
 def finished_bundle_of(text: str) -> FinishedBundle | None:
-    """The bundle that a text tells of, or None."""
+    """The bundle that a text describes, or None."""
     name, size, sha256 = [*text.rsplit(" ", 2), "", ""][:3]
     if not (_is_name(name) and _is_count(size) and is_sha256(sha256)):
         return None

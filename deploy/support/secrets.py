@@ -1,4 +1,4 @@
-"""Keeps secrets out of what is handed to others: by the names they bear, and by what tokens and keys look like."""
+"""Keeps secrets out of what is handed to others: by their names, and by what tokens and keys look like."""
 
 import itertools
 import re
@@ -31,7 +31,7 @@ _OFTEN: Final = 0.36
 
 
 def hidden(text: str) -> str:
-    """A text without secrets: what a name says is one, what is in a URL, PEM, and words that look made at random."""
+    """A text without secrets: what is named as one, what is in a URL, PEM, and words that look made at random."""
     text = _PEM.sub(HIDDEN, text)
     text = _IN_URL.sub(rf"\1:{HIDDEN}", text)
     text = _ROLE.sub(rf"\1{HIDDEN}", text)
@@ -56,10 +56,8 @@ def _without_value(found: re.Match[str]) -> str:
 
 def _is_random(word: str) -> bool:
     """Whether a long word is a token or a key, and no path, name or hash (which has small letters only)."""
-    return all(kind.search(word) for kind in _CASES) and _changes(word) >= _OFTEN * len(word)
-
-
-def _changes(word: str) -> int:
-    """How often a word goes from one kind of letter to another."""
+    if not all(kind.search(word) for kind in _CASES):
+        return False
+    # How often it goes from one kind of letter to another.
     kinds = [next((n for n, kind in enumerate(_RANDOM) if kind.match(letter)), -1) for letter in word]
-    return sum(one != other for one, other in itertools.pairwise(kinds))
+    return sum(one != other for one, other in itertools.pairwise(kinds)) >= _OFTEN * len(word)

@@ -1,4 +1,4 @@
-"""One job at a time, in the background and at the lowest priority, so that nothing else on the machine feels it."""
+"""One task at a time, in the background and at the lowest priority, so that nothing else on the machine is slowed."""
 
 import contextlib
 import os
@@ -13,10 +13,10 @@ _KEPT: Final = 256
 
 
 class Worker:
-    """Does jobs, each known by a key; asked again, it tells what came of it. Used by one thread.
+    """Runs tasks, each known by a key, and keeps their results. Used by one thread.
 
     Attributes:
-        key: Of the job that is being done, or was last.
+        key: Of the task that runs, or ran last.
     """
 
     def __init__(self) -> None:
@@ -27,39 +27,39 @@ class Worker:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a job is being done."""
+        """Whether a task runs."""
         return self._thread is not None and self._thread.is_alive()
 
     def result(self, key: str) -> str | None:
-        """What came of a job; None where there is nothing yet."""
+        """The result of a task; None where there is none yet."""
         return self._results.get(key)
 
     def forget(self, key: str) -> None:
-        """Let a job be done again."""
+        """Discard a result, so that its task can run again."""
         self._results.pop(key, None)
 
-    def begin(self, key: str, job: Callable[[], str]) -> bool:
-        """Do a job, in place of what came of it before; whether it was begun, which it is not while another is done."""
+    def begin(self, key: str, task: Callable[[], str]) -> bool:
+        """Run a task in place of its last result; whether it was begun, which it is not while another runs."""
         if self.is_busy:
             return False
         self.forget(key)
         self.key = key
-        self._thread = threading.Thread(target=self._run, args=(key, job), name="archive", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(key, task), name="archive", daemon=True)
         self._thread.start()
         return True
 
     def close(self) -> None:
-        """Wait a moment for what is being done."""
+        """Wait a moment for the task that runs."""
         if self._thread is not None:
             self._thread.join(_ENDS_WITHIN_S)
 
-    def _run(self, key: str, job: Callable[[], str]) -> None:
+    def _run(self, key: str, task: Callable[[], str]) -> None:
         with contextlib.suppress(OSError):
             # On Linux a priority is of one thread (setpriority(2), NOTES).
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOWEST)
         try:
-            result = job()
-        except Exception as error:  # noqa: BLE001 - whoever asked is told
+            result = task()
+        except Exception as error:  # noqa: BLE001 - whoever asks gets it as the result
             result = f"failed: {getattr(error, 'strerror', None) or error or type(error).__name__}"
         self._results[key] = result
         while len(self._results) > _KEPT:

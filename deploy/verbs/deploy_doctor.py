@@ -28,7 +28,7 @@ _WIDTH: Final = 120
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `doctor`."""
+    """The options of `deploy doctor`."""
     names = ", ".join(packaged_robots())
     parser.add_argument(
         "robot", nargs="?", help=f"a robot file, or one of {names} (default: {_INSTALLED_ROBOT}, where it is there)"
@@ -42,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Look at the machine, and print what was found."""
-    file = _robot(options)
+    if options.robot is None and _INSTALLED_ROBOT.exists():
+        options.robot = str(_INSTALLED_ROBOT)
+    file = None if options.robot is None else robot_file(options)
     findings = examine(System(RealProbes(_show_progress)), _workload(file, options.logs))
     _show_progress(1.0)
     name = None if file is None else file.name
@@ -56,29 +58,20 @@ def run(options: argparse.Namespace) -> int:
 def report(robot: str | None, findings: Sequence[Finding]) -> str:
     """The findings for people, and the sum of them in the last line."""
     width = max(len(finding.name) for finding in findings)
-    lines = [line for finding in findings for line in _lines(finding, width)]
+    margin = " " * (len("warning") + 2 + width + 2)
+    lines = []
+    for finding in findings:
+        # Commands are not broken, so that they can be copied.
+        found = textwrap.wrap(finding.found, max(_WIDTH - len(margin), 40), break_long_words=False) or [""]
+        if finding.verdict is not Verdict.GOOD:
+            found += [f"so: {finding.effect}", f"do: {finding.remedy}"]
+        lines.append(f"{finding.verdict:<7}  {finding.name:<{width}}  {found[0]}")
+        lines += [margin + line for line in found[1:]]
     counts = {verdict: sum(finding.verdict is verdict for finding in findings) for verdict in Verdict}
     fit = "fit" if is_fit(findings) else "not fit"
     what = "a robot" if robot is None else f"'{robot}'"
-    told = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (Verdict.BAD, Verdict.WARNING, Verdict.GOOD))
-    return "\n".join([*lines, f"{fit} to run {what}: {told}", ""])
-
-
-def _lines(finding: Finding, width: int) -> list[str]:
-    margin = " " * (len("warning") + 2 + width + 2)
-    head = f"{finding.verdict:<7}  {finding.name:<{width}}  "
-    # Commands are not broken, so that they can be copied.
-    found = textwrap.wrap(finding.found, max(_WIDTH - len(margin), 40), break_long_words=False) or [""]
-    rest = found[1:]
-    if finding.verdict is not Verdict.GOOD:
-        rest += [f"so: {finding.effect}", f"do: {finding.remedy}"]
-    return [head + found[0], *(margin + line for line in rest)]
-
-
-def _robot(options: argparse.Namespace) -> RobotFile | None:
-    if options.robot is None and _INSTALLED_ROBOT.exists():
-        options.robot = str(_INSTALLED_ROBOT)
-    return None if options.robot is None else robot_file(options)
+    total = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (Verdict.BAD, Verdict.WARNING, Verdict.GOOD))
+    return "\n".join([*lines, f"{fit} to run {what}: {total}", ""])
 
 
 def _workload(file: RobotFile | None, logs: Path | None) -> Workload:

@@ -19,7 +19,7 @@ _AS_ROOT: Final = ("--map-root-user", "--map-auto")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `image`."""
+    """The options of `deploy image`."""
     add_json(parser)
     default = Recipe()
     option = parser.add_argument
@@ -47,11 +47,11 @@ def run(options: argparse.Namespace) -> int:
     if os.geteuid() != 0:
         return _as_root(recipe)
     if options.config is not None and not options.config.is_dir():
-        raise ConfigurationError(f"--config {options.config} is no folder")
-    wishes = BuildOptions(
+        raise ConfigurationError(f"--config {options.config} is not a directory")
+    what = BuildOptions(
         options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size
     )
-    image = build(recipe, options.folder, wishes, _tell)
+    image = build(recipe, options.folder, what, _show_step)
     made = manifest.read(image.manifest)
     other = options.like or options.compare
     found = manifest.differences(manifest.read(other), made) if other is not None else []
@@ -82,12 +82,12 @@ def _recipe(options: argparse.Namespace) -> Recipe:
 def _as_root(recipe: Recipe) -> int:
     """The same command again in a user namespace, where this user's subordinate ids are all users of the image."""
     if missing() is None:
-        _tell("Debian packages")
+        _show_step("Debian packages")
         base_archive(recipe)  # before, since mmdebstrap makes a namespace of its own
     unshare = shutil.which("unshare") or "unshare"
     sys.stdout.flush()
     os.execv(unshare, [unshare, *_AS_ROOT, "--", sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *sys.argv[1:]])  # noqa: S606 - ours
 
 
-def _tell(what: str) -> None:
+def _show_step(what: str) -> None:
     sys.stderr.write(f"segway-ecc: {what}\n")

@@ -32,7 +32,7 @@ _logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `archive`."""
+    """The options of `log archive`."""
     parser.add_argument("robot", help=f"a robot file, or one of {', '.join(packaged_robots())}")
     add_namespace(parser)
     parser.add_argument("--folder", type=Path, metavar="DIR", help="where the logs lie")
@@ -51,7 +51,16 @@ def run(options: argparse.Namespace) -> int:
     require_ros()
     with contextlib.suppress(OSError):
         os.nice(_NICENESS)
-    wish = BundleOptions(folder, most_bytes=_MOST_LOG_BYTES, robot=text, robots=partial(robots, options.ros_arguments))
+    content = BundleOptions(
+        folder, most_bytes=_MOST_LOG_BYTES, robot=text, robots=partial(robots, options.ros_arguments)
+    )
+
+    def make_bundle(place: Path) -> Path:
+        now = dt.datetime.now(dt.UTC)
+        path = place / f"support-{now:%Y%m%dT%H%M%S%f}Z.zip"
+        write_bundle(path, machine_parts(content), {"robot": name}, now.isoformat(timespec="seconds"))
+        return path
+
     ended: list[str] = []
     with (
         messages(),
@@ -59,16 +68,9 @@ def run(options: argparse.Namespace) -> int:
         stopped_by_signals(ended.append),
         ros_node(NODE, options.namespace, options.ros_arguments) as node,
     ):
-        file_store = FileStore(folder, Path(work), lambda place: _made(place, wish, name))
+        file_store = FileStore(folder, Path(work), make_bundle)
         server = ArchiveServer(node, file_store.answer, options.rate * _MEGABYTE)
         _logger.info("handing out %s as %s, at most %g MB/s", folder, node.get_fully_qualified_name(), options.rate)
         server.run(lambda: bool(ended))
         file_store.close()
     return 0
-
-
-def _made(place: Path, wish: BundleOptions, name: str) -> Path:
-    now = dt.datetime.now(dt.UTC)
-    path = place / f"support-{now:%Y%m%dT%H%M%S%f}Z.zip"
-    write_bundle(path, machine_parts(wish), {"robot": name}, now.isoformat(timespec="seconds"))
-    return path

@@ -10,7 +10,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.deploy.station.bundle_part import robots
-from segway_ecc.deploy.support.bundle import BundleManifest, PartEntry, write_bundle
+from segway_ecc.deploy.support.bundle import write_bundle
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table
 from segway_ecc.node.config import load_robot, packaged_robots, read_text
@@ -22,7 +22,7 @@ _KIB: Final = 1024
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `support-bundle`."""
+    """The options of `log bundle`."""
     parser.add_argument("robot", nargs="?", help=f"a robot file to put in, or one of {', '.join(packaged_robots())}")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where it goes (default: here, by robot and time)")
     parser.add_argument("--logs", type=int, default=1, metavar="N", help="how many of the newest logs (default: 1)")
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     made = dt.datetime.now(dt.UTC)
     name = "machine" if options.robot is None else _name(options.robot)
     out: Path = options.out or Path(f"segway-ecc-support-{name}-{made:%Y%m%dT%H%M%SZ}.zip")
-    wish = BundleOptions(
+    content = BundleOptions(
         logs=options.log_folder or default_log("").parent,
         log_count=options.logs,
         robot=text,
@@ -47,11 +47,20 @@ def run(options: argparse.Namespace) -> int:
         robots=partial(robots, options.ros_arguments),
     )
     try:
-        manifest = write_bundle(out, machine_parts(wish), {"robot": name}, made.isoformat(timespec="seconds"))
+        manifest = write_bundle(out, machine_parts(content), {"robot": name}, made.isoformat(timespec="seconds"))
         size = out.stat().st_size
     except OSError as error:
         raise ConfigurationError(f"--out {out} cannot be written: {error.strerror}") from None
-    _show(out, size, manifest, as_json=options.json)
+    if options.json:
+        print_json({"file": str(out), "bytes": size, **msgspec.to_builtins(manifest)})
+        return 0
+    rows = {}
+    for part in manifest.parts:
+        total = sum(file.bytes for file in part.files)
+        has = f"{', '.join(file.name for file in part.files)} ({total / _KIB:.0f} KiB)" if part.files else ""
+        lacks = f"not: {'; '.join(part.missing)}" if part.missing else ""
+        rows[part.part] = "; ".join(filter(None, (has, lacks)))
+    print_table({**rows, "bundle": f"{out} ({size / _KIB:.0f} KiB)"})
     return 0
 
 
@@ -62,18 +71,3 @@ def _name(robot: str) -> str:
     except ConfigurationError:
         name = Path(robot).stem
     return _NOT_PLAIN.sub("_", name) or "robot"
-
-
-def _show(out: Path, size: int, manifest: BundleManifest, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"file": str(out), "bytes": size, **msgspec.to_builtins(manifest)})
-        return
-    rows = {part.part: _text(part) for part in manifest.parts}
-    print_table({**rows, "bundle": f"{out} ({size / _KIB:.0f} KiB)"})
-
-
-def _text(part: PartEntry) -> str:
-    total = sum(file.bytes for file in part.files)
-    has = f"{', '.join(file.name for file in part.files)} ({total / _KIB:.0f} KiB)" if part.files else ""
-    lacks = f"not: {'; '.join(part.missing)}" if part.missing else ""
-    return "; ".join(filter(None, (has, lacks)))

@@ -19,6 +19,7 @@ from segway_ecc.deploy.station.installer.tokens import ACCESS, has_tokens, is_th
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.listening import url
 from segway_ecc.deploy.station.web.origins import SiteAddress
+from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 
@@ -28,11 +29,22 @@ _WIREGUARD: Final = "wg-robots"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `base-station`."""
+    """The options of `station install`."""
     add_json(parser)
-    _add_settings(parser)
     option = parser.add_argument
-    option("--new-tokens", action="store_true", help="make new tokens; the old ones are good for nothing any more")
+    option("--domain", type=int, default=_DEFAULT.domain, metavar="N", help="ROS domain (default: %(default)s)")
+    option("--peer", action="append", default=[], metavar="NAME", help="a machine that ROS asks, by name or address")
+    option("--discovery", choices=DISCOVERY, default="", help="whom ROS finds besides (default: subnet without peers)")
+    option("--address", default=_DEFAULT.address, help="where the page is served (default: %(default)s)")
+    option("--port", type=int, default=_DEFAULT.port, help="the same (default: %(default)s)")
+    option(
+        "--firewall",
+        nargs="?",
+        const=_WIREGUARD,
+        metavar="INTERFACE",
+        help=f"let ROS and the page be reached through this interface only (default: {_WIREGUARD})",
+    )
+    add_listening(parser)
     option("--command", metavar="PATH", help="the program that the service runs (default: that of this environment)")
     option("--root", type=Path, metavar="DIR", help="write into a root file system, as of an image; nothing is started")
     what = parser.add_mutually_exclusive_group()
@@ -42,43 +54,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do it."""
-    machine = _machine(options)
+    if options.root is not None and not options.root.is_dir():
+        raise ConfigurationError(f"--root {options.root} is not a directory")
+    machine = TargetMachine(_THIS) if options.root is None else TargetMachine(options.root.resolve(), is_live=False)
     if options.remove:
         _require_root(machine)
-        _print_changes(remove(machine), "removed", as_json=options.json)
+        names = remove(machine)
+        if options.json:
+            print_json({"removed": names})
+        else:
+            sys.stdout.write("".join(f"removed {name}\n" for name in names) or "there was nothing\n")
         return 0
-    settings = _settings(options)
-    if not options.dry_run:
-        _require_root(machine)
-    made = plan(machine, settings, options.command)
-    if options.dry_run:
-        sys.stdout.write(_described(made, new_tokens=options.new_tokens))
-        return 0
-    _install(made, options)
-    return 0
-
-
-def _add_settings(parser: argparse.ArgumentParser) -> None:
-    option = parser.add_argument
-    option("--domain", type=int, default=_DEFAULT.domain, metavar="N", help="ROS domain (default: %(default)s)")
-    option("--peer", action="append", default=[], metavar="NAME", help="a machine that ROS asks, by name or address")
-    option("--discovery", choices=DISCOVERY, default="", help="whom ROS finds besides (default: subnet without peers)")
-    option("--address", default=_DEFAULT.address, help="where the page is served (default: %(default)s)")
-    option("--port", type=int, default=_DEFAULT.port, help="the same (default: %(default)s)")
-    option("--host", action="append", default=[], metavar="NAME", help="another name by which browsers find us")
-    option("--certificate", type=Path, metavar="FILE", help="certificate chain for TLS, PEM")
-    option("--key", type=Path, metavar="FILE", help="its private key, where it is not in the same file")
-    option(
-        "--firewall",
-        nargs="?",
-        const=_WIREGUARD,
-        metavar="INTERFACE",
-        help=f"let ROS and the page be reached through this interface only (default: {_WIREGUARD})",
-    )
-
-
-def _settings(options: argparse.Namespace) -> InstallSettings:
-    return InstallSettings(
+    settings = InstallSettings(
         options.domain,
         options.discovery,
         tuple(dict.fromkeys(options.peer)),
@@ -89,23 +76,28 @@ def _settings(options: argparse.Namespace) -> InstallSettings:
         _absolute(options.key),
         options.firewall,
     )
+    if not options.dry_run:
+        _require_root(machine)
+    made = plan(machine, settings, options.command)
+    if options.dry_run:
+        # Each file with its content, then the commands.
+        parts = [f"# {name} (0644, root)\n{text}" for name, text in made.files.items()]
+        if options.new_tokens or not has_tokens(machine):
+            parts.append(f"# {ACCESS} (0600, {USER})\n# hashes of two new tokens\n")
+        parts.append("".join(f"$ {' '.join(words)}\n" for words in commands(made)))
+        sys.stdout.write("\n".join(filter(None, parts)))
+        return 0
+    _install(made, options)
+    return 0
 
 
 def _absolute(path: Path | None) -> Path | None:
     return None if path is None else path.absolute()
 
 
-def _machine(options: argparse.Namespace) -> TargetMachine:
-    if options.root is None:
-        return TargetMachine(_THIS)
-    if not options.root.is_dir():
-        raise ConfigurationError(f"--root {options.root} is no folder")
-    return TargetMachine(options.root.resolve(), is_live=False)
-
-
 def _require_root(machine: TargetMachine) -> None:
     if machine.is_live and not _is_root():
-        raise ConfigurationError(f"only root may do this: sudo {Path(sys.argv[0]).absolute()} base-station ...")
+        raise ConfigurationError(f"only root may do this: sudo {Path(sys.argv[0]).absolute()} station install ...")
 
 
 def _is_root() -> bool:
@@ -117,16 +109,13 @@ def _install(made: Plan, options: argparse.Namespace) -> None:
 
     def show(tokens: Mapping[Role, str]) -> None:
         kept.update(tokens)
-        _show(tokens)
+        show_tokens(tokens)
 
     changed = install(made, new_tokens=options.new_tokens, show=show)
     place = SiteAddress(made.settings.scheme, made.settings.port)
     page = url(made.settings.address, place)
     if not made.settings.is_loopback and made.settings.certificate is None:
-        sys.stderr.write(
-            "segway-ecc: plain HTTP: whoever is on this network can read the token and use it; "
-            "give --certificate and --key\n"
-        )
+        sys.stderr.write(f"segway-ecc: {PLAIN_HTTP}\n")
     if not is_the_service_s(made.machine):
         sys.stderr.write(
             f"segway-ecc: {ACCESS} has to belong to {USER} there before the station starts: do this as root, with "
@@ -136,26 +125,3 @@ def _install(made: Plan, options: argparse.Namespace) -> None:
         print_json({"open": page, "tokens": {role.value: token for role, token in kept.items()}, "changed": changed})
         return
     print_table({"open": page, "tokens": "new, shown above" if kept else "as before (see --new-tokens)"})
-
-
-def _show(tokens: Mapping[Role, str]) -> None:
-    """At once: if what comes next fails, they are good all the same."""
-    rows = "".join(f"  {role.value:<8}  {token}\n" for role, token in tokens.items())
-    sys.stderr.write(f"segway-ecc: new tokens, shown this once; keep them:\n{rows}")
-    sys.stderr.flush()
-
-
-def _described(made: Plan, *, new_tokens: bool) -> str:
-    """The plan for people: each file with its content, then the commands."""
-    parts = [f"# {name} (0644, root)\n{text}" for name, text in made.files.items()]
-    if new_tokens or not has_tokens(made.machine):
-        parts.append(f"# {ACCESS} (0600, {USER})\n# hashes of two new tokens\n")
-    parts.append("".join(f"$ {' '.join(words)}\n" for words in commands(made)))
-    return "\n".join(part for part in parts if part)
-
-
-def _print_changes(names: list[str], title: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json({title: names})
-    else:
-        sys.stdout.write("".join(f"{title} {name}\n" for name in names) or "there was nothing\n")

@@ -8,7 +8,6 @@ import importlib.util
 import logging
 import socket
 import ssl
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -16,10 +15,11 @@ from typing import Final
 from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
-from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_access
+from segway_ecc.deploy.station.web.access import Access, load_access, new_access
 from segway_ecc.deploy.station.web.listening import bind, site_address_of, tls_context, url
 from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.support.archive_calls import ArchiveCalls
+from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError
@@ -33,15 +33,12 @@ _logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `supervise`."""
+    """The options of `station serve`."""
     add_json(parser)
     option = parser.add_argument
     option("--address", default="127.0.0.1", help="where to listen (default: 127.0.0.1, for this machine only)")
     option("--port", type=int, default=_PORT, help=f"where to listen, 0 for any that is free (default: {_PORT})")
-    option("--host", action="append", default=[], metavar="NAME", help="another name by which browsers find us")
-    option("--certificate", type=Path, metavar="FILE", help="certificate chain for TLS, PEM")
-    option("--key", type=Path, metavar="FILE", help="its private key, where it is not in the same file")
-    option("--new-tokens", action="store_true", help="make new tokens; the old ones are good for nothing any more")
+    add_listening(parser)
     option("--require-token", action="store_true", help="ask for a token on loopback too")
     option("--folder", type=Path, metavar="DIR", help="where tokens and the audit log are kept")
     option("--logs", type=Path, metavar="DIR", help="where the logs lie that the page offers")
@@ -53,18 +50,27 @@ def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     _require(options)
     require_ros()
-    tls = _tls(options)
+    tls = None if options.certificate is None else tls_context(options.certificate, options.key)
     sockets = bind(options.address, options.port)
     try:
         place = site_address_of(sockets, "http" if tls is None else "https", options.host)
-        folder = _folder(options)
+        folder: Path = options.folder or default_log("").parents[1] / "station"
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise ConfigurationError(f"--folder {folder} cannot be made: {error.strerror}") from None
         access = _access(options, folder, place)
         with messages():
             report = _serve(options, sockets, place, (access, tls, folder))
     finally:
         for bound in sockets:
             bound.close()
-    _print(report, as_json=options.json)
+    if options.json:
+        print_json(report)
+        return 0
+    refused = report["refused"]
+    total = ", ".join(f"{cause} {count}" for cause, count in refused.items()) if isinstance(refused, dict) else ""
+    print_table({"ended by": str(report["ended_by"]), "refused": total or "nothing"})
     return 0
 
 
@@ -79,19 +85,6 @@ def _require(options: argparse.Namespace) -> None:
         )
 
 
-def _tls(options: argparse.Namespace) -> ssl.SSLContext | None:
-    return None if options.certificate is None else tls_context(options.certificate, options.key)
-
-
-def _folder(options: argparse.Namespace) -> Path:
-    folder: Path = options.folder or default_log("").parents[1] / "station"
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    except OSError as error:
-        raise ConfigurationError(f"--folder {folder} cannot be made: {error.strerror}") from None
-    return folder
-
-
 def _access(options: argparse.Namespace, folder: Path, place: SiteAddress) -> Access | None:
     """Who gets in; tokens are made at the first start that needs them."""
     if place.is_loopback and not options.require_token and not options.new_tokens:
@@ -101,15 +94,8 @@ def _access(options: argparse.Namespace, folder: Path, place: SiteAddress) -> Ac
     if access is None:
         access, tokens = new_access()
         access.save(path)
-        _show(tokens)
+        show_tokens(tokens)
     return access if not place.is_loopback or options.require_token else None
-
-
-def _show(tokens: Mapping[Role, str]) -> None:
-    """The only time that anybody sees them; not through the messages, which may be kept."""
-    rows = "".join(f"  {role.value:<8}  {token}\n" for role, token in tokens.items())
-    sys.stderr.write(f"segway-ecc: new tokens, shown this once; keep them:\n{rows}")
-    sys.stderr.flush()
 
 
 def _serve(
@@ -118,14 +104,17 @@ def _serve(
     place: SiteAddress,
     means: tuple[Access | None, ssl.SSLContext | None, Path],
 ) -> Mapping[str, object]:
-    # Only here, so that what is missing is told in one line: both need aiohttp.
+    # Only here, so that what is missing is reported in one line: both need aiohttp.
     serving = importlib.import_module("segway_ecc.deploy.station.web.serve")
     server = importlib.import_module("segway_ecc.deploy.station.web.server")
     access, tls, folder = means
+    name = str(options.name or socket.gethostname())[:_LONGEST_NAME]
+    if not name.isprintable():
+        raise ConfigurationError("--name has letters that cannot be printed")
     logs = options.logs or default_log("").parent
     with (
         contextlib.closing(ArchiveClient(ArchiveCalls(options.ros_arguments), folder / "fetched")) as archive,
-        Station(_name(options), ros_arguments=options.ros_arguments) as station,
+        Station(name, ros_arguments=options.ros_arguments) as station,
     ):
         settings = server.ServerSettings(
             place,
@@ -138,30 +127,12 @@ def _serve(
             archive=archive,
         )
         report: Mapping[str, object] = serving.serve(
-            station, sockets, settings, stopped_by_signals, lambda: _say(options, place)
+            station, sockets, settings, stopped_by_signals, lambda: _log_address(options, place)
         )
     return report
 
 
-def _say(options: argparse.Namespace, place: SiteAddress) -> None:
+def _log_address(options: argparse.Namespace, place: SiteAddress) -> None:
     if not place.is_loopback and place.scheme == "http":
-        _logger.warning(
-            "plain HTTP: whoever is on this network can read the token and use it; give --certificate and --key"
-        )
+        _logger.warning(PLAIN_HTTP)
     _logger.info("open %s", url(options.address, place))
-
-
-def _name(options: argparse.Namespace) -> str:
-    name = str(options.name or socket.gethostname())[:_LONGEST_NAME]
-    if not name.isprintable():
-        raise ConfigurationError("--name has letters that cannot be printed")
-    return name
-
-
-def _print(report: Mapping[str, object], *, as_json: bool) -> None:
-    if as_json:
-        print_json(report)
-        return
-    refused = report["refused"]
-    total = ", ".join(f"{cause} {count}" for cause, count in refused.items()) if isinstance(refused, dict) else ""
-    print_table({"ended by": str(report["ended_by"]), "refused": total or "nothing"})

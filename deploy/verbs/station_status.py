@@ -8,7 +8,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -24,13 +24,13 @@ from segway_ecc.node.safety.modes import Mode
 FAULT: Final = 10
 _LOOK_EVERY_S: Final = 0.05
 _SETTLED_S: Final = 4.0
-"""Without a new robot for this long all are taken to be found: what Fast DDS lost it says again after 3 s."""
+"""Without a new robot for this long all are taken to be found: what Fast DDS lost it repeats after 3 s."""
 _LONGEST_S: Final = 3600.0
 _NONE: Final = "-"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of `status`."""
+    """The options of `station status`."""
     add_json(parser)
     parser.add_argument(
         "--wait", type=float, default=10.0, metavar="S", help="look for at most this long (default: 10)"
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         fleet = _look(station.fleet, options.wait, stop)
     if not fleet.robots:
         raise NobodyListensError(
-            f"no robot was heard within {options.wait:g} s ({discovery_text()}); start one with: segway-ecc run ROBOT"
+            f"no robot was found within {options.wait:g} s ({discovery_text()}); start one with: segway-ecc run ROBOT"
         )
     if options.json:
         print_json(msgspec.to_builtins(fleet))
@@ -67,7 +67,7 @@ def exit_code(fleet: FleetView) -> int:
 
 
 def is_settled(fleet: FleetView) -> bool:
-    """Whether every robot that can still be heard has told all it tells once a second."""
+    """Whether every robot that still publishes has sent all that it publishes once a second."""
     return bool(fleet.robots) and all(robot.timing or not robot.is_alive for robot in fleet.robots)
 
 
@@ -75,13 +75,16 @@ def screen(robot: RobotView) -> str:
     """One robot as lines of text."""
     rows = {
         "mode": f"{robot.mode}: {robot.reason}",
-        "heard": f"{robot.age_s:.2f} s ago" + ("" if robot.is_alive else ", LOST: what it last was is shown"),
+        "received": f"{robot.age_s:.2f} s ago" + ("" if robot.is_alive else ", LOST: what it last was is shown"),
         "tilt": _number(robot.pitch, "deg", math.degrees),
         "velocity": _pair(robot.linear_velocity, robot.angular_velocity),
         "set-point": _pair(robot.linear_setpoint, robot.angular_setpoint),
         "drives": (robot.drives or _NONE) + {True: ", commands zero", False: ", commanded", None: ""}[robot.is_zero],
         "battery": _number(robot.supply_v, "V"),
-        **{f"link {name}": _values(values) for name, values in robot.links.items()},
+        **{
+            f"link {name}": ", ".join(f"{key} {text}" for key, text in values.items())
+            for name, values in robot.links.items()
+        },
         **{f"timing {name}": text for name, text in robot.timing.items()},
         **{f"check {name}": text for name, text in robot.checklist.items()},
     }
@@ -103,10 +106,6 @@ def _look(fleet: Callable[[], FleetView], wait_s: float, stop: list[str]) -> Fle
             raise AbandonedError(f"abandoned by {stop[0]} while looking for robots")
         time.sleep(_LOOK_EVERY_S)
     return fleet()
-
-
-def _values(values: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} {text}" for name, text in values.items())
 
 
 def _pair(linear: float | None, angular: float | None) -> str:

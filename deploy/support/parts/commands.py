@@ -10,18 +10,18 @@ _LONGEST: Final = 8 * 1024 * 1024
 
 
 class NoAnswerError(Exception):
-    """A program is not here, failed, or took too long; the text says which."""
+    """A program is not here, failed, or took too long; the text has the reason."""
 
 
 def answer_of(words: Sequence[str], patience_s: float = _PATIENCE_S) -> str:
-    """What a program says.
+    """What a program prints.
 
     Args:
         words: The program and its arguments.
         patience_s: How long it may take, s.
 
     Raises:
-        NoAnswerError: It says nothing of use.
+        NoAnswerError: It is not here, fails, or takes too long.
     """
     program = shutil.which(words[0])
     if program is None:

@@ -43,10 +43,16 @@ _LINES: Final = 2000
 
 def real_time() -> Collected:
     """What this process may ask of the kernel, and how the kernel is set."""
-    limits = {name: [_limit(value) for value in resource.getrlimit(which)] for name, which in _LIMITS.items()}
+    limits = {
+        name: ["unlimited" if value == resource.RLIM_INFINITY else value for value in resource.getrlimit(which)]
+        for name, which in _LIMITS.items()
+    }
     paths = [Path(path) for path in _FACTS]
     paths += [path for pattern in _MANY_FACTS for path in sorted(Path("/sys").glob(pattern))]
-    facts = {str(path): text for path in paths if (text := _fact(path)) is not None}
+    facts = {}
+    for path in paths:
+        with contextlib.suppress(OSError), path.open("rb") as stream:
+            facts[str(path)] = stream.read(_LONGEST_FACT).decode("utf-8", "replace").strip()
     found = {"limits, soft and hard": limits, "cpus we may use": sorted(os.sched_getaffinity(0)), "facts": facts}
     return Collected({"machine.json": json_text(found)})
 
@@ -88,13 +94,3 @@ def journal(lines: int = _LINES) -> Collected:
         else:
             missing.append(f"{name}: the journal has none, or does not show them to this user")
     return Collected(files, list(dict.fromkeys(missing)))
-
-
-def _limit(value: int) -> int | str:
-    return "unlimited" if value == resource.RLIM_INFINITY else value
-
-
-def _fact(path: Path) -> str | None:
-    with contextlib.suppress(OSError), path.open("rb") as stream:
-        return stream.read(_LONGEST_FACT).decode("utf-8", "replace").strip()
-    return None

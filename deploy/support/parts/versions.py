@@ -17,12 +17,16 @@ _ROS_PACKAGES: Final = ("rclpy", "rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "std_
 
 def versions() -> Collected:
     """Ours, Python's, the kernel's, every library's and ROS'."""
+    try:
+        system = platform.freedesktop_os_release().get("PRETTY_NAME", "unknown")
+    except OSError:
+        system = "unknown"
     found = {
         "segway-ecc": importlib.metadata.version("segway-ecc"),
         "python": sys.version,
         "kernel": f"{platform.system()} {platform.release()} {platform.version()}",
         "machine": platform.machine(),
-        "system": _system(),
+        "system": system,
         "ros": _ros(os.environ),
         "libraries": dict(sorted({each.name: each.version for each in importlib.metadata.distributions()}.items())),
     }
@@ -32,13 +36,6 @@ def versions() -> Collected:
 def variables() -> Collected:
     """Of the environment what concerns us."""
     return Collected({"environment.json": json_text(environment(os.environ))})
-
-
-def _system() -> str:
-    try:
-        return platform.freedesktop_os_release().get("PRETTY_NAME", "unknown")
-    except OSError:
-        return "unknown"
 
 
 def _ros(variables: Mapping[str, str]) -> dict[str, str]:

@@ -58,7 +58,7 @@ def test_the_screen() -> None:
     assert screen(WELL).splitlines() == [
         "/a  alice",
         "  mode            ARMED: asked to arm",
-        "  heard           0.04 s ago",
+        "  received        0.04 s ago",
         "  tilt            5.73 deg",
         "  velocity        +1.000 m/s  -0.500 rad/s",
         "  set-point       -",
@@ -140,5 +140,5 @@ def test_nobody_there_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]
     assert main(["station", "status", "--wait", "0.5"]) == 6
     out, err = capsys.readouterr()
     assert not out
-    assert "no robot was heard within 0.5 s" in err
+    assert "no robot was found within 0.5 s" in err
     assert "segway-ecc run ROBOT" in err
