@@ -77,8 +77,8 @@ prove: $(READY) coverage
 SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --lock-step --out /run/study
 
 prove-%: $(READY)
-	$(VENV)/bin/python -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
-	$(VENV)/bin/python -m segway_ecc.hil.kernels.qemu --timeout 900 -- $(SEAT) --robot $* --channel can0 --plant-channel can1
+	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0
+	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.qemu --timeout 900 -- $(SEAT) --robot $* --channel can0 --plant-channel can1
 
 # Every line and branch of what turns bytes into values and back, of the guard and of safety.
 coverage: $(READY)

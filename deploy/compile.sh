@@ -26,7 +26,7 @@ build = tomllib.load(open("pyproject.toml", "rb"))
 hook = build["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["mypyc"]
 print(*build["build-system"]["requires"], *hook["dependencies"], "setuptools", sep="\n")
 ' > "$folder/tools.txt"
-"$python" -m pip install --quiet --disable-pip-version-check --target "$folder/tools" --requirement "$folder/tools.txt"
+"$python" -P -m pip install --quiet --disable-pip-version-check --target "$folder/tools" --requirement "$folder/tools.txt"
 
 build() {
     find "$folder/source" -name '*.so' -delete
@@ -34,7 +34,7 @@ build() {
     mkdir "$folder/objects"
     # Hidden, functions call each other directly and not through tables.
     CFLAGS="-fvisibility=hidden -fno-plt $1" PYTHONPATH="$folder/tools" HATCH_MYPYC_BUILD_DIR="$folder/objects" \
-        HATCH_BUILD_HOOKS_ENABLE=1 "$python" -m pip install --quiet --disable-pip-version-check --no-deps \
+        HATCH_BUILD_HOOKS_ENABLE=1 "$python" -P -m pip install --quiet --disable-pip-version-check --no-deps \
         --no-build-isolation --force-reinstall "$folder/source"
 }
 
@@ -45,7 +45,7 @@ build "-fprofile-generate -fprofile-update=atomic -fprofile-dir=$folder/counted"
 echo "compile: robots run, and are counted" >&2
 (
     cd "$folder" # where no sources are
-    "$python" -m segway_ecc.node.cli.main bench --only loops lock-step --programs ours > /dev/null
+    "$python" -P -m segway_ecc.node.cli.main bench --only loops lock-step --programs ours > /dev/null
 )
 echo "compile: the second build" >&2
 build "-fprofile-use=$folder/counted -fprofile-correction -Wno-missing-profile"

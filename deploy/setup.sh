@@ -47,4 +47,4 @@ fi
 # One that is there may be of another Python.
 [ ! -f "$folder/pyvenv.cfg" ] || options="$options --clear"
 "$python" -m venv $options "$folder"
-"$folder/bin/python" -m pip install --quiet --disable-pip-version-check --editable ".[$extras]"
+"$folder/bin/python" -P -m pip install --quiet --disable-pip-version-check --editable ".[$extras]"

@@ -40,13 +40,13 @@ def check_ros(machine: System, _workload: Workload) -> Iterator[Finding]:
 def _loads(machine: System, own: Mapping[str, str]) -> Finding:
     """Loaded in a child as the service would: only that shows that all libraries are there and fit."""
     try:
-        words = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-c", _TRY]).split()
+        words = machine.answer(["env", *(f"{k}={v}" for k, v in own.items()), sys.executable, "-P", "-c", _TRY]).split()
     except NoAnswerError as error:
         reason = str(error)
         if _TOO_LONG in reason:
             found = f"rclpy did not load within {reason.rpartition('within ')[2]}"
             effect = "the node takes as long to start, and its unit gives up where that is longer than it allows"
-            return warning("ROS 2", found, effect, f"see what else runs (top), then: {sys.executable} -c '{_TRY}'")
+            return warning("ROS 2", found, effect, f"see what else runs (top), then: {sys.executable} -P -c '{_TRY}'")
         found = f"rclpy does not load: {reason.removeprefix('env: ')}"
         if _NOT_THERE in reason:
             effect = "the robot runs alone: nobody can watch, command or stop it over the network"

@@ -1,4 +1,4 @@
-"""`python -m segway_ecc.hil.bench.listener NAMESPACE`: somebody who subscribes to what a program tells of each cycle.
+"""`python -P -m segway_ecc.hil.bench.listener NAMESPACE`: subscribes to what a program publishes of each cycle.
 
 It takes none of it, so that what is measured beside it is what telling costs, and not what listening does.
 """

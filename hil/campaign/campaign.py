@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +14,7 @@ from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun
 from segway_ecc.hil.progress import OnProgress
+from segway_ecc.hil.spawning import spawning
 from segway_ecc.node.replay.replay import replay
 
 REPLAY: Final = "replay: "
@@ -68,8 +68,7 @@ def _runs(
     if jobs == 1:
         yield map(run, trials)
         return
-    # Processes of their own from the beginning: what this one has open or locked is not theirs.
-    with multiprocessing.get_context("spawn").Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
+    with spawning() as processes, processes.Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
         yield pool.imap(run, trials, _CHUNK)
 
 

@@ -1,4 +1,4 @@
-"""Our command, with a wall clock that steps by an hour: `python -m segway_ecc.hil.drill.stepped_clock VERB ...`.
+"""Our command, with a wall clock that steps by an hour: `python -P -m segway_ecc.hil.drill.stepped_clock VERB ...`.
 
 CLOCK_REALTIME belongs to the whole machine and no namespace covers it, so it is not set: what is stepped is what this
 process reads. SIGUSR1 steps it ahead, SIGUSR2 back. The monotonic clock is left alone, as by a real step.

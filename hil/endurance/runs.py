@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.sharedctypes import SynchronizedArray
@@ -10,6 +9,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.endurance.endurance import Stretch, drive
 from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.hil.spawning import spawning
 from segway_ecc.node.config import RobotFile
 
 OnProgress = Callable[[float], None]
@@ -49,16 +49,15 @@ def endure(plan: EndurancePlan, jobs: int, on_progress: OnProgress) -> list[Stre
     seeds = range(1, plan.seeds + 1)
     if jobs == 1 or plan.channel is not None:
         return _one_by_one(plan, seeds, on_progress)
-    # Processes of their own from the beginning: what this one has open or locked is not theirs.
-    context = multiprocessing.get_context("spawn")
-    told = context.Array("d", plan.seeds)
-    with context.Pool(jobs, _start, (told,)) as pool:
-        ends = [pool.apply_async(_drive_in_pool, (plan, seed)) for seed in seeds]
-        for end in ends:
-            while not end.ready():
-                end.wait(_TOLD_EVERY_S)
-                on_progress(sum(told[:]))
-        return [stretch for end in ends for stretch in end.get()]
+    with spawning() as processes:
+        told = processes.Array("d", plan.seeds)
+        with processes.Pool(jobs, _start, (told,)) as pool:
+            ends = [pool.apply_async(_drive_in_pool, (plan, seed)) for seed in seeds]
+            for end in ends:
+                while not end.ready():
+                    end.wait(_TOLD_EVERY_S)
+                    on_progress(sum(told[:]))
+            return [stretch for end in ends for stretch in end.get()]
 
 
 def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnProgress) -> list[Stretch]:

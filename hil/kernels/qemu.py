@@ -5,7 +5,7 @@ PCI cards, driven by the kernel's own kvaser_pci and sja1000 as real ones are: c
 files, so the same virtual environment and checkout run inside, but what it writes stays in its memory: only the
 results folder is the host's own. Also a command:
 
-    python -m segway_ecc.hil.kernels.qemu --bitrate 500000 --timeout 60 -- python -m pytest tests/kernel/rt_guest
+    python -P -m segway_ecc.hil.kernels.qemu --bitrate 500000 --timeout 60 -- python -m pytest tests/kernel/rt_guest
 
 What the emulated bus does not do: it has no bit timing, no arbitration and no errors. A frame is on the other
 controller at once and counts as sent even where no other controller is up, so the state stays error-active and the
@@ -169,7 +169,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status of the command in the guest, or 125 where the guest itself failed.
     """
-    parser = argparse.ArgumentParser(prog="python -m segway_ecc.hil.kernels.qemu")
+    parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.qemu")
     parser.add_argument("--bitrate", type=int, default=500_000, help="of can0 and can1, bit/s (default: %(default)s)")
     return command_line(parser, arguments, _run)
 

@@ -3,7 +3,7 @@
 The guest sees the host's files, so the same virtual environment and checkout run inside, but what it writes stays in
 its memory: only the results folder is the host's own. Also a command:
 
-    python -m segway_ecc.hil.kernels.uml --interface vcan0 --timeout 60 -- python -m pytest tests/kernel/guest
+    python -P -m segway_ecc.hil.kernels.uml --interface vcan0 --timeout 60 -- python -m pytest tests/kernel/guest
 """
 
 import argparse
@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status of the command in the guest, or 125 where the guest itself failed.
     """
-    parser = argparse.ArgumentParser(prog="python -m segway_ecc.hil.kernels.uml")
+    parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.uml")
     parser.add_argument("--interface", action="append", help="a vcan interface to create (default: vcan0)")
     return command_line(parser, arguments, _run)
 

@@ -1,12 +1,12 @@
 """The placement study: everything of a plan, side by side on the cores."""
 
-import multiprocessing
 import signal
 from collections.abc import Iterable
 
 from segway_ecc.hil.placement.grid import StudyPlan, Task, tasks
 from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
 from segway_ecc.hil.progress import OnProgress
+from segway_ecc.hil.spawning import spawning
 
 
 def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
@@ -20,8 +20,7 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     todo = tasks(plan)
     if jobs == 1:
         return _gathered(map(_call, todo), len(todo), on_progress)
-    # Processes of their own from the beginning: what this one has open or locked is not theirs.
-    with multiprocessing.get_context("spawn").Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
+    with spawning() as processes, processes.Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
         return _gathered(pool.imap(_call, todo), len(todo), on_progress)
 
 

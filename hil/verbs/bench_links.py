@@ -1,4 +1,4 @@
-"""What the two ways to the kernel's CAN cost in a cycle: `python -m segway_ecc.hil.verbs.bench_links`."""
+"""What the two ways to the kernel's CAN cost in a cycle: `python -P -m segway_ecc.hil.verbs.bench_links`."""
 
 import argparse
 import statistics
@@ -52,7 +52,7 @@ def links_cost() -> dict[str, float] | None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print one line."""
-    parser = argparse.ArgumentParser(prog="python -m segway_ecc.hil.verbs.bench_links", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.verbs.bench_links", description=__doc__)
     add_json(parser)
     options = parser.parse_args(arguments)
     cost = links_cost()

@@ -1,4 +1,4 @@
-"""The frames in C, for whoever writes the firmware: `python -m segway_ecc.firmware_io.drives.wheel_board.codec FOLDER`.
+"""The frames in C, for the firmware: `python -P -m segway_ecc.firmware_io.drives.wheel_board.codec FOLDER`.
 
 cantools makes the packing from wheel_board.dbc; counter and CRC, which it does not know, are our own files beside it.
 """
@@ -60,7 +60,9 @@ def _run_cantools(dbc: Path, folder: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Generate where the command line says, tell the files, and return the exit code."""
-    parser = argparse.ArgumentParser(prog=f"python -m {_MODULE}.codec", description="Write the wheel board's C codec.")
+    parser = argparse.ArgumentParser(
+        prog=f"python -P -m {_MODULE}.codec", description="Write the wheel board's C codec."
+    )
     parser.add_argument("folder", type=Path, help="where to; made where it is not there")
     try:
         paths = generate(parser.parse_args(arguments).folder)
