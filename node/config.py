@@ -9,6 +9,7 @@ from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.section import Section
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.models.locate import locate
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]
@@ -129,8 +130,22 @@ def load_robot(robot: str) -> RobotFile:
 
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.
+
+    Returns:
+        The robot. Its model and plant carry the folder that they lie in, where that is the robot file's or the
+        current one; a packaged robot's are installed.
     """
-    return decode_yaml(read_text(robot), RobotFile, robot)
+    file = decode_yaml(read_text(robot), RobotFile, robot)
+    if robot in packaged_robots():
+        return file
+    folders = (Path(robot).resolve().parent, Path())
+    source = locate(file.model.source, folders)
+    if source != file.model.source:
+        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=source))
+    if file.simulation is None:
+        return file
+    simulation = msgspec.structs.replace(file.simulation, plant=locate(file.simulation.plant, folders))
+    return msgspec.structs.replace(file, simulation=simulation)
 
 
 def read_text(robot: str) -> str:

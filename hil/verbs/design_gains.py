@@ -11,7 +11,7 @@ from typing import Any, Final
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_json, print_json, print_table
-from segway_ecc.node.config import RobotFile, packaged_robots, read_text
+from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import load_model
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Design, print, and write the robot file where that is asked for."""
     text = read_text(options.robot)
-    file = decode_yaml(text, RobotFile, options.robot)
+    file = load_robot(options.robot)
     found = designed(file, options.delay)
     if options.out is not None:
         _write(options.out, with_parameters(text, {**file.model.parameters, **rounded(found.gains)}))

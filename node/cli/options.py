@@ -32,15 +32,8 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
-    """The robot file, with the bus that the command line names; models that stand beside it are found."""
-    file = load_robot(options.robot)
-    if options.robot not in packaged_robots():
-        folder = Path(options.robot).resolve().parent
-        sys.path.append(str(folder))
-        if (folder / file.model.source).exists():
-            found = msgspec.structs.replace(file.model, source=str(folder / file.model.source))
-            file = msgspec.structs.replace(file, model=found)
-    return _with_lines(file, options)
+    """The robot file, with the bus that the command line names."""
+    return _with_lines(load_robot(options.robot), options)
 
 
 def _with_lines(file: RobotFile, options: argparse.Namespace) -> RobotFile:

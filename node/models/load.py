@@ -7,6 +7,7 @@ from typing import cast
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
 from segway_ecc.node.model.model import Model
+from segway_ecc.node.models.locate import PythonSource, import_model_module
 
 
 def load_model(
@@ -19,8 +20,8 @@ def load_model(
     """Load a model.
 
     Args:
-        source: `package.module:Class` of a model written in Python, a folder of C or C++ that 20-sim generated, or an
-            `.fmu` file.
+        source: `package.module:Class` of a model written in Python that is installed, `FOLDER/module:Class` of one
+            that lies in a folder, a folder of C or C++ that 20-sim generated, or an `.fmu` file.
         parameters: Parameters other than their defaults, by name, in the model's units. They act from the start, also
             in the equations that run once.
         method: The integration method of generated code that is incomplete and does not name it.
@@ -29,20 +30,17 @@ def load_model(
     Raises:
         ModelError: There is no such model, or it refuses a parameter; the text says which.
     """
-    if source and (Path(source).exists() or source.lower().endswith(".fmu") or "/" in source):
+    python = PythonSource.parse(source)
+    if source and (Path(source).exists() or source.lower().endswith(".fmu") or ("/" in source and python is None)):
         return _load_native(Path(source), parameters or {}, method, step_size)
     if method is not None or step_size is not None:
         raise ModelError(f"'{source}' is written in Python and has its own method and step: leave them out")
-    module_name, _, class_name = source.partition(":")
-    if not (module_name and class_name):
+    if python is None:
         raise ModelError(f"'{source}' names no model: write package.module:Class")
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        raise ModelError(f"cannot load model '{source}': {error}") from error
-    if not isinstance(getattr(module, class_name, None), type):
-        raise ModelError(f"cannot load model '{source}': module {module_name} has no class {class_name}")
-    return cast("Model", getattr(module, class_name)(parameters))
+    model_class = getattr(import_model_module(python), python.name, None)
+    if not isinstance(model_class, type):
+        raise ModelError(f"cannot load model '{source}': module {python.module} has no class {python.name}")
+    return cast("Model", model_class(parameters))
 
 
 def _load_native(path: Path, parameters: Mapping[str, float], method: str | None, step_size: float | None) -> Model:

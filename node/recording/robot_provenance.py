@@ -12,6 +12,7 @@ import msgspec
 from segway_ecc.firmware_io.drives import wheel_board
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.node.config import RobotFile
+from segway_ecc.node.models.locate import PythonSource
 from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
 
 _DBC_FILE: Final = "wheel_board.dbc"
@@ -63,7 +64,8 @@ def _native_files(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _python_files(source: str) -> Iterator[tuple[str, Path]]:
-    first = source.partition(":")[0]
+    python = PythonSource.parse(source)
+    first = source if python is None else python.module
     seen, to_see = set(), [first]
     while to_see:
         name = to_see.pop()

@@ -24,6 +24,7 @@ class RecordedRun:
     """A log, read from its beginning; a run in several files is read through all of them.
 
     Attributes:
+        path: Of the log, or of the first of its files.
         robot: The robot file that was in force.
         layout: Names of what each cycle holds.
         model_hash: Of the model that ran; empty where the log does not say.
@@ -37,7 +38,7 @@ class RecordedRun:
         Raises:
             RecordingError: It is no log of a run, or one that cannot be replayed.
         """
-        self._path = path
+        self.path = path
         self.gap: str | None = None
         self.is_cut = False
         first = Salvage(path)
@@ -67,11 +68,11 @@ class RecordedRun:
         try:
             record, events = self._message.unpack(data)
         except (struct.error, IndexError) as error:
-            raise RecordingError(f"the log {self._path} does not hold what it says a cycle holds: {error}") from error
+            raise RecordingError(f"the log {self.path} does not hold what it says a cycle holds: {error}") from error
         return record, events
 
     def _messages(self) -> Iterator[tuple[str, bytes]]:
-        for path in part_paths(self._path):
+        for path in part_paths(self.path):
             file = Salvage(path)
             for topic, message in file.messages():
                 if topic in {CYCLE_TOPIC, EVENTS_TOPIC}:

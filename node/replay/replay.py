@@ -13,6 +13,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.locate import locate, locate_recorded
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.compare import Difference, differences
 from segway_ecc.node.replay.log import RecordedRun
@@ -142,9 +143,9 @@ class _Keeper(NoRecorder):
 
 def _robot(run: RecordedRun, recorded: Recorded, source: str | None) -> Robot:
     """The robot of a run, on hardware that says what it said."""
-    file = run.robot
-    if source is not None:
-        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=source))
+    folders = (run.path.resolve().parent, Path())
+    found = locate_recorded(run.robot.model.source, folders) if source is None else locate(source, folders)
+    file = msgspec.structs.replace(run.robot, model=msgspec.structs.replace(run.robot.model, source=found))
     section = file.model
     model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
     hardware = RecordedHardware(run.layout, recorded)

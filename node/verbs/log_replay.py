@@ -36,8 +36,6 @@ def run(options: argparse.Namespace) -> int:
     """Replay, and tell what came of it."""
     names = RecordedRun(options.log).layout.commands
     drawing = None if options.plot is None else _Drawing(options.plot, names)
-    # Models that stand beside the log are found, as those that stand beside a robot file are.
-    sys.path.append(str(options.log.resolve().parent))
     outcome = replay(options.log, options.model, None if drawing is None else drawing.look)
     if drawing is not None:
         drawing.write()

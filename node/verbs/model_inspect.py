@@ -3,11 +3,13 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from segway_ecc.node.cli.options import add_json, add_model, print_json, print_table
 from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.locate import locate
 from segway_ecc.node.native.describe import describe
 from segway_ecc.node.native.description import Description
 
@@ -27,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Load the model and print what was found."""
-    model = load_model(options.model, method=options.method, step_size=options.step)
+    model = load_model(locate(options.model, [Path()]), method=options.method, step_size=options.step)
     description = describe(model)
     if options.json:
         print_json(_json(description))

@@ -12,6 +12,7 @@ from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.model.simulate import Sample, simulate
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.locate import locate
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.recording.topics import topic
 
@@ -36,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     if not 0.0 < options.duration <= _LONGEST_S:
         raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
     parameters = _assignments("--set", options.set)
-    model = load_model(options.model, parameters, method=options.method, step_size=options.step)
+    model = load_model(locate(options.model, [Path()]), parameters, method=options.method, step_size=options.step)
     samples = list(simulate(model, _assignments("--input", options.input), options.duration))
     if options.csv is not None:
         _write_csv(options.csv, model, samples)
