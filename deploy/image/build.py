@@ -17,7 +17,6 @@ from segway_ecc.deploy.image.recipe import Recipe
 _LEAST_FREE_MIB: Final = 4096
 _PLATFORM: Final = "2"
 """Changes where what is made of the same packages changes, so that an older archive is not taken."""
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,32 +55,40 @@ class BuildOptions:
     data_mib: int | None = None
 
 
-def build(recipe: Recipe, folder: Path, options: BuildOptions, tell: Tell) -> Image:
-    """Build an image into a folder; what was there of an older one is replaced.
+def build(recipe: Recipe, folder: Path, options: BuildOptions, on_step: Callable[[str], None]) -> Image:
+    """Build an image into a folder, in place of an older one; `on_step` is called as each step begins.
 
     Raises:
         ImageError: Something it takes is missing, or failed.
     """
-    lacking = missing()
-    if lacking is not None:
+    if (lacking := missing()) is not None:
         raise ImageError(lacking)
     folder.mkdir(parents=True, exist_ok=True)
-    if disk.free_mib(folder) < _LEAST_FREE_MIB:
+    if shutil.disk_usage(folder).free // disk.MIB < _LEAST_FREE_MIB:
         raise ImageError(f"{folder} has less than {_LEAST_FREE_MIB} MiB free")
     image = image_in(folder)
     shutil.rmtree(image.root, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix="segway-ecc-image-") as work:
         wheel = options.wheel or release.build_wheel(Path(work), recipe.epoch)
-        wheels = _assemble(recipe, image, wheel, options, tell)
+        wheels = _assemble(recipe, image.root, wheel, options, on_step)
         hashes, wheel_bytes = release.hashes_of(wheels), sum(path.stat().st_size for path in wheels)
-    data_mib = _data_mib(image, wheel_bytes, options)
-    tell("manifest")
+    own = image.root / release.OPT / (image.root / release.OPT / "current").readlink()
+    needed = partition_content(own, wheel_bytes, image.root / tree.HELD_VAR, options.config)
+    if options.data_mib is not None:
+        needed.check(options.data_mib)
+    on_step("manifest")
     manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), hashes, image.root)
-    tell("file systems")
+    on_step("file systems")
     disk.root_file_system(image.root, image.root_file_system, recipe.epoch)
-    disk.data_file_system(image.data_file_system, data_mib, recipe.epoch)
+    disk.data_file_system(image.data_file_system, options.data_mib or needed.mib, recipe.epoch)
     if options.with_disk:
-        _disk(image, folder, recipe.epoch)
+        config = folder / "config.ext4"
+        disk.config_file_system(image.root / "config", config, recipe.epoch)
+        disk.disk(folder / "disk.img", [image.root_file_system, image.data_file_system, config])
+        config.unlink()
+        for name in ("vmlinuz", "initrd.img"):
+            for found in sorted((image.root / "boot").glob(f"{name}-*"))[-1:]:
+                shutil.copyfile(found, folder / name)
     return image
 
 
@@ -90,33 +97,32 @@ def image_in(folder: Path) -> Image:
     return Image(folder / "root", folder / manifest.NAME, folder / "root.ext4", folder / "data.ext4")
 
 
-def _assemble(recipe: Recipe, image: Image, wheel: Path, options: BuildOptions, tell: Tell) -> list[Path]:
+def _assemble(
+    recipe: Recipe, root: Path, wheel: Path, options: BuildOptions, on_step: Callable[[str], None]
+) -> list[Path]:
+    """Make the root file system; returns the wheels that its release is made of."""
     version = wheel.name.split("-")[1]
-    tell("Debian packages")
+    on_step("Debian packages")
     base = base_archive(recipe)
-    tell("Python packages")
-    python = _python_of(base)
-    others = release.collect_wheels(wheel, recipe, python)
-    tree.unpack(_platform(base, version, others), image.root)
-    tell("our release and its services")
+    on_step("Python packages")
+    kept = base.with_suffix(".python")  # the version of the image's Python, such as 3.11
+    if not kept.exists():
+        with tempfile.TemporaryDirectory(prefix="base-", dir=cache_folder()) as work:
+            tree.unpack(base, Path(work) / "root")
+            show = "import sys; print('%d.%d' % sys.version_info[:2])"
+            kept.write_text(inside(Path(work) / "root", ["python3", "-c", show]).strip(), "ascii")
+    others = release.collect_wheels(wheel, recipe, kept.read_text("ascii"))
+    tree.unpack(_platform(base, version, others), root)
+    on_step("our release and its services")
     ours = [wheel, *(path for path in others if path.name.startswith("pip-"))]
-    release.install_wheels(image.root, version, ours)
-    release.compile_release(image.root, version)
-    release.complete_release(image.root, version, recipe.epoch)
-    tree.furnish(image.root, recipe, options.config)
+    release.install_wheels(root, version, ours)
+    release.compile_python(root, release.folder_of(version))
+    release.complete_release(root, version, recipe.epoch)
+    tree.furnish(root, recipe, options.config)
     if options.uml:
-        tree.uml_modules(image.root)
-    tree.finish(image.root, recipe.epoch)
+        tree.uml_modules(root)
+    tree.finish(root, recipe.epoch)
     return [wheel, *others]
-
-
-def _data_mib(image: Image, wheel_bytes: int, options: BuildOptions) -> int:
-    """The size of the data partition: what was asked for where it holds what it must, else the least that does."""
-    own = (image.root / release.OPT / "current").readlink()
-    needed = partition_content(image.root / release.OPT / own, wheel_bytes, image.root / tree.HELD_VAR, options.config)
-    if options.data_mib is not None:
-        needed.check(options.data_mib)
-    return options.data_mib or needed.mib
 
 
 def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
@@ -129,30 +135,9 @@ def _platform(base: Path, version: str, wheels: Sequence[Path]) -> Path:
             root = Path(work) / "root"
             tree.unpack(base, root)
             release.install_wheels(root, version, wheels)
-            release.compile_release(root, version)
-            release.compile_system(root)
+            # As Debian's Python comes, each start reads every source to see that it is the same.
+            debian = sorted((root / "usr" / "lib").glob("python3*"))
+            release.compile_python(root, release.folder_of(version))
+            release.compile_python(root, *(f"/{path.relative_to(root)}" for path in debian))
             tree.pack(root, archive)
     return archive
-
-
-def _python_of(base: Path) -> str:
-    """The version of the image's Python, such as 3.11; its packages say."""
-    kept = base.with_suffix(".python")
-    if not kept.exists():
-        with tempfile.TemporaryDirectory(prefix="base-", dir=cache_folder()) as work:
-            root = Path(work) / "root"
-            tree.unpack(base, root)
-            said = inside(root, ["python3", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"])
-        kept.write_text(said.strip(), "ascii")
-    return kept.read_text("ascii")
-
-
-def _disk(image: Image, folder: Path, epoch: int) -> None:
-    config = folder / "config.ext4"
-    disk.config_file_system(image.root / "config", config, epoch)
-    disk.disk(folder / "disk.img", [image.root_file_system, image.data_file_system, config])
-    config.unlink()
-    for name in ("vmlinuz", "initrd.img"):
-        found = sorted((image.root / "boot").glob(f"{name}-*"))
-        if found:
-            shutil.copyfile(found[-1], folder / name)

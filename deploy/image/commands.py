@@ -1,4 +1,4 @@
-"""Programs that the builder runs, and what it says where one fails."""
+"""Programs that the builder runs, and the error where one fails."""
 
 import os
 import shutil
@@ -31,18 +31,18 @@ def missing() -> str | None:
 
 
 def run(words: Sequence[str], *, env: Mapping[str, str] | None = None, cwd: Path | None = None) -> str:
-    """Run a program to its end; what it says on standard output.
+    """Run a program to its end; returns its standard output.
 
     Raises:
-        ImageError: It failed; with the last lines of what it said.
+        ImageError: It failed; with its last lines.
     """
     variables = {"PATH": _PATH, "HOME": os.environ.get("HOME", "/"), "LC_ALL": "C.UTF-8", **(env or {})}
     done = subprocess.run(  # noqa: S603 - the words are ours, and no shell reads them
         list(words), env=variables, cwd=cwd, capture_output=True, text=True, errors="replace", check=False
     )
     if done.returncode:
-        said = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-_LINES:])
-        raise ImageError(f"{words[0]} failed with status {done.returncode}:\n  {said}")
+        last = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-_LINES:])
+        raise ImageError(f"{words[0]} failed with status {done.returncode}:\n  {last}")
     return done.stdout
 
 

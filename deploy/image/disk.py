@@ -1,7 +1,6 @@
 """File systems and disks made of a folder, without mounting anything."""
 
 import os
-import shutil
 import struct
 import uuid
 from collections.abc import Sequence
@@ -70,7 +69,7 @@ def _copy_sparse(source: Path, target: int, at: int) -> None:
         while offset < end:
             try:
                 offset = os.lseek(file.fileno(), offset, os.SEEK_DATA)
-            except OSError:  # nothing but empty room is left
+            except OSError:  # only holes are left
                 return
             chunk = os.pread(file.fileno(), MIB, offset)
             if chunk.count(0) != len(chunk):
@@ -84,8 +83,3 @@ def _file_system(image: Path, label: str, size_mib: int, epoch: int, words: Sequ
     name = str(uuid.uuid5(_NAMESPACE, label))
     common = ["mke2fs", "-q", "-F", "-t", "ext4", "-L", label, "-U", name, "-E", f"hash_seed={name},lazy_itable_init=0"]
     run([*common, *words, str(image), f"{size_mib}M"], env={"E2FSPROGS_FAKE_TIME": str(epoch)})
-
-
-def free_mib(folder: Path) -> int:
-    """Room where the image is to go, MiB."""
-    return shutil.disk_usage(folder).free // MIB

@@ -1,5 +1,6 @@
 """What an image was made of, so that it can be made again, and what differs between two."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -22,7 +23,16 @@ def installed_packages(root: Path) -> dict[str, str]:
 
 def files_of(root: Path) -> dict[str, str]:
     """What each path is: type, mode, owner, and the hash of its content or where it leads."""
-    return {path.relative_to(root).as_posix(): _describe(path) for path in _paths(root)}
+    found = {}
+    for path in sorted(Path(folder, name) for folder, folders, files in os.walk(root) for name in (*folders, *files)):
+        status = path.lstat()
+        text = f"{status.st_mode:o} {status.st_uid}:{status.st_gid} {int(status.st_mtime)}"
+        if path.is_symlink():
+            text += f" -> {path.readlink()}"
+        elif path.is_file():
+            text += f" {hashlib.sha256(path.read_bytes()).hexdigest()}"
+        found[path.relative_to(root).as_posix()] = text
+    return found
 
 
 def write(path: Path, recipe: Recipe, packages: Mapping[str, str], wheels: Mapping[str, str], root: Path) -> None:
@@ -30,7 +40,7 @@ def write(path: Path, recipe: Recipe, packages: Mapping[str, str], wheels: Mappi
     files = files_of(root)
     digest = hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
     content = {
-        "recipe": recipe.as_dict(),
+        "recipe": dataclasses.asdict(recipe),
         "packages": dict(packages),
         "wheels": dict(wheels),
         "digest": digest,
@@ -55,10 +65,10 @@ def read(path: Path) -> dict[str, Any]:
 
 def recipe_of(manifest: Mapping[str, Any]) -> Recipe:
     """The recipe that makes the image again: each package of the version that it has."""
-    told = dict(manifest["recipe"])
-    told["packages"] = tuple(f"{name}={version}" for name, version in sorted(manifest["packages"].items()))
-    told["extras"] = tuple(told["extras"])
-    return Recipe(**told)
+    values = dict(manifest["recipe"])
+    values["packages"] = tuple(f"{name}={version}" for name, version in sorted(manifest["packages"].items()))
+    values["extras"] = tuple(values["extras"])
+    return Recipe(**values)
 
 
 def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -69,17 +79,3 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
         for name in sorted({*one[kind], *other[kind]})
         if one[kind].get(name) != other[kind].get(name)
     ]
-
-
-def _describe(path: Path) -> str:
-    found = path.lstat()
-    text = f"{found.st_mode:o} {found.st_uid}:{found.st_gid} {int(found.st_mtime)}"
-    if path.is_symlink():
-        return f"{text} -> {path.readlink()}"
-    if path.is_file():
-        return f"{text} {hashlib.sha256(path.read_bytes()).hexdigest()}"
-    return text
-
-
-def _paths(root: Path) -> list[Path]:
-    return sorted(Path(folder, name) for folder, folders, files in os.walk(root) for name in (*folders, *files))

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.image.commands import ImageError
+from segway_ecc.deploy.image.disk import MIB
 from segway_ecc.node.recording.log_quota import LogQuota
 
-MIB: Final = 1 << 20
 RELEASES: Final = 4
 """`segway-ecc deploy` keeps three of those that were pushed, and puts the next beside them before it removes one."""
 _JOURNAL_MIB: Final = 100

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 SNAPSHOT: Final = "http://snapshot.debian.org/archive/debian/{stamp}/"
@@ -57,7 +57,3 @@ class Recipe:
         """Names what the packages depend on: an image with the same has the same packages."""
         parts = [self.suite, self.mirror, self.all_packages, self.epoch]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
-
-    def as_dict(self) -> dict[str, object]:
-        """For the manifest."""
-        return asdict(self)

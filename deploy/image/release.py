@@ -45,7 +45,10 @@ def collect_wheels(wheel: Path, recipe: Recipe, python: str) -> list[Path]:
         raise ImageError(f"the image's Python is {python} and this one is {ours}: run the builder with Python {python}")
     folder = cache_folder() / f"wheels-{python}-{'-'.join(sorted(recipe.extras)) or 'plain'}"
     kept = folder / ".requirements"
-    wanted = _requirements(wheel, recipe.extras)
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        lines = archive.read(name).decode().splitlines()
+    wanted = "\n".join([*sorted(recipe.extras), *(line for line in lines if line.startswith("Requires-Dist:"))])
     if not kept.exists() or kept.read_text("utf-8") != wanted:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -62,28 +65,24 @@ def install_wheels(root: Path, version: str, wheels: Sequence[Path]) -> None:
     place = root / OPT / "releases" / version
     held = root / "tmp" / "wheels"
     if not (place / "venv").exists():
-        inside(root, ["python3", "-I", "-m", "venv", "--without-pip", f"/{OPT}/releases/{version}/venv"])
+        inside(root, ["python3", "-I", "-m", "venv", "--without-pip", f"{folder_of(version)}/venv"])
     held.mkdir(parents=True)
     for wheel in wheels:
         shutil.copyfile(wheel, held / wheel.name)
     pip = next(path for path in held.glob("pip-*.whl"))
     names = [f"/tmp/wheels/{path.name}" for path in wheels]  # noqa: S108 - in the image, where nobody else is
     words = ["install", "--no-index", "--no-deps", "--no-compile", "--quiet", "--root-user-action=ignore", *names]
-    inside(root, [f"/{OPT}/releases/{version}/venv/bin/python", "-I", f"/tmp/wheels/{pip.name}/pip", *words])  # noqa: S108
+    inside(root, [f"{folder_of(version)}/venv/bin/python", "-I", f"/tmp/wheels/{pip.name}/pip", *words])  # noqa: S108
     shutil.rmtree(held)
 
 
-def compile_release(root: Path, version: str) -> None:
-    """Compile its Python: nothing can be compiled later, and a start takes twice as long without."""
-    _compile(root, f"/{OPT}/releases/{version}")
+def folder_of(version: str) -> str:
+    """Where a release lies in the image."""
+    return f"/{OPT}/releases/{version}"
 
 
-def compile_system(root: Path) -> None:
-    """Compile Debian's Python again: as it comes here, each start reads every source to see that it is the same."""
-    _compile(root, *(f"/{path.relative_to(root)}" for path in sorted((root / "usr" / "lib").glob("python3*"))))
-
-
-def _compile(root: Path, *folders: str) -> None:
+def compile_python(root: Path, *folders: str) -> None:
+    """Compile Python in the image: nothing can be compiled later, and a start takes twice as long without."""
     words = ["-m", "compileall", "-q", "--invalidation-mode", "unchecked-hash", *folders]
     inside(root, ["python3", *words], env={"PYTHONHASHSEED": "0"})
 
@@ -91,7 +90,7 @@ def _compile(root: Path, *folders: str) -> None:
 def complete_release(root: Path, version: str, epoch: int) -> None:
     """Write the release's manifest, and make it the one in use."""
     folder = root / OPT / "releases" / version
-    write_environment(folder, Path("/", OPT, "releases", version))
+    write_environment(folder, Path(folder_of(version)))
     created = dt.datetime.fromtimestamp(epoch, dt.UTC).isoformat()
     manifest = ReleaseManifest(version, version, created, "image", entries_of(folder))
     dataclasses.replace(manifest, state=HEALTHY).write(folder)
@@ -103,13 +102,6 @@ def complete_release(root: Path, version: str, epoch: int) -> None:
 def hashes_of(wheels: Sequence[Path]) -> dict[str, str]:
     """The SHA-256 of each wheel by its file name."""
     return {path.name: sha256_of(path) for path in sorted(wheels, key=lambda path: path.name)}
-
-
-def _requirements(wheel: Path, extras: Sequence[str]) -> str:
-    with zipfile.ZipFile(wheel) as archive:
-        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
-        lines = archive.read(name).decode().splitlines()
-    return "\n".join([*sorted(extras), *(line for line in lines if line.startswith("Requires-Dist:"))])
 
 
 def _pip(words: Sequence[str], epoch: int) -> None:

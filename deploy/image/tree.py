@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -15,7 +14,20 @@ HELD_VAR: Final = "usr/share/segway-ecc/var"
 """What a new data partition begins with."""
 _DEPLOY: Final = resources.files("segway_ecc.deploy")
 _UNITS: Final = "usr/lib/systemd/system"
+_FOLDERS: Final = {"systemd": _UNITS, "network": "usr/lib/systemd/network", "udev": "usr/lib/udev/rules.d"}
+_FILES: Final = {
+    "image/files/init": "usr/lib/segway-ecc/init",
+    "image/files/segway-ecc-configure": "usr/lib/segway-ecc/configure",
+    "image/files/segway-ecc-configure.service": f"{_UNITS}/segway-ecc-configure.service",
+    "image/files/segway-ecc-hostkey.service": f"{_UNITS}/segway-ecc-hostkey.service",
+    "image/files/wired.network": "usr/lib/systemd/network/89-wired.network",
+    "image/files/journald.conf": "usr/lib/systemd/journald.conf.d/segway-ecc.conf",
+    "image/files/sysctl.conf": "usr/lib/sysctl.d/50-segway-ecc.conf",
+    "image/files/sshd.conf": "etc/ssh/sshd_config.d/segway-ecc.conf",
+    "release/segway-ecc-settle.service": f"{_UNITS}/segway-ecc-settle.service",
+}
 _ENABLED: Final = (
+    "segway-ecc-settle.service",
     "segway-ecc.target",
     "segway-ecc-node.service",
     "segway-ecc-guard.service",
@@ -65,8 +77,7 @@ def pack(root: Path, archive: Path) -> None:
 
 def furnish(root: Path, recipe: Recipe, config: Path | None) -> None:
     """Add the services and their environment, and enable them."""
-    _units(root, recipe)
-    _settings(root, recipe)
+    _copy_files(root, recipe)
     shutil.rmtree(root / "config", ignore_errors=True)
     (root / "config").mkdir()
     if config is not None:
@@ -74,8 +85,6 @@ def furnish(root: Path, recipe: Recipe, config: Path | None) -> None:
     (root / "config" / "README").write_text(_README, "utf-8")
     inside(root, ["systemd-sysusers"])
     enabled = [*_ENABLED, *(["segway-ecc-archive.service"] if "ros" in recipe.extras else [])]
-    if (root / _UNITS / "segway-ecc-settle.service").exists():
-        enabled.append("segway-ecc-settle.service")
     inside(root, ["systemctl", "--quiet", "enable", *enabled])
     inside(root, ["systemctl", "--quiet", "mask", *_MASKED])
 
@@ -97,7 +106,10 @@ def finish(root: Path, epoch: int) -> None:
         (root / name).unlink(missing_ok=True)
     for pattern in _LEFT_IN:
         for found in root.glob(pattern):
-            _remove(found)
+            if found.is_dir() and not found.is_symlink():
+                shutil.rmtree(found)
+            else:
+                found.unlink()
     (root / "etc" / "machine-id").touch()  # empty: made at the first boot, which is none in which units are preset
     (root / "etc" / "hostname").write_text("segway\n", "ascii")
     (root / "etc" / "resolv.conf").symlink_to("/run/systemd/resolve/stub-resolv.conf")
@@ -106,72 +118,38 @@ def finish(root: Path, epoch: int) -> None:
     held.parent.mkdir(parents=True, exist_ok=True)
     (root / "var").rename(held)
     (root / "var").mkdir()
-    for path in _everything(root):
-        if path.lstat().st_mtime > epoch:
-            os.utime(path, (epoch, epoch), follow_symlinks=False)
+    # What is deeper first, so that stamping one leaves those above to come.
+    for folder, folders, files in os.walk(root, topdown=False):
+        links = [name for name in folders if Path(folder, name).is_symlink()]
+        for path in (*(Path(folder, name) for name in (*files, *links)), Path(folder)):
+            if path.lstat().st_mtime > epoch:
+                os.utime(path, (epoch, epoch), follow_symlinks=False)
 
 
-def _units(root: Path, recipe: Recipe) -> None:
-    units = root / _UNITS
-    for path in _files(_DEPLOY / "systemd"):
-        name, _, kind = path.name.rpartition(".")
-        if kind == "conf":  # segway-ecc.sysusers.conf goes to sysusers.d
-            place = root / "usr" / "lib" / f"{name.rpartition('.')[2]}.d" / "segway-ecc.conf"
-        elif kind == "preset":
-            place = root / "usr" / "lib" / "systemd" / "system-preset" / "50-segway-ecc.preset"
-        else:
-            place = units / path.name
-        _write(place, path)
-    for path in _files(_DEPLOY / "network"):
-        if recipe.vcan or "vcan" not in path.name:
-            _write(root / "usr" / "lib" / "systemd" / "network" / path.name, path)
-    for path in _files(_DEPLOY / "udev"):
-        _write(root / "usr" / "lib" / "udev" / "rules.d" / path.name, path)
-    settle = _DEPLOY / "release" / "segway-ecc-settle.service"
-    if settle.is_file():
-        _write(units / settle.name, settle)
-
-
-def _settings(root: Path, recipe: Recipe) -> None:
-    files = _DEPLOY / "image" / "files"
-    _write(root / "usr/lib/segway-ecc/init", files / "init", 0o755)
-    _write(root / "usr/lib/segway-ecc/configure", files / "segway-ecc-configure", 0o755)
-    for name in ("segway-ecc-configure.service", "segway-ecc-hostkey.service"):
-        _write(root / _UNITS / name, files / name)
-    _write(root / "usr/lib/systemd/network/89-wired.network", files / "wired.network")
-    _write(root / "usr/lib/systemd/journald.conf.d/segway-ecc.conf", files / "journald.conf")
-    _write(root / "usr/lib/sysctl.d/50-segway-ecc.conf", files / "sysctl.conf")
-    _write(root / "etc/ssh/sshd_config.d/segway-ecc.conf", files / "sshd.conf")
-    modules = ["can-raw", *(["vcan"] if recipe.vcan else [])]
-    place = root / "usr/lib/modules-load.d/segway-ecc.conf"
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_text("".join(f"{name}\n" for name in modules), "ascii")
+def _copy_files(root: Path, recipe: Recipe) -> None:
+    """Copy our units, rules and settings to where the system reads them."""
+    for folder, place in _FOLDERS.items():
+        for source in sorted((_DEPLOY / folder).iterdir(), key=lambda path: path.name):
+            name, _, kind = source.name.rpartition(".")
+            target = root / place / source.name
+            if kind == "conf":  # segway-ecc.sysusers.conf goes to sysusers.d
+                target = root / "usr" / "lib" / f"{name.rpartition('.')[2]}.d" / "segway-ecc.conf"
+            elif kind == "preset":
+                target = root / "usr" / "lib" / "systemd" / "system-preset" / "50-segway-ecc.preset"
+            if source.is_file() and (recipe.vcan or "vcan" not in source.name):
+                _write(target, source)
+    for name, place in _FILES.items():
+        _write(root / place, _DEPLOY / name, 0o755 if place.startswith("usr/lib/segway-ecc/") else 0o644)
+    modules = root / "usr/lib/modules-load.d/segway-ecc.conf"
+    modules.parent.mkdir(parents=True, exist_ok=True)
+    modules.write_text("can-raw\nvcan\n" if recipe.vcan else "can-raw\n", "ascii")
     (root / "etc" / "fstab").write_text("tmpfs /tmp tmpfs nosuid,nodev 0 0\n", "ascii")
     command = root / "usr" / "bin" / "segway-ecc"
     command.unlink(missing_ok=True)
     command.symlink_to("/opt/segway-ecc/current/venv/bin/segway-ecc")
 
 
-def _files(folder: Traversable) -> Sequence[Traversable]:
-    return sorted((path for path in folder.iterdir() if path.is_file()), key=lambda path: path.name)
-
-
-def _write(place: Path, source: Traversable, mode: int = 0o644) -> None:
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_bytes(source.read_bytes())
-    place.chmod(mode)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
-
-
-def _everything(root: Path) -> Iterator[Path]:
-    """Everything below a folder and itself, what is deeper first, so that stamping one leaves those above to come."""
-    for folder, folders, files in os.walk(root, topdown=False):
-        links = [name for name in folders if Path(folder, name).is_symlink()]
-        yield from (Path(folder, name) for name in (*files, *links))
-        yield Path(folder)
+def _write(target: Path, source: Traversable, mode: int = 0o644) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(source.read_bytes())
+    target.chmod(mode)
