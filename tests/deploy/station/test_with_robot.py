@@ -162,6 +162,7 @@ def test_the_cart_holds_and_disarms_by_itself_when_its_station_is_killed(
     assert told == [f"HOLD: {LOST}", f"DISARMED: {LOST}"]
 
 
+@pytest.mark.proof  # in simulated time: test_lost_segway.py
 def test_the_segway_holds_sits_down_and_disarms_by_itself_when_its_station_is_killed(
     robots: Robots, onlooker: Operator, other_station: "subprocess.Popen[bytes]"
 ) -> None:
