@@ -28,7 +28,7 @@ def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 def test_without_ros_nobody_drives(tmp_path: Path) -> None:
     watching = Watching(tmp_path)
-    ran = soak(RealTimeSoak("cart-can", 3.0, 0.5, ros=False), watching, tmp_path, lambda _: None)
+    ran = soak(RealTimeSoak("cart-can", 5.0, 0.5, ros=False), watching, tmp_path, lambda _: None)
     assert ran.modes == {}
     assert {s.process for s in watching.series} >= {"node", "plant", "log"}
     json.dumps(ran.node)
