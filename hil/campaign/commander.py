@@ -1,4 +1,4 @@
-"""The base station in lock step: it says set-points as they come due, over a link that may fail."""
+"""The base station in lock step: it sends set-points as they come due, over a link that may fail."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,19 +13,19 @@ _NOT_NUMBERS: Final = (Setpoint(math.nan, math.nan), Setpoint(math.inf, -math.in
 
 
 class Commander(NoStage):
-    """Says the set-points of a manoeuvre from when the robot is armed on, unstamped, and ends with it; see `Stage`."""
+    """Sends the set-points of a manoeuvre from when the robot is armed on, unstamped, and ends with it; see `Stage`."""
 
     def __init__(self, manoeuvre: Manoeuvre, injections: Injections) -> None:
         """Play a manoeuvre on the timeline of the faults."""
         self._timeline = injections.timeline
         self._injections = injections.of("command_link")
         self._duration_ns = manoeuvre.duration_ns
-        self._said = list(schedule(manoeuvre))
+        self._pending = list(schedule(manoeuvre))
         self._last = REST
         self._on_the_way: list[tuple[int, Setpoint]] = []
 
     def publish(self, _report: Report) -> None:
-        """See whether the manoeuvre is over."""
+        """Check whether the manoeuvre is over."""
         if self._timeline.elapsed_ns >= self._duration_ns:
             self.over = "the manoeuvre is over"
 
@@ -33,10 +33,10 @@ class Commander(NoStage):
         """The set-points that arrive now."""
         inbox, elapsed_ns = Inbox(), self._timeline.elapsed_ns
         active = [injection for injection in self._injections if injection.is_active]
-        while self._said and self._said[0].offset_ns <= elapsed_ns:
-            said = self._said.pop(0)
+        while self._pending and self._pending[0].offset_ns <= elapsed_ns:
+            sent = self._pending.pop(0)
             delay_s = sum(i.fault.size or 0.0 for i in active if i.fault.type == "delayed")
-            self._on_the_way.append((elapsed_ns + round(delay_s * 1e9), said.setpoint))
+            self._on_the_way.append((elapsed_ns + round(delay_s * 1e9), sent.setpoint))
         arrived = [setpoint for due_ns, setpoint in self._on_the_way if due_ns <= elapsed_ns]
         self._on_the_way = [entry for entry in self._on_the_way if entry[0] > elapsed_ns]
         inbox.setpoints += [StampedSetpoint(setpoint, None) for setpoint in self._disturbed(arrived, active)]

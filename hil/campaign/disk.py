@@ -1,20 +1,21 @@
-"""A recorder on a disk that fails as it is told to."""
+"""A recorder on a disk that fails as the scenario declares."""
 
 from collections.abc import Sequence
 
 from segway_ecc.hil.faults.clock import DisturbedClock
 from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 
 
-class FailingRecorder:
+class FailingRecorder(RecorderFront):
     """Stands in front of a recorder; see `Recorder`."""
 
     def __init__(self, recorder: Recorder, injections: Injections, clock: DisturbedClock) -> None:
         """Stand in front of `recorder`."""
-        self._recorder = recorder
+        super().__init__(recorder)
         self._injections = injections.of("disk")
         self._clock = clock
 
@@ -25,7 +26,7 @@ class FailingRecorder:
             RecordingError: The disk has failed.
         """
         self._fail()
-        self._recorder.write(record)
+        super().write(record)
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep diagnostics, or fail to.
@@ -34,11 +35,7 @@ class FailingRecorder:
             RecordingError: The disk has failed.
         """
         self._fail()
-        self._recorder.write_diagnostics(stamp_ns, statuses)
-
-    def close(self) -> None:
-        """Finish the log."""
-        self._recorder.close()
+        super().write_diagnostics(stamp_ns, statuses)
 
     def _fail(self) -> None:
         for injection in self._injections:

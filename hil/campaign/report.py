@@ -12,7 +12,7 @@ _TITLE: Final = "Campaign: declared faults, in lock step"
 _INTRODUCTION: Final = (
     "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
     "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
-    "robot without the fault is at the same time. The command in a row runs it again, to the same bits."
+    "robot without the fault is at the same time. The command in a row runs it again, bit-identical."
 )
 
 
@@ -39,15 +39,12 @@ def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
 
 def _table(results: Sequence[ScenarioResult]) -> str:
     names = "".join(f'<th scope="col">{escape(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
-    rows = "".join(_row(result) for result in results)
+    rows = ""
+    for result in results:
+        name, *others = cells(result)
+        data = "".join(f"<td>{escape(text)}</td>" for text in others)
+        reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
+        last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
+        kind = "" if result.is_as_expected else ' class="bad"'
+        rows += f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'
     return wide("Runs", f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
-
-
-def _row(result: ScenarioResult) -> str:
-    name, *others = cells(result)
-    data = "".join(f"<td>{escape(text)}</td>" for text in others)
-    parts = (*result.why_not, result.reason)
-    said = "".join(f"<span>{escape(part)}</span><br>" for part in parts if part)
-    last = f"<td>{said}<code>{escape(result.command)}</code></td>"
-    kind = "" if result.is_as_expected else ' class="bad"'
-    return f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'

@@ -1,7 +1,7 @@
 """What came of one run, and whether it is what was expected."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import msgspec
 
@@ -61,14 +61,11 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
 
 def judged(result: ScenarioResult, expect: Expectation) -> ScenarioResult:
     """A result with what differs from what was expected."""
-    return msgspec.structs.replace(result, why_not=tuple(_differences(result, expect)))
-
-
-def _differences(result: ScenarioResult, expect: Expectation) -> Iterator[str]:
+    why_not = []
     if result.outcome != expect.outcome:
-        yield f"outcome {result.outcome}, not {expect.outcome}"
+        why_not.append(f"outcome {result.outcome}, not {expect.outcome}")
     if expect.reason is not None and expect.reason not in result.reason:
-        yield f"reason '{result.reason}' has no '{expect.reason}'"
+        why_not.append(f"reason '{result.reason}' has no '{expect.reason}'")
     limits = {
         "detected": (result.detection_s, expect.within_s, "s"),
         "safe": (result.safe_s, expect.safe_within_s, "s"),
@@ -77,6 +74,7 @@ def _differences(result: ScenarioResult, expect: Expectation) -> Iterator[str]:
     }
     for name, (value, limit, unit) in limits.items():
         if limit is not None and value is None:
-            yield f"never {name}" if unit == "s" else f"the plant has no {name}"
+            why_not.append(f"never {name}" if unit == "s" else f"the plant has no {name}")
         elif limit is not None and value is not None and not value <= limit:
-            yield f"{name} {value:.4g} {unit}, more than {limit:g} {unit}"
+            why_not.append(f"{name} {value:.4g} {unit}, more than {limit:g} {unit}")
+    return msgspec.structs.replace(result, why_not=tuple(why_not))

@@ -2,9 +2,8 @@
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -12,7 +11,6 @@ from segway_ecc.firmware_io.build import HardwareSettings, make_link, serial_of,
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
-from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.campaign.commander import Commander
 from segway_ecc.hil.campaign.disk import FailingRecorder
 from segway_ecc.hil.campaign.result import ScenarioResult, judged
@@ -24,15 +22,14 @@ from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
-from segway_ecc.node.cycle.interfaces import NoRecorder, Recorder
+from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
-from segway_ecc.node.robot import Robot, build_robot, clocks_of
+from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
@@ -41,7 +38,7 @@ _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "fa
 _IMU_MESSAGES: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
 
 
-class _Job(msgspec.Struct, frozen=True, kw_only=True):
+class _Settings(msgspec.Struct, frozen=True, kw_only=True):
     """What is run: a scenario without what is expected of it."""
 
     robot: str
@@ -53,9 +50,8 @@ class _Job(msgspec.Struct, frozen=True, kw_only=True):
     log: Path | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """What was seen of a run."""
+class _Observed(NamedTuple):
+    """What was observed of a run."""
 
     injections: Injections
     drive: DriveWatch
@@ -64,105 +60,118 @@ class _Seen:
     is_killed: bool
     ended_ns: int
 
+    def outcome(self, fault_ns: int) -> str:
+        """See `ScenarioResult.outcome`."""
+        if self.injections.timeline.started_ns is None:
+            return "never armed"
+        if self.error is not None:
+            return "stopped"
+        worst = Mode.FAULT if self.is_killed else self.node.worst_since(fault_ns)
+        return "unsafe" if worst is Mode.FAULT and self.drive.is_pushing else _OUTCOMES[worst]
 
-def run_scenario(trial: ScenarioRun, log: Path | None = None) -> ScenarioResult:
+
+def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
     """Run a scenario once, and judge it.
 
     Args:
-        trial: What to run.
+        run: What to run.
         log: Where to write the robot's log (MCAP); None for none.
 
     Raises:
         ConfigurationError: The robot or the parameters do not fit.
         ModelError: A parameter is unknown.
     """
-    scenario = trial.scenario
-    job = _Job(
-        robot=trial.robot,
+    scenario = run.scenario
+    settings = _Settings(
+        robot=run.robot,
         manoeuvre=scenario.manoeuvre,
         faults=scenario.faults,
         fallback=scenario.fallback,
-        seed=trial.seed,
-        parameters=tuple(sorted(trial.parameters.items())),
+        seed=run.seed,
+        parameters=tuple(sorted(run.parameters.items())),
         log=log,
     )
-    seen = _Bench(job).run()
-    way = _undisturbed(msgspec.structs.replace(job, faults=(), seed=0, log=None))
-    return judged(_result(trial, job, seen, way), scenario.expect)
+    observed = _ScenarioBench(settings).run()
+    fault_ns = observed.injections.first_ns or 0
+    after = [change for change in observed.node.changes if change.at_ns >= fault_ns] if scenario.faults else []
+    reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
+    drive = observed.drive
+    result = ScenarioResult(
+        source=run.source,
+        scenario=scenario.name,
+        robot=run.robot,
+        seed=run.seed,
+        parameters=dict(settings.parameters),
+        outcome=observed.outcome(fault_ns),
+        reason="; ".join([*reasons, *([observed.error] if observed.error else [])]),
+        detection_s=(after[0].at_ns - fault_ns) * 1e-9 if after else None,
+        safe_s=None if drive.is_pushing else max(drive.last_push_ns - fault_ns, 0) * 1e-9,
+        max_tilt_rad=drive.max_tilt,
+        max_distance_m=apart(drive.way, _undisturbed(msgspec.structs.replace(settings, faults=(), seed=0, log=None))),
+        switches=tuple(change.reason for change in observed.node.changes if change.mode is None),
+        simulated_s=observed.ended_ns * 1e-9,
+        digest=drive.digest,
+    )
+    return judged(result, scenario.expect)
 
 
 @functools.lru_cache(maxsize=32)
-def _undisturbed(job: _Job) -> list[Place]:
+def _undisturbed(settings: _Settings) -> list[Place]:
     """Where the robot is without the faults."""
-    return _Bench(job).run().drive.way
+    return _ScenarioBench(settings).run().drive.way
 
 
-def _result(trial: ScenarioRun, job: _Job, seen: _Seen, way: list[Place]) -> ScenarioResult:
-    fault_ns = seen.injections.first_ns or 0
-    after = [change for change in seen.node.changes if change.at_ns >= fault_ns] if job.faults else []
-    reasons = [change.reason for change in after if change.mode is not Mode.ARMED]
-    quiet_ns = None if seen.drive.is_pushing else max(seen.drive.last_push_ns - fault_ns, 0)
-    return ScenarioResult(
-        source=trial.source,
-        scenario=trial.scenario.name,
-        robot=job.robot,
-        seed=job.seed,
-        parameters=dict(job.parameters),
-        outcome=_outcome(seen, fault_ns),
-        reason="; ".join([*reasons, *([seen.error] if seen.error else [])]),
-        detection_s=(after[0].at_ns - fault_ns) * 1e-9 if after else None,
-        safe_s=None if quiet_ns is None else quiet_ns * 1e-9,
-        max_tilt_rad=seen.drive.max_tilt,
-        max_distance_m=apart(seen.drive.way, way),
-        switches=tuple(change.reason for change in seen.node.changes if change.mode is None),
-        simulated_s=seen.ended_ns * 1e-9,
-        digest=seen.drive.digest,
-    )
-
-
-def _outcome(seen: _Seen, fault_ns: int) -> str:
-    if seen.injections.timeline.started_ns is None:
-        return "never armed"
-    if seen.error is not None:
-        return "stopped"
-    worst = Mode.FAULT if seen.is_killed else seen.node.worst_since(fault_ns)
-    return "unsafe" if worst is Mode.FAULT and seen.drive.is_pushing else _OUTCOMES[worst]
-
-
-class _Bench:
+class _ScenarioBench:
     """Everything of one run, joined."""
 
-    def __init__(self, job: _Job) -> None:
-        self._job = job
-        self._file = _robot_file(job)
-        self._rig = LockstepRig(simulated_bus(self._file).bitrate)
-        self._injections = Injections(job.faults, job.seed, self._rig.now_ns)
-        self._clock = DisturbedClock(self._rig, self._injections)
-        self._clock.on_kill = self._kill
-        self._bus = DisturbedBus(self._rig.bus.attach("node"), self._injections, self._rig.now_ns)
-        self._wires = self._serial_wires()
-        self._simulated = self._simulate()
-        self._robot: Robot = build_robot(self._file, self._clock, self._robots_link())
-        self._drive = DriveWatch(self._simulated, self._injections)
-        self._attach()
+    def __init__(self, settings: _Settings) -> None:
+        self._settings = settings
+        self._file = file = _robot_file(settings)
+        self._rig = rig = LockstepRig(simulated_bus(file).bitrate)
+        self._injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
+        self._clock = clock = DisturbedClock(rig, injections)
+        clock.on_kill = self._kill
+        self._bus = DisturbedBus(rig.bus.attach("node"), injections, rig.now_ns)
+        hardware = _hardware(file)
+        serial = serial_of(hardware)
+        self._wires = wires = None if serial is None else SimulatedSerial(serial.baudrate, rig.now_ns)
+        plant_end = DisturbedDevicesLink(rig.bus.attach("plant"), injections, _imu_frames(file))
+        simulated = simulated_robot(file, plant_end, None if wires is None else wires.device)
+        for name, value in settings.parameters:
+            if name.startswith(PLANT):
+                simulated.plant.write(name.removeprefix(PLANT), value)
+        simulated.plant = DisturbedPlant(simulated.plant, injections)
+        link = self._bus if wires is None else make_link(hardware, clocks_of(rig), self._bus, wires.host.open)
+        self._robot = build_robot(file, clock, link)
+        self._drive = DriveWatch(simulated, injections)
+        line = None if wires is None else DisturbedLine(wires, injections, simulated.tick_ns)
 
-    def run(self) -> _Seen:
+        def observe(_wall_ns: int, outputs: Sequence[float]) -> None:
+            self._drive.look(outputs)
+            if line is not None:
+                line.act()
+
+        rig.attach(simulated, observe)
+
+    def run(self) -> _Observed:
         """Run it."""
-        stage = Commander(self._job.manoeuvre, self._injections)
-        recorder = FailingRecorder(self._recorder(), self._injections, self._clock)
-        watch = NodeWatch(self._injections, self._robot.hardware, recorder)
-        loop = self._robot.loop(stage, watch)
-        watch.watch(loop)
-        most_s = _ARMED_WITHIN_S + self._job.manoeuvre.duration_ns * 1e-9
+        manoeuvre, log, robot, injections = self._settings.manoeuvre, self._settings.log, self._robot, self._injections
+        recorder = NoRecorder() if log is None else CycleLog(log, layout_of(robot), provenance_of(self._file))
+        watch = NodeWatch(injections, robot.hardware, FailingRecorder(recorder, injections, self._clock))
+        loop = robot.loop(Commander(manoeuvre, injections), watch)
+        watch.modes = loop.modes
+        most_s = _ARMED_WITHIN_S + manoeuvre.duration_ns * 1e-9
         is_killed, error = False, None
         try:
-            loop.run(round(most_s * 1e9 / self._robot.period_ns))
+            loop.run(round(most_s * 1e9 / robot.period_ns))
         except ProcessKilledError:
             is_killed = True
-            self._live_on()
+            # The devices run to the end of the manoeuvre without the node.
+            rest_ns = manoeuvre.duration_ns - injections.timeline.elapsed_ns
+            self._rig.sleep_until_ns(self._rig.now_ns() + rest_ns)
         except (NodeError, HardwareError) as raised:
             error = str(raised)
-        return _Seen(self._injections, self._drive, watch, error, is_killed, self._rig.now_ns())
+        return _Observed(injections, self._drive, watch, error, is_killed, self._rig.now_ns())
 
     def _kill(self) -> None:
         """Nothing that the node sends from now on arrives: not even the zeros on its way out."""
@@ -170,54 +179,14 @@ class _Bench:
         if self._wires is not None:
             self._wires.host.unplug()
 
-    def _live_on(self) -> None:
-        """Let the devices run to the end of the manoeuvre without the node."""
-        rest_ns = self._job.manoeuvre.duration_ns - self._injections.timeline.elapsed_ns
-        self._rig.sleep_until_ns(self._rig.now_ns() + rest_ns)
 
-    def _serial_wires(self) -> SimulatedSerial | None:
-        serial = serial_of(_hardware(self._file))
-        return None if serial is None else SimulatedSerial(serial.baudrate, self._rig.now_ns)
-
-    def _simulate(self) -> SimulatedRobot:
-        link = DisturbedDevicesLink(self._rig.bus.attach("plant"), self._injections, _imu_frames(self._file))
-        simulated = simulated_robot(self._file, link, None if self._wires is None else self._wires.device)
-        for name, value in self._job.parameters:
-            if name.startswith(PLANT):
-                simulated.plant.write(name.removeprefix(PLANT), value)
-        simulated.plant = DisturbedPlant(simulated.plant, self._injections)
-        return simulated
-
-    def _robots_link(self) -> Link:
-        if self._wires is None:
-            return self._bus
-        return make_link(_hardware(self._file), clocks_of(self._rig), self._bus, self._wires.host.open)
-
-    def _attach(self) -> None:
-        line = None if self._wires is None else DisturbedLine(self._wires, self._injections, self._simulated.tick_ns)
-
-        def observe(_wall_ns: int, outputs: Sequence[float]) -> None:
-            self._drive.look(outputs)
-            if line is not None:
-                line.act()
-
-        self._rig.attach(self._simulated, observe)
-
-    def _recorder(self) -> Recorder:
-        return (
-            NoRecorder()
-            if self._job.log is None
-            else CycleLog(self._job.log, layout_of(self._robot), provenance_of(self._file))
-        )
-
-
-def _robot_file(job: _Job) -> RobotFile:
+def _robot_file(settings: _Settings) -> RobotFile:
     """The robot's file with the model's parameters, a serial line where wanted, and armed at the start."""
-    file = load_robot(job.robot)
-    ours = {name.removeprefix(MODEL): value for name, value in job.parameters if name.startswith(MODEL)}
+    file = load_robot(settings.robot)
+    ours = {name.removeprefix(MODEL): value for name, value in settings.parameters if name.startswith(MODEL)}
     model = msgspec.structs.replace(file.model, parameters={**file.model.parameters, **ours})
     file = msgspec.structs.replace(file, model=model, arming="at_start")
-    if not job.fallback:
+    if not settings.fallback:
         return file
     hardware = _hardware(file)
     if not takes_serial(hardware):

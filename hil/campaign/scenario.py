@@ -52,7 +52,7 @@ class Scenario(Section, frozen=True, kw_only=True):
         name: What it is called.
         robot: The robot file, or the name of one that ships with the package; or several, of which the same is
             expected.
-        segments: What the robot is told to do from when it is armed on.
+        segments: What the robot is to do from when it is armed on.
         faults: What fails.
         expect: What must come of it.
         about: Why that must come of it.
@@ -139,22 +139,19 @@ def load_scenario(source: str) -> Scenario:
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.
     """
-    return decode_yaml(_OFF.sub(r"\1'off'", _read(source)), Scenario, source)
+    packaged = packaged_scenarios()
+    try:
+        file = _PACKAGED / f"{source}.yaml" if source in packaged else Path(source)
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ConfigurationError(
+            f"cannot read scenario '{source}': {reason}; the packaged ones are {', '.join(packaged)}"
+        ) from error
+    return decode_yaml(_OFF.sub(r"\1'off'", text), Scenario, source)
 
 
 def load_all(sources: list[str]) -> Iterator[tuple[str, Scenario]]:
     """Read scenarios, each with its source; without any, those that ship with the package."""
     for source in sources or packaged_scenarios():
         yield source, load_scenario(source)
-
-
-def _read(source: str) -> str:
-    if source in packaged_scenarios():
-        return (_PACKAGED / f"{source}.yaml").read_text(encoding="utf-8")
-    try:
-        return Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(
-            f"cannot read scenario '{source}': {reason}; the packaged ones are {', '.join(packaged_scenarios())}"
-        ) from error

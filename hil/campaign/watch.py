@@ -1,4 +1,4 @@
-"""What is seen of one run: the node's modes and lines, what the drives give, and where the robot really is."""
+"""What is observed of one run: the node's modes and lines, what the drives give, and where the robot really is."""
 
 import hashlib
 import math
@@ -10,12 +10,11 @@ from typing import NamedTuple
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder, Recorder
-from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import Mode, Modes
 
 Place = tuple[float, float]
 _NOTHING = 1e-3
@@ -48,7 +47,7 @@ class DriveWatch:
     """
 
     def __init__(self, robot: SimulatedRobot, injections: Injections) -> None:
-        """Watch `robot`."""
+        """Observe `robot`."""
         self.way: list[Place] = []
         self.last_push_ns = -1
         self.is_pushing = False
@@ -62,7 +61,7 @@ class DriveWatch:
         self._values = array("d")
 
     def look(self, outputs: Sequence[float]) -> None:
-        """Take one tick, with the plant's outputs after it."""
+        """Observe one tick, with the plant's outputs after it."""
         given = self._robot.inputs
         self._values.extend(given)
         self._values.extend(outputs[place] for place in self._truth)
@@ -82,15 +81,16 @@ class DriveWatch:
         return hashlib.blake2b(self._values.tobytes(), digest_size=16).hexdigest()
 
 
-class NodeWatch:
-    """Watches the node, cycle by cycle; see `Recorder`. What it is given it hands on to a recorder.
+class NodeWatch(RecorderFront):
+    """Observes the node, cycle by cycle, and passes each record on to a recorder; see `Recorder`.
 
-    A recorder that fails is done without, as the loop does: the watch goes on seeing the run.
+    A recorder that fails is done without, as the loop does: the observation goes on.
 
     Attributes:
         events: What happened to the recorder.
         changes: Changes of mode and of lines, oldest first.
         mode: The present mode.
+        modes: The robot's, from its loop; None before there is one.
     """
 
     def __init__(self, injections: Injections, hardware: Hardware, recorder: Recorder | None = None) -> None:
@@ -99,45 +99,30 @@ class NodeWatch:
         self.mode = Mode.DISARMED
         self._timeline = injections.timeline
         self.events: deque[str] = deque(maxlen=1)
-        self._recorder = BestEffortRecorder(recorder or NoRecorder(), self.events)
+        super().__init__(BestEffortRecorder(recorder or NoRecorder(), self.events))
         self._switching = hardware.switching if isinstance(hardware, Assembly) else None
         self._switches = 0
-        self._loop: Loop | None = None
-
-    def watch(self, loop: Loop) -> None:
-        """Tell whose modes are watched."""
-        self._loop = loop
+        self.modes: Modes | None = None
 
     def write(self, record: CycleRecord) -> None:
-        """Look at one cycle, and hand it on."""
-        if record.mode is Mode.ARMED:
+        """Observe one cycle, and pass it on."""
+        mode, switching = record.mode, self._switching
+        if mode is Mode.ARMED:
             self._timeline.start()
         if self._timeline.started_ns is not None:
-            self._note(record.mode)
-        self._recorder.write(record)
-
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Hand on."""
-        self._recorder.write_diagnostics(stamp_ns, statuses)
-
-    def close(self) -> None:
-        """Hand on."""
-        self._recorder.close()
+            elapsed_ns = self._timeline.elapsed_ns
+            if mode is not self.mode:
+                self.changes.append(Change(elapsed_ns, mode, "" if self.modes is None else self.modes.reason))
+                self.mode = mode
+            if switching is not None and switching.count > self._switches:
+                self._switches = switching.count
+                self.changes.append(Change(elapsed_ns, None, switching.switches[-1].reason))
+        super().write(record)
 
     def worst_since(self, since_ns: int) -> Mode:
         """The most severe mode there has been, in ns after it was armed, since then."""
         modes = [change.mode for change in self.changes if change.at_ns >= since_ns and change.mode is not None]
         return max([*modes, self.mode], key=_SEVERITY.index)
-
-    def _note(self, mode: Mode) -> None:
-        elapsed_ns = self._timeline.elapsed_ns
-        if mode is not self.mode:
-            reason = "" if self._loop is None else self._loop.modes.reason
-            self.changes.append(Change(elapsed_ns, mode, reason))
-            self.mode = mode
-        if self._switching is not None and self._switching.count > self._switches:
-            self._switches = self._switching.count
-            self.changes.append(Change(elapsed_ns, None, self._switching.switches[-1].reason))
 
 
 def apart(a: Sequence[Place], b: Sequence[Place]) -> float:

@@ -46,7 +46,7 @@ def programme(seed: int) -> Iterator[Piece]:
 
 
 class Driver:
-    """Says the set-point of a programme at times that go on.
+    """Gives the set-point of a programme at times that go on.
 
     Attributes:
         pieces: How many pieces were begun.

@@ -10,25 +10,23 @@ from typing import Final, NamedTuple
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.endurance.driving import Driver
-from segway_ecc.hil.endurance.watch import Trip, Watch
+from segway_ecc.hil.endurance.watch import DriveMonitor, Trip
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.faults.links import DisturbedBus
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.paced_link import kernel_ends
-from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
-from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.robot import Robot, build_robot
 
 OnProgress = Callable[[float], None]
 """Called now and then with the seconds simulated so far."""
 
-_TOLD_EVERY_S: Final = 10.0
+_REPORTED_EVERY_S: Final = 10.0
 _SEED: Final = "Seed"
 
 
@@ -69,103 +67,65 @@ def drive(  # noqa: PLR0913 - what there is to choose
     faults: Sequence[Fault] = (),
     channel: str | None = None,
     keep: Callable[[Robot], Recorder] = lambda _: NoRecorder(),
-    on_progress: OnProgress | None = None,
+    on_progress: OnProgress = lambda _: None,
 ) -> Stretch:
     """Drive a robot for some time, or until it trips.
 
     Args:
-        file: The robot file; it is armed at the start, whatever it says.
+        file: The robot file; it is armed at the start, whatever the file has.
         seed: Of its sensors' errors, of the driving and of what is lost.
         duration_s: How long, s.
         frame_loss: Share of the frames that is lost either way, from when it is armed.
         faults: What else fails: the bus, the plant's sensors or motors.
         channel: The CAN interface of robot and plant, which must be theirs alone; None for a simulated bus.
-        keep: Makes what keeps the robot's cycles.
+        keep: Makes the recorder of the robot's cycles.
         on_progress: Called every ten seconds of simulated time.
 
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
-    bench = _Bench(file, seed, frame_loss, faults, channel)
-    return bench.run(duration_s, keep, on_progress or (lambda _: None))
-
-
-class _Bench:
-    """Robot, bus, devices and plant, joined."""
-
-    def __init__(
-        self, file: RobotFile, seed: int, frame_loss: float, faults: Sequence[Fault], channel: str | None
-    ) -> None:
-        self._seed = seed
-        bitrate = simulated_bus(file).bitrate
-        rig = self._rig = LockstepRig(bitrate)
-        node_end, self._plant_end = _ends(rig, channel, bitrate)
-        lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
-        injections = Injections((*lossy, *faults), seed, rig.now_ns)
-        self._bus = CountedBus(node_end, injections, rig.now_ns)
-        self._simulated = simulated = _with_seed(simulated_robot(file, self._plant_end), seed)
-        if faults:
-            simulated.plant = DisturbedPlant(simulated.plant, injections)
-        self._robot = build_robot(file, rig, self._bus)
-        self._watch = Watch(simulated, self._robot.period_ns, injections.timeline)
-        rig.attach(simulated, self._watch.look)
-
-    def run(self, duration_s: float, keep: Callable[[Robot], Recorder], on_progress: OnProgress) -> Stretch:
-        robot, watch = self._robot, self._watch
-        cycles = max(round(duration_s * 1e9 / robot.period_ns), 1)
-        street = _Street(Driver(self._seed), watch, robot.period_ns * 1e-9, on_progress)
-        loop = robot.loop(street, _Both(watch, keep(robot)))
-        watch.modes = loop.modes
-        with contextlib.closing(self._plant_end):
-            self._plant_end.open()
-            try:
-                loop.run(cycles)
-            except (NodeError, HardwareError) as error:
-                watch.stop(str(error))
-        watch.end()
-        return self._stretch(loop.counters.cycles)
-
-    def _stretch(self, cycles: int) -> Stretch:
-        watch, bus = self._watch, self._bus
-        return Stretch(
-            seed=self._seed,
-            simulated_s=cycles * self._robot.period_ns * 1e-9,
-            cycles=cycles,
-            trip=watch.trip,
-            max_tilt_rad=watch.max_tilt,
-            max_velocity_error=watch.max_errors[0],
-            max_yaw_rate_error=watch.max_errors[1],
-            frames=bus.frames,
-            lost=bus.lost,
-            refused=_refused(self._robot) + self._simulated.refused_frames,
-        )
-
-
-def _ends(rig: LockstepRig, channel: str | None, bitrate: int) -> tuple[Link, Link]:
-    """The ends of the bus for robot and plant."""
+    bitrate = simulated_bus(file).bitrate
+    rig = LockstepRig(bitrate)
+    node_end: Link
+    plant_end: Link
     if channel is None:
-        return rig.bus.attach("node"), rig.bus.attach("plant")
-    return kernel_ends(rig, (channel, channel), bitrate)
-
-
-class _Both(NoRecorder):
-    """Shows each cycle to the watch before it is kept; see `Recorder`."""
-
-    def __init__(self, watch: Watch, recorder: Recorder) -> None:
-        self._watch, self._recorder = watch, recorder
-
-    def write(self, record: CycleRecord) -> None:
-        """Look at one cycle, and keep it."""
-        self._watch.write(record)
-        self._recorder.write(record)
-
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Keep a set of diagnostics."""
-        self._recorder.write_diagnostics(stamp_ns, statuses)
-
-    def close(self) -> None:
-        """Finish the log."""
-        self._recorder.close()
+        node_end, plant_end = rig.bus.attach("node"), rig.bus.attach("plant")
+    else:
+        node_end, plant_end = kernel_ends(rig, (channel, channel), bitrate)
+    lossy = [Fault(target="can", type="intermittent", at_s=0.0, amount=frame_loss)] if frame_loss else []
+    injections = Injections((*lossy, *faults), seed, rig.now_ns)
+    bus, simulated = CountedBus(node_end, injections, rig.now_ns), simulated_robot(file, plant_end)
+    if any(variable.name == _SEED for variable in simulated.plant.parameters):
+        simulated.plant.write(_SEED, seed)
+        simulated.outputs = simulated.plant.initialize(simulated.inputs)
+    if faults:
+        simulated.plant = DisturbedPlant(simulated.plant, injections)
+    robot = build_robot(file, rig, bus)
+    period_s = robot.period_ns * 1e-9
+    watch = DriveMonitor(simulated, period_s, injections.timeline, keep(robot))
+    rig.attach(simulated, watch.look)
+    loop = robot.loop(_DriverStage(Driver(seed), watch, period_s, on_progress), watch)
+    watch.modes = loop.modes
+    with contextlib.closing(plant_end):
+        plant_end.open()
+        try:
+            loop.run(max(round(duration_s * 1e9 / robot.period_ns), 1))
+        except (NodeError, HardwareError) as error:
+            watch.stop(str(error))
+    watch.end()
+    refused = sum(int(count) for name, count in robot.hardware.health.items() if ".refused." in name)
+    return Stretch(
+        seed=seed,
+        simulated_s=loop.counters.cycles * robot.period_ns * 1e-9,
+        cycles=loop.counters.cycles,
+        trip=watch.trip,
+        max_tilt_rad=watch.max_tilt,
+        max_velocity_error=watch.max_errors[0],
+        max_yaw_rate_error=watch.max_errors[1],
+        frames=bus.frames,
+        lost=bus.lost,
+        refused=refused + simulated.refused_frames,
+    )
 
 
 class CountedBus(DisturbedBus):
@@ -201,16 +161,16 @@ class CountedBus(DisturbedBus):
         return self._offered - self.counters.sent + self._handed - self._came
 
 
-class _Street(NoStage):
-    """A driver who says the set-point anew in each cycle, and leaves where the robot has tripped; see `Stage`."""
+class _DriverStage(NoStage):
+    """A driver who sends the set-point anew in each cycle, and leaves where the robot has tripped; see `Stage`."""
 
-    def __init__(self, driver: Driver, watch: Watch, period_s: float, on_progress: OnProgress) -> None:
+    def __init__(self, driver: Driver, watch: DriveMonitor, period_s: float, on_progress: OnProgress) -> None:
         self._driver, self._watch, self._period_s, self._on_progress = driver, watch, period_s, on_progress
         self._cycle = 0
-        self._tell_every = max(round(_TOLD_EVERY_S / period_s), 1)
+        self._report_every = max(round(_REPORTED_EVERY_S / period_s), 1)
 
     @property
-    def over(self) -> str | None:  # type: ignore[override]  # here it follows from what was seen
+    def over(self) -> str | None:  # type: ignore[override]  # here it follows from what was observed
         """Why it ended."""
         return None if self._watch.trip is None else self._watch.trip.reason
 
@@ -218,18 +178,6 @@ class _Street(NoStage):
         """The set-point of this cycle."""
         time_s = self._cycle * self._period_s
         self._cycle += 1
-        if self._cycle % self._tell_every == 0:
+        if self._cycle % self._report_every == 0:
             self._on_progress(time_s)
         return Inbox(setpoints=[StampedSetpoint(self._driver.setpoint(time_s), None)])
-
-
-def _with_seed(robot: SimulatedRobot, seed: int) -> SimulatedRobot:
-    """Begin the plant anew with this seed, where it has chance in it."""
-    if any(variable.name == _SEED for variable in robot.plant.parameters):
-        robot.plant.write(_SEED, seed)
-        robot.outputs = robot.plant.initialize(robot.inputs)
-    return robot
-
-
-def _refused(robot: Robot) -> int:
-    return sum(int(count) for name, count in robot.hardware.health.items() if ".refused." in name)

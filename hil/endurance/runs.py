@@ -1,21 +1,19 @@
 """Many hours of driving, divided over seeds and cores; a robot that has tripped is started anew."""
 
-import contextlib
-import logging
-import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.sharedctypes import SynchronizedArray
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.endurance.endurance import Stretch, drive
 from segway_ecc.hil.faults.fault import Fault
+from segway_ecc.hil.parallel import ignore_interrupt, quiet
 from segway_ecc.hil.spawning import spawning
 from segway_ecc.node.config import RobotFile
 
 OnProgress = Callable[[float], None]
 """Called with the seconds simulated so far, of all seeds together."""
 
-_TOLD_EVERY_S: Final = 0.5
+_REPORTED_EVERY_S: Final = 0.5
 _MOST_TRIPS: Final = 20
 """Trips of one seed, after which it drives no more: what fails so often needs no more proof."""
 
@@ -48,15 +46,19 @@ def endure(plan: EndurancePlan, jobs: int, on_progress: OnProgress) -> list[Stre
     """
     seeds = range(1, plan.seeds + 1)
     if jobs == 1 or plan.channel is not None:
-        return _one_by_one(plan, seeds, on_progress)
+        stretches: list[Stretch] = []
+        for seed in seeds:
+            before_s = sum(stretch.simulated_s for stretch in stretches)
+            stretches += drive_seed(plan, seed, lambda time_s, before_s=before_s: on_progress(before_s + time_s))  # type: ignore[misc]
+        return stretches
     with spawning() as processes:
-        told = processes.Array("d", plan.seeds)
-        with processes.Pool(jobs, _start, (told,)) as pool:
+        driven_s = processes.Array("d", plan.seeds)
+        with processes.Pool(jobs, _start, (driven_s,)) as pool:
             ends = [pool.apply_async(_drive_in_pool, (plan, seed)) for seed in seeds]
             for end in ends:
                 while not end.ready():
-                    end.wait(_TOLD_EVERY_S)
-                    on_progress(sum(told[:]))
+                    end.wait(_REPORTED_EVERY_S)
+                    on_progress(sum(driven_s[:]))
             return [stretch for end in ends for stretch in end.get()]
 
 
@@ -65,7 +67,7 @@ def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnProgress) -> list[
     left_s, stretches = plan.duration_s / plan.seeds, list[Stretch]()
     while left_s > 0.0 and sum(stretch.trip is not None for stretch in stretches) < _MOST_TRIPS:
         before_s = plan.duration_s / plan.seeds - left_s
-        with _quiet():
+        with quiet("segway_ecc.node"):
             stretch = drive(
                 plan.file,
                 seed + plan.seeds * len(stretches),
@@ -81,40 +83,20 @@ def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnProgress) -> list[
     return stretches
 
 
-def _one_by_one(plan: EndurancePlan, seeds: Sequence[int], on_progress: OnProgress) -> list[Stretch]:
-    stretches: list[Stretch] = []
-    for seed in seeds:
-        before_s = sum(stretch.simulated_s for stretch in stretches)
-        stretches += drive_seed(plan, seed, lambda time_s, before_s=before_s: on_progress(before_s + time_s))  # type: ignore[misc]
-    return stretches
-
-
-_told: "SynchronizedArray[float] | None" = None
+_driven_s: "SynchronizedArray[float] | None" = None
 """In a process of the pool: how far each seed has come, s."""
 
 
-def _start(told: "SynchronizedArray[float]") -> None:
-    """Begin a process of the pool, which leaves Ctrl-C to its parent."""
-    global _told  # noqa: PLW0603 - the one way in which a pool hands shared memory to its processes
-    _told = told
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _start(driven_s: "SynchronizedArray[float]") -> None:
+    """Begin a process of the pool."""
+    global _driven_s  # noqa: PLW0603 - the one way in which a pool hands shared memory to its processes
+    _driven_s = driven_s
+    ignore_interrupt()
 
 
 def _drive_in_pool(plan: EndurancePlan, seed: int) -> list[Stretch]:
-    def tell(time_s: float) -> None:
-        if _told is not None:
-            _told[seed - 1] = time_s
+    def report(time_s: float) -> None:
+        if _driven_s is not None:
+            _driven_s[seed - 1] = time_s
 
-    return drive_seed(plan, seed, tell)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """What the node would tell people meanwhile is not told."""
-    logger = logging.getLogger("segway_ecc.node")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
+    return drive_seed(plan, seed, report)

@@ -1,17 +1,18 @@
-"""What is seen of a robot that is driven for hours: extremes, and why it stopped driving."""
+"""What is observed of a robot that is driven for hours: extremes, and why it stopped driving."""
 
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.faults.injection import Timeline
+from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Mode, Modes
 
 SETTLED_AFTER_S: Final = 3.0
-"""How long a set-point stands before the robot's error from it is looked at, s."""
+"""How long a set-point stands before the robot's error from it counts, s."""
 _ARMED_WITHIN_S: Final = 5.0
 
 
@@ -29,8 +30,8 @@ class Trip(NamedTuple):
     reason: str
 
 
-class Watch(NoRecorder):
-    """Watches the plant tick by tick and the node cycle by cycle; see `Recorder`.
+class DriveMonitor(RecorderFront):
+    """Observes the plant tick by tick and the node cycle by cycle; see `Recorder`.
 
     Attributes:
         modes: The robot's; set once its loop is there.
@@ -39,36 +40,38 @@ class Watch(NoRecorder):
         max_errors: Largest errors of velocity, m/s, and yaw rate, rad/s, while a set-point stood.
     """
 
-    def __init__(self, robot: SimulatedRobot, period_ns: int, timeline: Timeline) -> None:
-        """Watch a robot with this period of its loop, ns."""
+    def __init__(self, robot: SimulatedRobot, period_s: float, timeline: Timeline, recorder: Recorder) -> None:
+        """Observe a robot with this period of its loop, s, in front of its recorder."""
+        super().__init__(recorder)
         self.modes: Modes | None = None
         self.trip: Trip | None = None
         self.max_tilt = 0.0
         self.max_errors = (0.0, 0.0)
         self._robot = robot
-        self._period_s = period_ns * 1e-9
+        self._period_s = period_s
         self._timeline = timeline
         names = robot.output_names
         self._pitch = names.index("truth.pitch") if "truth.pitch" in names else None
         self._moving = [names.index(f"truth.{name}") for name in ("linear_velocity", "angular_velocity")]
-        self._said = Setpoint(math.nan, math.nan)
+        self._setpoint = Setpoint(math.nan, math.nan)
         self._stood = 0
         self._settled = round(SETTLED_AFTER_S / self._period_s)
         self._cycle = 0
 
     def look(self, _wall_ns: int, outputs: Sequence[float]) -> None:
-        """Take one tick, with the plant's outputs after it."""
+        """Observe one tick, with the plant's outputs after it."""
         if self._pitch is not None and self.trip is None:
             self.max_tilt = max(self.max_tilt, abs(outputs[self._pitch]))
 
     def write(self, record: CycleRecord) -> None:
-        """Look at one cycle."""
+        """Observe one cycle, and record it."""
         self._cycle = record.cycle
         if record.mode is Mode.ARMED:
             self._timeline.start()
             self._compare(record.setpoint)
         elif self._timeline.started_ns is not None or record.cycle * self._period_s > _ARMED_WITHIN_S:
             self._note(record.mode)
+        super().write(record)
 
     def stop(self, reason: str) -> None:
         """The loop ended by an error."""
@@ -86,8 +89,8 @@ class Watch(NoRecorder):
         self.trip = self.trip or Trip(self._cycle * self._period_s, str(mode), reason)
 
     def _compare(self, setpoint: Setpoint) -> None:
-        if setpoint != self._said:
-            self._said, self._stood = setpoint, 0
+        if setpoint != self._setpoint:
+            self._setpoint, self._stood = setpoint, 0
             return
         self._stood += 1
         if self._stood >= self._settled:

@@ -1,6 +1,5 @@
 """One run in lock step: plant, drives, guard and gateway on the robot's bus, and the three parts where they belong."""
 
-import logging
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -11,6 +10,7 @@ from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
 from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.parallel import quiet
 from segway_ecc.hil.placement.guard import LockstepGuard
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network
 from segway_ecc.hil.placement.placement import Placement
@@ -62,20 +62,13 @@ class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run(job: PlacementRun) -> RunRecord:
-    """Run a job; what the node would tell people meanwhile is not told.
+    """Run a job, without the messages of node and hardware.
 
     Raises:
         ConfigurationError: The robot has no hardware, or its model no phases.
     """
-    logger, guard_logger = logging.getLogger("segway_ecc.node"), logging.getLogger("segway_ecc.firmware_io")
-    levels = logger.level, guard_logger.level
-    logger.setLevel(logging.CRITICAL)
-    guard_logger.setLevel(logging.CRITICAL)
-    try:
+    with quiet("segway_ecc.node", "segway_ecc.firmware_io"):
         return _LockstepPlacement(job).run()
-    finally:
-        logger.setLevel(levels[0])
-        guard_logger.setLevel(levels[1])
 
 
 class _LockstepPlacement:
@@ -108,7 +101,7 @@ class _LockstepPlacement:
         phases = PhaseRecorder(outputs.index("Phase"), robot.period_ns)
         watch = NodeWatch(self._injections, robot.hardware, phases)
         loop = robot.loop(self._world, watch)
-        watch.watch(loop)
+        watch.modes = loop.modes
         self._end.open()
         loop.run(round(self._job.until_s * _NS_PER_S / robot.period_ns))
         self._end.close()

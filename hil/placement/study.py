@@ -1,12 +1,11 @@
 """The placement study: everything of a plan, side by side on the cores."""
 
-import signal
 from collections.abc import Iterable
 
+from segway_ecc.hil.parallel import results_of
 from segway_ecc.hil.placement.grid import StudyPlan, Task, tasks
 from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
 from segway_ecc.hil.progress import OnProgress
-from segway_ecc.hil.spawning import spawning
 
 
 def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
@@ -18,18 +17,12 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
         on_progress: Called after each task.
     """
     todo = tasks(plan)
-    if jobs == 1:
-        return _gathered(map(_call, todo), len(todo), on_progress)
-    with spawning() as processes, processes.Pool(jobs, _leave_ctrl_c_to_the_parent) as pool:
-        return _gathered(pool.imap(_call, todo), len(todo), on_progress)
+    with results_of(_call, todo, jobs) as results:
+        return _gathered(results, len(todo), on_progress)
 
 
 def _call(task: Task) -> Drive | Stop | Cut | Bound:
     return task()
-
-
-def _leave_ctrl_c_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> StudyResult:
