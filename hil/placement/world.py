@@ -32,7 +32,7 @@ class ProgramsStage(NoStage):
         self._programs = programs
         self._now_ns = now_ns
 
-    def take(self) -> Inbox:
+    def take_inbox(self) -> Inbox:
         """Let every program speak; take what has arrived."""
         inbox, now_ns = Inbox(), self._now_ns()
         for program, way in self._programs:
