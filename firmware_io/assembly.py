@@ -9,7 +9,7 @@ from typing import Final
 from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.firmware_io.heartbeat import Heartbeat
+from segway_ecc.firmware_io.heartbeat import GuardHeartbeat
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
@@ -34,11 +34,11 @@ class Assembly:
         now_ns: NowNs = time.monotonic_ns,
         rules: SwitchRules | None = None,
         *,
-        heartbeat: Heartbeat | None = None,
+        heartbeat: GuardHeartbeat | None = None,
     ) -> None:
         """Join devices that send over `link`; ValueError where two want the same frame or measure the same signal.
 
-        `heartbeat` tells the guard after every exchange that commands were sent, whichever line they took.
+        `heartbeat` signals the guard after every exchange that commands were sent, whichever line they took.
         """
         self._link = link
         self._drives = tuple(drives)
@@ -48,7 +48,7 @@ class Assembly:
         self.limits: Sequence[float] = tuple(limit for d in drives for limit in d.limits)
         self._parts = _parts(drives)
         self._listeners = _listeners(self._devices)
-        self._heard_ns: dict[str, int] = {}
+        self._received_ns: dict[str, int] = {}
         self._armed = False
         self._heartbeat = heartbeat
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
@@ -90,7 +90,7 @@ class Assembly:
             drive.enable()
 
     def arming_failures(self) -> Sequence[str]:
-        """What the drives and sensors say against arming; see `Hardware.arming_failures`."""
+        """The pre-arm checks of the drives and sensors that fail; see `Hardware.arming_failures`."""
         return [reason for device in self._devices for reason in device.arming_failures()]
 
     def disarm(self) -> None:
@@ -125,10 +125,10 @@ class Assembly:
     def _hand(self, frame: Frame) -> None:
         device = self._listeners.get((frame.arbitration_id, frame.is_extended))
         if device is not None and device.take(frame) and self._switching is not None:
-            self._heard_ns[device.name] = frame.received_ns
+            self._received_ns[device.name] = frame.received_ns
 
     def _look_aside(self, link: RedundantLink) -> None:
-        """See which drives are heard on the line in standby; sensors that have only that line are heard there too."""
+        """Note which drives answer on the standby line; sensors that are only on that line are read there too."""
         for frame in link.aside:
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
             if device in self._drives:
@@ -137,8 +137,8 @@ class Assembly:
                 device.take(frame)
 
     def _switch(self, switching: Switching) -> None:
-        heard_ns = [self._heard_ns.get(drive.name) for drive in self._drives]
-        event = switching.judge(heard_ns, is_armed=self._armed)
+        received_ns = [self._received_ns.get(drive.name) for drive in self._drives]
+        event = switching.judge(received_ns, is_armed=self._armed)
         if event is not None:
             self._events.append(event)
             for drive in self._drives:
@@ -146,7 +146,7 @@ class Assembly:
                 if self._armed:
                     drive.enable()
         ready = self._armed and all(drive.is_enabled for drive in self._drives)
-        self._events.extend(switching.measure(heard_ns, is_ready=ready))
+        self._events.extend(switching.measure(received_ns, is_ready=ready))
 
     def _snapshot(self) -> Sensors:
         values: list[float] = []
@@ -173,10 +173,10 @@ class Assembly:
         return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off)
 
     def _is_patient_with(self, device: Sensor) -> bool:
-        """Whether what a device told a little while ago is still to be used: the robot must not be let fall.
+        """Whether slightly old values of a device are still valid: the robot must not fall for a change of lines.
 
         While the lines change, that of every device; a drive that has fallen silent on one line, while the other is
-        good, is about to be heard there.
+        good, is about to answer there.
         """
         if self._switching is None or self._redundant is None:
             return False

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NowNs = Callable[[], int]
 
 HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSettings
-"""The drive families, told apart by `type` in the robot file."""
+"""The drive families, distinguished by `type` in the robot file."""
 
 
 def sleep_until_ns(deadline_ns: int) -> None:

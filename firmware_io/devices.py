@@ -7,11 +7,11 @@ from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.value import Value
 
 SUPPLY_VOLTAGE: Final = "supply.voltage"
-"""The signal of what feeds the motors, V. A robot has one: of two drives that each tell it, the left one's."""
+"""The signal of what feeds the motors, V. A robot has one: of two drives that each measure it, the left one's."""
 
 
 class FrameKey(NamedTuple):
-    """What tells one kind of frame from another on a bus."""
+    """What identifies one kind of frame on a bus."""
 
     arbitration_id: int
     is_extended: bool = False
@@ -44,7 +44,7 @@ class Sensor(Protocol):
     listens_to: Collection[FrameKey]
 
     def start(self) -> None:
-        """Say what the device must hear once the link is open."""
+        """Send what the device must receive once the link is open."""
 
     def take(self, frame: Frame) -> bool:
         """Take one of the frames it listens to; True where it was intact, else it has been counted by cause."""
@@ -53,7 +53,7 @@ class Sensor(Protocol):
         """The newest values."""
 
     def arming_failures(self) -> list[str]:
-        """What speaks against arming the robot, each with how to mend it; nothing that arming itself has brought."""
+        """What speaks against arming the robot, each with the remedy; nothing that arming itself has brought."""
 
     @property
     def health(self) -> Mapping[str, str]:
@@ -77,9 +77,9 @@ class Drive(Sensor, Protocol):
 
     @property
     def is_off(self) -> bool:
-        """Whether the drive itself says that its motors are off.
+        """Whether the drive reports that its motors are off.
 
-        By its newest word, fresh, and heard after it was last told to switch off; False where it says nothing.
+        By its newest report, fresh, and received after it was last commanded to switch off; False without one.
         """
 
     def enable(self) -> None:
@@ -92,4 +92,4 @@ class Drive(Sensor, Protocol):
         """Send zero and switch the motors off; may be called at any time, and sends every time."""
 
     def faults(self) -> tuple[str, ...]:
-        """What the drive reports against itself since it was told to enable; empty while all is well."""
+        """The faults that the drive has reported since it was commanded to enable; empty where there are none."""

@@ -43,22 +43,26 @@ class WrappedCounter:
         total: Counts since the first, which counts as itself.
     """
 
-    __slots__ = ("_half", "_modulus", "_started", "total")
+    __slots__ = ("_half", "_is_resumed", "_last", "_modulus", "total")
 
     def __init__(self, bits: int) -> None:
         """Follow a counter of this many bits."""
         self.total = 0
         self._modulus = 1 << bits
         self._half = self._modulus >> 1
-        self._started = False
+        self._last: int | None = None
+        self._is_resumed = False
 
     def take(self, raw: int) -> int:
         """Take a count, signed or unsigned, and return the total; steps of up to half the range are followed."""
-        step = (raw - self.total + self._half) % self._modulus - self._half
-        self.total = self.total + step if self._started else raw
-        self._started = True
+        if self._last is not None:
+            self.total += (raw - self._last + self._half) % self._modulus - self._half
+        elif not self._is_resumed:
+            self.total = raw
+        self._last = raw
         return self.total
 
-    def restart(self) -> None:
-        """Take the next count for the first, as after a gap too long to know the wraps in it."""
-        self._started = False
+    def resume(self) -> None:
+        """Keep the total over the next count, whatever that is: the device has restarted, perhaps at another count."""
+        self._last = None
+        self._is_resumed = True

@@ -28,7 +28,7 @@ class ArmingRefusedError(HardwareError):
     """The drive is not fit to be armed.
 
     Attributes:
-        reasons: Each with how to mend it.
+        reasons: Each with the remedy.
     """
 
     def __init__(self, reasons: Sequence[str]) -> None:

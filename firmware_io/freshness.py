@@ -16,7 +16,7 @@ A bus that loses one frame in a hundred loses three in a row of one kind every h
 that is silent is known after three periods, and a healthy one is not cut off for the frames that were lost.
 """
 SUPPLY_STALE_NS: Final = 1_000_000_000
-"""The voltage of the supply is told seldom and changes slowly: it is valid up to this age."""
+"""The voltage of the supply is sent seldom and changes slowly: it is valid up to this age."""
 
 
 def stale_after_ns(frame_period_s: float, loop_period_s: float) -> int:

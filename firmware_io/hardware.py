@@ -1,4 +1,4 @@
-"""The seam between the robot's hardware and what controls it."""
+"""The interface between the robot's hardware and what controls it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -18,7 +18,7 @@ class Sensors(Value, frozen=True):
         faults: What the drives report against themselves; empty while all is well.
         ready: Whether every motor follows commands; False while the drives are off or pass through their states.
         events: What happened to the links since the last snapshot, for people.
-        off: Whether every drive itself says that its motors are off; False where one says otherwise or nothing, and
+        off: Whether every drive reports that its motors are off; False where one reports otherwise or nothing, and
             while they are asked to be on.
     """
 
@@ -55,16 +55,16 @@ class Hardware(Protocol):
         """Send `commands` (None sends nothing, for a second exchange in a cycle) and return the newest snapshot."""
 
     def arm(self) -> None:
-        """Begin to let commands reach the motors; they do once `Sensors.ready` says so.
+        """Begin to let commands reach the motors; they do once `Sensors.ready` is True.
 
         Raises:
-            ArmingRefusedError: The drive is not fit; the reasons say why.
+            ArmingRefusedError: The drive is not fit; the reasons state why.
         """
 
     def arming_failures(self) -> Sequence[str]:
-        """What keeps `arm` from beginning, each with how to mend it; empty where nothing does.
+        """What keeps `arm` from beginning, each with the remedy; empty where nothing does.
 
-        May be asked at any time: while the motors are on it tells nothing that is so because they are.
+        May be asked at any time: while the motors are on it names nothing that follows from that.
         """
 
     def disarm(self) -> None:
@@ -109,5 +109,5 @@ class NoHardware:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """Nothing to tell."""
+        """Nothing to report."""
         return {}

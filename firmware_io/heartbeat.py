@@ -1,4 +1,4 @@
-"""How the loop tells the guard that it lives when its commands do not go over the bus: a datagram that never waits."""
+"""The loop's heartbeat to the guard, for when its commands do not go over the bus: a datagram that never blocks."""
 
 import hashlib
 import socket
@@ -20,11 +20,11 @@ class GuardRunsError(HardwareError):
     """Another guard watches the same bus."""
 
 
-class Heartbeat(Protocol):
+class GuardHeartbeat(Protocol):
     """The loop's side of it."""
 
     def beat(self, *, is_on: bool) -> None:
-        """Say that the loop lives, and whether it wants the motors on."""
+        """Signal that the loop runs, and whether it wants the motors on."""
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -37,7 +37,7 @@ def address_of(can: CanSettings) -> str:
 
 
 class HeartbeatSender:
-    """Sends to the guard of a bus; a heartbeat that nobody takes, or that has no room, is dropped. See `Heartbeat`."""
+    """Sends to the guard of a bus; see `GuardHeartbeat`. One that nobody receives, or has no room, is dropped."""
 
     def __init__(self, can: CanSettings) -> None:
         """Send to the guard of `can`; the socket is opened with the first heartbeat."""
@@ -46,7 +46,7 @@ class HeartbeatSender:
         self._spared = 0
 
     def beat(self, *, is_on: bool) -> None:
-        """Send one; see `Heartbeat.beat`."""
+        """Send one; see `GuardHeartbeat.beat`."""
         if self._spared:
             self._spared -= 1
             return

@@ -1,4 +1,4 @@
-"""What a robot file says of its hardware: the parts that every drive family shares."""
+"""Settings in a robot file for its hardware: the parts that every drive family shares."""
 
 from typing import Annotated, Literal
 

@@ -87,11 +87,11 @@ class Switching:
             health |= {f"link.last_{name}_ms": _ms(gap) for name, gap in last.gaps.items() if gap is not None}
         return health
 
-    def judge(self, heard_ns: Sequence[int | None], *, is_armed: bool) -> str | None:
+    def judge(self, received_ns: Sequence[int | None], *, is_armed: bool) -> str | None:
         """Look at the lines, and pass to the other one where it must be.
 
         Args:
-            heard_ns: When each drive was last heard intact; None for one that never was.
+            received_ns: When the last intact frame of each drive was received; None for one that never was.
             is_armed: Whether the robot's motors are on, or are being switched on.
 
         Returns:
@@ -99,24 +99,24 @@ class Switching:
         """
         now_ns = self._now_ns()
         self._began_ns = self._began_ns or now_ns
-        last_good_ns = min(self._began_ns if at_ns is None else at_ns for at_ns in heard_ns)
+        last_good_ns = min(self._began_ns if at_ns is None else at_ns for at_ns in received_ns)
         self._follow_bus(now_ns)
         reason = self._reason(now_ns, last_good_ns, is_armed=is_armed)
         return None if reason is None else self._pass_over(now_ns, last_good_ns, reason)
 
-    def measure(self, heard_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
-        """Complete the measurement of the last change, and tell what was found.
+    def measure(self, received_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
+        """Complete the measurement of the last change, and report it.
 
         Args:
-            heard_ns: As for `judge`.
+            received_ns: As for `judge`.
             is_ready: Whether the drives follow commands.
         """
         switch, now_ns = self._unmeasured, self._now_ns()
         if switch is None or self._changed_ns is None:
             return
-        heard = [at_ns for at_ns in heard_ns if at_ns is not None and at_ns >= self._changed_ns]
-        if switch.telemetry_gap_ns is None and len(heard) == len(heard_ns):
-            switch.telemetry_gap_ns = max(heard) - switch.last_good_ns
+        observed = [at_ns for at_ns in received_ns if at_ns is not None and at_ns >= self._changed_ns]
+        if switch.telemetry_gap_ns is None and len(observed) == len(received_ns):
+            switch.telemetry_gap_ns = max(observed) - switch.last_good_ns
             yield f"link: telemetry is back {_ms(switch.telemetry_gap_ns)} ms after the last good frame"
         if switch.torque_gap_ns is None and is_ready:
             switch.torque_gap_ns = now_ns - switch.last_good_ns

@@ -1,4 +1,4 @@
-"""The phases that every drive passes through on the way to torque."""
+"""The phases that every drive passes through on the way to torque, and its disable feedback."""
 
 import enum
 from typing import Final
@@ -23,26 +23,43 @@ class Enabling:
         phase: The present phase.
     """
 
-    __slots__ = ("_begun_ns", "phase")
+    __slots__ = ("_begun_ns", "_disabled_ns", "phase")
 
     def __init__(self) -> None:
         self.phase = Phase.OFF
         self._begun_ns = 0
+        self._disabled_ns = -1
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the drive was commanded to enable, and has confirmed."""
+        return self.phase is Phase.ENABLED
 
     def begin(self, now_ns: int) -> None:
-        """The drive is asked to enable."""
+        """The drive is commanded to enable."""
         self.phase = Phase.ENABLING
         self._begun_ns = now_ns
 
     def confirm(self) -> None:
-        """The drive has confirmed; means nothing unless it was asked."""
+        """The drive has confirmed; without effect unless it was commanded to enable."""
         if self.phase is Phase.ENABLING:
             self.phase = Phase.ENABLED
 
-    def end(self) -> None:
-        """The drive is told to switch off."""
+    def end(self, now_ns: int) -> None:
+        """The drive is commanded to switch off; a drive that is off already keeps its disable feedback."""
+        if self.phase is not Phase.OFF:
+            self._disabled_ns = now_ns
         self.phase = Phase.OFF
 
     def is_overdue(self, now_ns: int) -> bool:
         """Whether the drive was asked too long ago and has not confirmed."""
         return self.phase is Phase.ENABLING and now_ns - self._begun_ns > ENABLE_WITHIN_NS
+
+    def confirms_disable(self, off_ns: int | None) -> bool:
+        """Disable feedback: whether the drive has reported its disabled state since the last command to disable.
+
+        Args:
+            off_ns: When the newest report arrived, if it shows the motor off; else None. What had arrived by the time
+                of the command does not count, also where it is read later. Whether it is fresh is for the caller.
+        """
+        return off_ns is not None and off_ns > self._disabled_ns

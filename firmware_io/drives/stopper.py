@@ -24,7 +24,7 @@ class Meaning(enum.StrEnum):
 
 
 class Observation(NamedTuple):
-    """What a frame says of a drive."""
+    """What a frame means for a drive."""
 
     drive: str
     meaning: Meaning
@@ -35,7 +35,7 @@ class Stopper(Protocol):
 
     Attributes:
         drives: What can be commanded by itself: `board`, or `left` and `right`.
-        reports: Whether the drives tell if they are on.
+        reports: Whether the drives report if they are on.
     """
 
     drives: Sequence[str]

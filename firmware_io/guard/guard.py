@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 PASS_NS: Final = 2_000_000
 """From one look at the bus to the next."""
 _DRAINS: Final = 20
-"""A link hands out so many frames at a time; after a hold-up more are waiting."""
+"""A link hands out so many frames at a time; after a preemption more are waiting."""
 _logger = logging.getLogger(__name__)
 
 
@@ -34,17 +34,17 @@ class Guard:
     """Listens on one link and stops the drives over another.
 
     A link takes what comes with an identifier that it has sent for its own frame come back. A guard with one link would
-    be deaf to the node from its first stop frame on, so it listens on a link that never sends.
+    not receive the node from its first stop frame on, so it listens on a link that never sends.
     """
 
-    def __init__(self, ears: Link, voice: Link, beats: Beats, watch: Watch, clocks: Clocks) -> None:
+    def __init__(self, receiving: Link, sending: Link, beats: Beats, watch: Watch, clocks: Clocks) -> None:
         """Guard what `watch` watches."""
-        self._ears = ears
-        self._voice = voice
+        self._receiving = receiving
+        self._sending = sending
         self._beats = beats
         self._watch = watch
         self._clocks = clocks
-        self._is_deaf = False
+        self._is_bus_lost = False
         self._reported: Intervention | None = None
         self._is_stopped = False
 
@@ -59,11 +59,11 @@ class Guard:
             HardwareError: The bus is not there, or has a guard already.
         """
         with contextlib.ExitStack() as exits:
-            for part in (self._beats, self._ears, self._voice):
+            for part in (self._beats, self._receiving, self._sending):
                 exits.callback(part.close)
                 part.open()
             self._watch.excuse(self._clocks.now_ns())
-            _logger.info("guard on %s", self._ears.description)
+            _logger.info("guard on %s", self._receiving.description)
             while not self._is_stopped:
                 self.step()
                 self._clocks.sleep_until_ns(self._clocks.now_ns() + PASS_NS)
@@ -80,47 +80,47 @@ class Guard:
         for frame in frames:
             self._watch.take(frame)
         for frame in self._watch.step(now_ns):
-            self._voice.send(frame)
+            self._sending.send(frame)
         self._tell()
 
     def _listen(self) -> list[Frame] | None:
-        """What has arrived; None while the bus is gone, which is said once."""
+        """What has arrived; None while the bus is gone, which is logged once."""
         with contextlib.suppress(LinkLostError):
-            self._voice.receive()  # nobody needs it, but a link that is lost comes back only where it is read
+            self._sending.receive()  # nobody needs it, but a link that is lost comes back only where it is read
         try:
             frames = self._drain()
         except LinkLostError as error:
-            if not self._is_deaf:
+            if not self._is_bus_lost:
                 _logger.warning("%s: nothing is guarded until it is back", error)
-            self._is_deaf = True
+            self._is_bus_lost = True
             return None
-        if self._is_deaf:
-            _logger.warning("%s is back, and guarded", self._ears.description)
-            self._is_deaf = False
+        if self._is_bus_lost:
+            _logger.warning("%s is back, and guarded", self._receiving.description)
+            self._is_bus_lost = False
         return frames
 
     def _drain(self) -> list[Frame]:
         """What has arrived, and no more looks than it takes to see that nothing is left."""
         frames: list[Frame] = []
         for _ in range(_DRAINS):
-            found = self._ears.receive()
+            found = self._receiving.receive()
             if not found:
                 break
             frames += found
         return frames
 
     def _tell(self) -> None:
-        """Say of an intervention, once it is over, what was done."""
+        """Log an intervention once it is over."""
         newest = self._watch.interventions[-1] if self._watch.interventions else None
         if newest is not None and newest.end is not None and newest is not self._reported:
             self._reported = newest
             _logger.warning("%s", describe(newest))
 
 
-def describe(told: Intervention) -> str:
+def describe(done: Intervention) -> str:
     """An intervention in one line."""
-    after = "no command was ever heard"
-    if told.last_command_ns is not None:
-        after = f"{(told.first_ns - told.last_command_ns) * 1e-6:.1f} ms after the last command"
-    lasted = f"over {(told.last_ns - told.first_ns) * 1e-6:.0f} ms"
-    return f"stopped the drives: {told.cause}; {after}, {told.frames} frames {lasted}, until {told.end}"
+    after = "no command was ever received"
+    if done.last_command_ns is not None:
+        after = f"{(done.first_ns - done.last_command_ns) * 1e-6:.1f} ms after the last command"
+    lasted = f"over {(done.last_ns - done.first_ns) * 1e-6:.0f} ms"
+    return f"stopped the drives: {done.cause}; {after}, {done.frames} frames {lasted}, until {done.end}"

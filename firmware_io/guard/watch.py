@@ -48,7 +48,7 @@ class Intervention:
 
     Attributes:
         cause: Why it began.
-        last_command_ns: When the node was last heard before, monotonic; None where it never was.
+        last_command_ns: When the node's last frame before that was received, monotonic; None where none was.
         first_ns: When the first stop frame was sent, monotonic.
         last_ns: When the last one was.
         frames: How many were sent.
@@ -68,10 +68,10 @@ class _Drive:
     """What is known of a drive.
 
     Attributes:
-        alive_ns: When the node last commanded it, or said that it lives.
+        alive_ns: When the node last commanded it, or sent a heartbeat.
         moved_ns: When the node last wanted it to move.
         rested_ns: When the node last sent it a zero or switched it off.
-        off_ns: When it last reported that it is off; None where it was told to move since.
+        off_ns: When it last reported that it is off; None where it was commanded to move since.
         wants: Whether the node's last word was to move.
         is_on: Whether its own last word was that it is on.
         is_barred: Whether it was stopped, and the node has not sent a zero since.
@@ -88,7 +88,7 @@ class _Drive:
     is_defied: bool = False
 
     def live(self, at_ns: int) -> int:
-        """The node lives; returns for how long the drive, if it may follow, had heard nothing, ns."""
+        """The node lives; returns for how long the drive, if it may follow, had received nothing, ns."""
         before_ns, self.alive_ns = self.alive_ns, at_ns
         return at_ns - before_ns if before_ns is not None and (self.wants or self.is_on) else 0
 
@@ -97,18 +97,18 @@ class _Drive:
         self.wants, self.moved_ns, self.off_ns = True, at_ns, None
 
     def report_off(self, at_ns: int) -> None:
-        """It is off; what was on its way before the last command to move says nothing of that."""
+        """It is off; what was on its way before the last command to move does not count."""
         self.is_on = False
         if at_ns - self.moved_ns >= IN_FLIGHT_NS:
             self.wants, self.off_ns = False, at_ns
 
 
 class Watch:
-    """Watches the drives of a robot and says which frames to send; nothing while all is well.
+    """Watches the drives of a robot and decides which frames to send; none while all is well.
 
     Attributes:
-        commands: Commands of the node that were heard.
-        heartbeats: Heartbeats of the node that were heard.
+        commands: Commands of the node that were received.
+        heartbeats: Heartbeats of the node that were received.
         longest_gap_ns: Longest time between two signs of life while a drive followed.
         interventions: The newest ones.
         intervened: How many there were.
@@ -131,25 +131,25 @@ class Watch:
         self._echoes_until_ns = now_ns
 
     def take(self, frame: Frame) -> None:
-        """Take a frame from the bus; our own come back too, and say nothing of the node."""
+        """Take a frame from the bus; our own come back too, and are skipped."""
         sent = replace(frame, received_ns=0)
         if self._echoes[sent] > 0:
             self._echoes[sent] -= 1
             return
-        heard = self._stopper.read(frame)
-        if heard is None:
+        observed = self._stopper.read(frame)
+        if observed is None:
             return
-        drive = self._drives[heard.drive]
-        match heard.meaning:
+        drive = self._drives[observed.drive]
+        match observed.meaning:
             case Meaning.ON:
                 drive.is_on = True
             case Meaning.OFF:
                 drive.report_off(frame.received_ns)
             case _:
-                self._obey(drive, heard.meaning, frame.received_ns)
+                self._obey(drive, observed.meaning, frame.received_ns)
 
     def beat(self, now_ns: int, *, is_on: bool) -> None:
-        """Take a heartbeat of the node, which says whether it wants the motors on."""
+        """Take a heartbeat of the node, with whether it wants the motors on."""
         self.heartbeats += 1
         for drive in self._drives.values():
             self._note_life(drive, now_ns)
@@ -159,7 +159,7 @@ class Watch:
                 drive.wants = False
 
     def excuse(self, now_ns: int) -> None:
-        """Nothing could be heard until now, which is not the node's fault."""
+        """Nothing could be received until now, which is not the node's fault."""
         self._watching_ns = self._stepped_ns = now_ns
 
     def step(self, now_ns: int) -> Sequence[Frame]:
@@ -185,14 +185,14 @@ class Watch:
         drive.wants = drive.is_barred = drive.is_defied = False
         drive.rested_ns = at_ns
         if meaning is Meaning.DISABLE:
-            # Its last report is out of date; should it not obey, its next one tells.
+            # Its last report is out of date; should it not obey, its next one shows it.
             drive.is_on = False
 
     def _note_life(self, drive: _Drive, at_ns: int) -> None:
         self.longest_gap_ns = max(self.longest_gap_ns, drive.live(at_ns))
 
     def _look_at_self(self, now_ns: int) -> None:
-        """A guard that was held up itself listens for half the limit before it judges."""
+        """A guard that was preempted itself listens for half the limit before it judges."""
         if now_ns - self._stepped_ns > self._limit_ns // 2:
             self._watching_ns = now_ns - self._limit_ns // 2
         self._stepped_ns = now_ns
@@ -209,8 +209,8 @@ class Watch:
         return Cause.SILENCE if silent else None
 
     def _silence_ns(self, drive: _Drive, now_ns: int) -> int:
-        heard_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
-        return now_ns - heard_ns
+        received_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
+        return now_ns - received_ns
 
     def _begin(self, cause: Cause, now_ns: int) -> None:
         alive = [drive.alive_ns for drive in self._drives.values() if drive.alive_ns is not None]
@@ -235,7 +235,7 @@ class Watch:
         return End.TIME if now_ns - first_ns >= GIVE_UP_NS else None
 
     def _end(self, present: Intervention, end: End) -> None:
-        """Forget what was known of the drives: one that is still on says so again."""
+        """Discard what was known of the drives: one that is still on reports so again."""
         present.end = end
         self._present = None
         for drive in self._drives.values():

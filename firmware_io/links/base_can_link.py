@@ -25,7 +25,7 @@ NowNs = Callable[[], int]
 _FAILURES: Final = 10
 """Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
 _TOGETHER_NS: Final = 100_000
-"""Two clocks that are read within this time tell how far one is ahead of the other."""
+"""Two clocks that are read within this time give their offset."""
 _READINGS: Final = 3
 """Tries at that; the last one counts in any case."""
 _MAX_IDENTIFIERS: Final = 4096
@@ -37,8 +37,8 @@ def wall_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_REALTIME)
 
 
-class CanSettings(NamedTuple):
-    """What a CAN link is told.
+class CanBus(NamedTuple):
+    """What a CAN link is made for.
 
     Attributes:
         description: Which bus it is, for people.
@@ -70,7 +70,7 @@ class BaseCanLink:
     """
 
     def __init__(
-        self, settings: CanSettings, open_port: Callable[[LinkCounters], CanPort], now_ns: NowNs, wall_ns: NowNs
+        self, settings: CanBus, open_port: Callable[[LinkCounters], CanPort], now_ns: NowNs, wall_ns: NowNs
     ) -> None:
         """Describe the bus; `open` opens it, and `open_port` may take its time and raise BusNotFoundError."""
         self.counters = LinkCounters()
@@ -100,7 +100,7 @@ class BaseCanLink:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """State, counts, rates since the last call, what the error frames told, and what the kernel knows."""
+        """State, counts, rates since the last call, what the error frames reported, and what the kernel knows."""
         if self._interface.look(self.counters.error_frames):
             self._learn(self._interface.state)
         bitrate = self._interface.state.bitrate or self._settings.bitrate
@@ -175,7 +175,7 @@ class BaseCanLink:
     def _read_clocks(self) -> tuple[int, int]:
         """The loop's clock, and how far it is ahead of that of the stamps, ns.
 
-        Held up between the one and the other by a millisecond, every frame would look a millisecond older than it is.
+        Preempted between the one and the other by a millisecond, every frame would look a millisecond older than it is.
         """
         for _ in range(_READINGS):
             now_ns = self._now_ns()
@@ -202,7 +202,7 @@ class BaseCanLink:
     def _count_received(self, bits: int) -> None:
         self.counters.received += 1
         self.counters.bits += bits
-        if self._errors.state is LinkState.BUS_OFF:  # a controller that is off hears nothing
+        if self._errors.state is LinkState.BUS_OFF:  # a controller that is off receives nothing
             self._errors.state = LinkState.ACTIVE
 
     def _count_sent(self, frame: Frame) -> None:

@@ -1,6 +1,6 @@
-"""What the kernel's CAN error frames say of a bus: its state, its error counters and what went wrong.
+"""What the kernel's CAN error frames report of a bus: its state, its error counters and what went wrong.
 
-Source: linux/can/error.h. An error frame's identifier is a set of class bits; its eight bytes say more.
+Source: linux/can/error.h. An error frame's identifier is a set of class bits; its eight bytes carry details.
 """
 
 from collections import Counter
@@ -26,7 +26,7 @@ _CLASSES: Final = {
 _DETAILS: Final = {0x01: "rx_overflow", 0x02: "tx_overflow"}
 """Of byte 1, where the class is `controller`: queues of the controller that ran over."""
 _STATES: Final = ((0x30, LinkState.PASSIVE), (0x0C, LinkState.WARNING), (0x40, LinkState.ACTIVE))
-"""Bits of the same byte, for reception or transmission; a controller is as ill as the worse of the two."""
+"""Bits of the same byte, for reception or transmission; a controller is in the worse of the two."""
 _LENGTH: Final = 8
 
 
@@ -35,8 +35,8 @@ class BusError(NamedTuple):
 
     Attributes:
         causes: What went wrong, by the kernel's classes; `other` where it names none.
-        state: What the controller has become; None where the frame does not say.
-        tec: The controller's transmit error counter; None where the frame does not say.
+        state: What the controller has become; None where the frame does not carry it.
+        tec: The controller's transmit error counter; None where the frame does not carry it.
         rec: Its receive error counter; likewise.
     """
 
@@ -77,7 +77,7 @@ class BusErrors:
 
     Attributes:
         state: Its newest state.
-        tec: Its newest transmit error counter; None where it never told.
+        tec: Its newest transmit error counter; None where it was never reported.
         rec: Its newest receive error counter; likewise.
         counts: Error frames by cause.
     """

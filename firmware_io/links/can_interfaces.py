@@ -70,7 +70,7 @@ def check_socketcan(channel: str, bitrate: int) -> None:
 
 
 def cannot_open(description: str, error: Exception) -> BusNotFoundError:
-    """What to tell of a bus that is there but does not open."""
+    """The error for a bus that is there but does not open."""
     return BusNotFoundError(f"cannot open CAN bus {description}: {error}; check interface and channel")
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
 from segway_ecc.firmware_io.links.can_interfaces import (
     cannot_open,
     check_socketcan,
@@ -42,7 +42,7 @@ __all__ = ["CanLink", "PythonCanPort", "make_can_link", "resolve", "socketcan_in
 _KERNEL_ERROR_FRAMES: Final = frozenset({"socketcan", "socketcand", "gs_usb", "local", "virtual"})
 """Interfaces whose error frames are those of linux/can/error.h; those of others are counted, and not understood."""
 _OPTIONS: Final[dict[str, dict[str, Any]]] = {"slcan": {"timeout": 0.0}}
-"""What an interface must be told so that it does not wait for a frame that is not there."""
+"""Options with which an interface does not wait for a frame that is not there."""
 _NS_PER_S: Final = 1e9
 
 
@@ -87,7 +87,7 @@ class CanLink(BaseCanLink):
                 raise cannot_open(description, error) from error
 
         kernel_name = name if chosen == "socketcan" else None
-        super().__init__(CanSettings(description, bitrate, kernel_name), open_port, now_ns, wall_ns)
+        super().__init__(CanBus(description, bitrate, kernel_name), open_port, now_ns, wall_ns)
 
 
 class PythonCanPort:
@@ -135,7 +135,7 @@ class PythonCanPort:
 
     def close(self) -> None:
         """Shut the bus down."""
-        with contextlib.suppress(Exception):  # one that is gone cannot be told so
+        with contextlib.suppress(Exception):  # one that is gone cannot be shut down
             self._bus.shutdown()
 
     def _arrival(self, message: "can.Message") -> Arrival | None:

@@ -1,4 +1,4 @@
-"""The seam between a CAN link and what it is open on."""
+"""The interface between a CAN link and what it is open on."""
 
 import errno
 import functools
@@ -17,9 +17,9 @@ EXTENDED_IDENTIFIER: Final = 0x1FFFFFFF
 STANDARD_IDENTIFIER: Final = 0x7FF
 
 GONE: Final = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF})
-"""What the system says of an interface that is down or away."""
+"""Error codes for an interface that is down or away."""
 MAX_FRAMES: Final = 512
-"""Taken in one drain, so that a flooded bus cannot hold up the loop; the rest waits for the next."""
+"""Taken in one drain, so that a flooded bus cannot stall the loop; the rest waits for the next."""
 MAX_DATA: Final = 8
 
 Arrival = tuple[int, bytes, int]
@@ -60,12 +60,12 @@ class CanPort(Protocol):
 
 
 def port_error(error: OSError) -> PortError:
-    """What the system says of a socket, as a port tells it."""
+    """The error of a socket as that of a port."""
     return PortError(str(error.strerror), is_gone=error.errno in GONE)
 
 
 def readiness(sock: socket.socket) -> Callable[[], object]:
-    """What tells whether more has arrived at a socket, by a truth value.
+    """A function that is true where more has arrived at a socket.
 
     Receiving where nothing has ends in an exception, which takes longer than to ask: many times, where caches are cold.
     """
@@ -75,7 +75,7 @@ def readiness(sock: socket.socket) -> Callable[[], object]:
 
 
 def wire_word(frame: Frame) -> int:
-    """The identifier that a frame bears, with its flags."""
+    """The identifier of a frame, with its flags."""
     return frame.arbitration_id | (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
 
 

@@ -28,7 +28,7 @@ def encode(data: bytes) -> bytes:
         coded.append(len(rest) + 1)
         coded += rest
     rest = _take_full_blocks(last, coded)
-    if rest or not last:  # after a full block at the very end there is nothing to say
+    if rest or not last:  # after a full block at the very end nothing is to be added
         coded.append(len(rest) + 1)
         coded += rest
     return bytes(coded)

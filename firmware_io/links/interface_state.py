@@ -41,7 +41,7 @@ _NAME_BYTES: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class InterfaceState:
-    """A CAN interface; what its driver does not tell is None. A virtual one tells nothing but its kind.
+    """A CAN interface; what its driver does not report is None. A virtual one reports only its kind.
 
     Attributes:
         kind: The kernel's name for the sort of interface: `can`, `vcan`.
@@ -64,7 +64,7 @@ class InterfaceState:
     def __str__(self) -> str:
         """In a few words, for people."""
         if self.state is None and self.bitrate is None:
-            return f"{self.kind or 'unknown'}: no controller that tells of itself"
+            return f"{self.kind or 'unknown'}: no controller that reports"
         words = [str(self.state or "down")]
         words += [f"{self.bitrate} bit/s"] if self.bitrate is not None else []
         words.append(
@@ -74,13 +74,13 @@ class InterfaceState:
 
 
 UNKNOWN: Final = InterfaceState("", is_up=False)
-"""An interface of which the kernel says nothing."""
+"""An interface of which the kernel reports nothing."""
 
 
 def read_interface_state(name: str) -> InterfaceState:
-    """Ask the kernel for an interface; `UNKNOWN` where there is no such one, or the kernel does not say.
+    """Ask the kernel for an interface; `UNKNOWN` where there is no such one, or the kernel does not answer.
 
-    The kernel answers at once, but may be held up by somebody who is changing an interface: not for the loop.
+    The kernel answers at once, but may be blocked by somebody who is changing an interface: not for the loop.
     """
     try:
         with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as sock:

@@ -1,4 +1,4 @@
-"""The seam between a device and the wire, and what is counted there."""
+"""The interface between a device and the wire, and what is counted there."""
 
 import enum
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ class Frame(Value, frozen=True):
         data: 0 to 8 bytes.
         received_ns: When it arrived, on the clock of the loop, ns; 0 for a frame to be sent.
         is_extended: Whether the identifier is a 29-bit one.
-        is_remote: Whether it asks for the data instead of carrying it; a robot sends such frames, and hears none.
+        is_remote: Whether it asks for the data instead of carrying it; a robot sends such frames, and receives none.
     """
 
     arbitration_id: int

@@ -16,7 +16,7 @@ _DATAGRAM: Final = struct.Struct("<4sQQIBx8s")
 
 Datagram = tuple[int, int, int, int, bytes]
 """A frame on the virtual bus: who of its participants sent it; when, on the wall clock, ns; its identifier with the
-flags of linux/can.h; what it says of the length of its data, 0 to 8; and as many bytes."""
+flags of linux/can.h; the length that it states, 0 to 8; and as many bytes."""
 
 
 def new_sender() -> int:

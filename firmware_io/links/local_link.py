@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
 from segway_ecc.firmware_io.links.can_interfaces import cannot_open, describe
 from segway_ecc.firmware_io.links.can_port import (
     ERROR,
@@ -44,7 +44,7 @@ class LocalLink(BaseCanLink):
             except LocalBusError as error:
                 raise cannot_open(description, error) from error
 
-        super().__init__(CanSettings(description, bitrate, None), open_port, now_ns, wall_ns)
+        super().__init__(CanBus(description, bitrate, None), open_port, now_ns, wall_ns)
 
 
 class LocalPort:

@@ -30,7 +30,7 @@ def multicast_socket(group: str) -> socket.socket:
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        # Bound to the group and not to any address: other channels share the port and must not be heard.
+        # Bound to the group and not to any address: other channels share the port and must not be received.
         sock.bind((group, PORT))
         loopback = socket.inet_aton(_LOOPBACK)
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + loopback)

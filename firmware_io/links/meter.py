@@ -11,7 +11,7 @@ _NS_PER_S: Final = 1e9
 
 
 class Meter:
-    """Tells how fast a link's counts grew between one look and the next."""
+    """Measures how fast a link's counts grow."""
 
     def __init__(self, counters: LinkCounters, now_ns: NowNs) -> None:
         """Begin now, from the counts as they are."""

@@ -29,7 +29,7 @@ class StandbyLink(Link, Protocol):
 class RedundantLink:
     """Two lines to the same drives of which one at a time is the owner: it alone carries what is sent.
 
-    It passes from one line to the other only when told to by `pass_over`; see `segway_ecc.firmware_io.switching`.
+    It passes from one line to the other only by `pass_over`; see `segway_ecc.firmware_io.switching`.
 
     Attributes:
         lines: The bus, and the line to fall back on.
@@ -43,7 +43,7 @@ class RedundantLink:
         self.owner: Link = bus
         self._now_ns = now_ns
         self.aside: list[Frame] = []
-        self._standby_heard_ns: int | None = None
+        self._standby_received_ns: int | None = None
         self._failures = 0
 
     @property
@@ -102,8 +102,8 @@ class RedundantLink:
         return received[True]
 
     def note_standby(self) -> None:
-        """Note that a drive was just heard on the line in standby."""
-        self._standby_heard_ns = self._now_ns()
+        """Note that a drive has just answered on the line in standby."""
+        self._standby_received_ns = self._now_ns()
 
     def close(self) -> None:
         """Close both lines."""
@@ -120,7 +120,7 @@ class RedundantLink:
 
     @property
     def trouble(self) -> str | None:
-        """What the owner itself says is wrong with it, in a few words; None while all is well."""
+        """What the owner reports to be wrong with it, in a few words; None while all is well."""
         if self.owner.state not in (LinkState.ACTIVE, LinkState.WARNING):
             return str(self.owner.state)
         if self._failures >= SEND_FAILURES:
@@ -129,12 +129,12 @@ class RedundantLink:
 
     @property
     def standby_is_good(self) -> bool:
-        """Whether the line that is not the owner is up, and a drive has lately been heard on it."""
-        heard_ns = self._standby_heard_ns
+        """Whether the line that is not the owner is up, and a drive has lately answered on it."""
+        received_ns = self._standby_received_ns
         return (
             self.standby.state in (LinkState.ACTIVE, LinkState.WARNING)
-            and heard_ns is not None
-            and self._now_ns() - heard_ns <= _ANSWERS_WITHIN_NS
+            and received_ns is not None
+            and self._now_ns() - received_ns <= _ANSWERS_WITHIN_NS
         )
 
     def pass_over(self) -> None:
@@ -146,7 +146,7 @@ class RedundantLink:
         self.owner = self.standby
         self.lines[1].is_active = self.is_on_fallback
         self._failures = 0
-        self._standby_heard_ns = None
+        self._standby_received_ns = None
 
 
 def _receive(line: Link, lost: list[str]) -> list[Frame]:

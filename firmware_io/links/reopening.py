@@ -41,7 +41,7 @@ class BackgroundTask(Generic[T]):
     def _run(self) -> None:
         try:
             outcome: T | Exception = self._work()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the loop is told of it
+        except Exception as error:  # noqa: BLE001 - whatever it is, the loop gets it
             outcome = error
         self._outcomes.append(outcome)
         # Kept first and asked afterwards, and `abandon` the other way round: so exactly one of the two takes it out.
@@ -141,7 +141,7 @@ class Recovery(Generic[T]):
         self.reason = reason
 
     def lost(self) -> LinkLostError:
-        """The error that tells why the port was lost, and what to do."""
+        """The error with why the port was lost, and what to do."""
         cure = f"; {self._cure}" if self._cure else ""
         return LinkLostError(f"{self._name} is gone: {self.reason}{cure}")
 

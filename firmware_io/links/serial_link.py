@@ -20,7 +20,7 @@ LOST: Final = "lost"
 _ASK_EVERY_NS: Final = {False: 100_000_000, True: 500_000}
 """Least time between two requests: in standby ten a second; else one in each cycle, at up to 1 kHz."""
 _MAX_BYTES: Final = 4096
-"""Read in one go, so that a flooded line cannot hold up the loop; the rest waits for the next."""
+"""Read in one go, so that a flooded line cannot stall the loop; the rest waits for the next."""
 _BITS_PER_BYTE: Final = 10
 """On the wire: start bit, eight bits, stop bit."""
 _BACKLOG_S: Final = 0.01
@@ -58,7 +58,7 @@ class SerialCodec(Protocol):
     refused: Counter[str]
 
     def encode(self, frame: Frame) -> bytes | None:
-        """The bytes that say what a frame says; None where this line has no words for it."""
+        """The bytes that carry a frame; None where this protocol has none for it."""
 
     def request(self) -> bytes:
         """The bytes that ask the device for its telemetry; empty where it is sent unasked."""
@@ -80,7 +80,7 @@ OpenPort = Callable[[SerialSettings], Port]
 class SerialLink:
     """A link over one serial line; see `Link` and `StandbyLink`.
 
-    What the drives have to tell is asked for; the answer to a request is read in the next cycle. A command that the
+    The drives' telemetry is requested; the answer to a request is read in the next cycle. A command that the
     port has no room for is dropped: an old command is worse than none. Of a packet that went out in part the rest goes
     first next time, so that what follows is whole; where it is too old for that, the other end refuses the half.
 
@@ -256,5 +256,5 @@ def _in_time(baudrate: int) -> int:
 
 
 def _text(error: OSError) -> str:
-    """What a port says is wrong, without the number that pyserial puts before it; never empty."""
+    """The text of a port's error, without the number that pyserial puts before it; never empty."""
     return (str(error.args[-1]) if error.args else "") or type(error).__name__

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import Final
 
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings, NowNs, wall_ns
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
 from segway_ecc.firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
 from segway_ecc.firmware_io.links.can_port import (
     MAX_FRAMES,
@@ -66,7 +66,7 @@ class SocketCanLink(BaseCanLink):
             except OSError as error:
                 raise cannot_open(description, error) from error
 
-        super().__init__(CanSettings(description, bitrate, channel), open_port, now_ns, wall_ns)
+        super().__init__(CanBus(description, bitrate, channel), open_port, now_ns, wall_ns)
 
 
 class SocketCanPort:

@@ -10,15 +10,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from segway_ecc.firmware_io.drives.vesc.comm import (
+from segway_ecc.firmware_io.drives.vesc.frames import (
     FIELD_NAMES,
     SET_PACKETS,
     TIMED_OUT,
+    PacketId,
+    Payload,
+    Status,
+    Status5,
+    arbitration_id,
     encode_values,
+    frame_of,
     mask_of,
     read_mask,
 )
-from segway_ecc.firmware_io.drives.vesc.frames import Command, Payload, Status, Status5, arbitration_id, frame_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescWheelSettings
 from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.links.link import Frame
@@ -41,7 +46,7 @@ _SPEED_GAIN: Final = 0.01
 _POSITION_GAIN: Final = 5.0
 _STEPS_PER_TURN: Final = 6
 _TACHOMETER_MESSAGE: Final = 5
-_SET: Final = frozenset(SET_PACKETS) | {Command.SET_CURRENT_BRAKE_REL, Command.SET_CURRENT_HANDBRAKE_REL}
+_SET: Final = frozenset(SET_PACKETS) | {PacketId.SET_CURRENT_BRAKE_REL, PacketId.SET_CURRENT_HANDBRAKE_REL}
 _RELATIVE: Final = frozenset(command for command in _SET if command.name.endswith("_REL"))
 _BRAKING: Final = frozenset(command for command in _SET if "BRAKE" in command.name)
 _FLAGS: Final = mask_of(("flags",))
@@ -95,7 +100,7 @@ class Controller:
         self.bus_voltage = SUPPLY_VOLTAGE
         self.has_timed_out = False
         self._settings = settings
-        self._mode = Command.SET_CURRENT
+        self._mode = PacketId.SET_CURRENT
         self._target = 0.0
         self._commanded_ns = 0
         self._watched_ns = -_WATCH_NS
@@ -114,7 +119,7 @@ class Controller:
         """Report a fault for half a second from the next pass on, with the motor free."""
         self.fault, self._fault_until_ns = fault, None
 
-    def obey(self, command: Command, payload: Payload, now_ns: int) -> None:
+    def obey(self, command: PacketId, payload: Payload, now_ns: int) -> None:
         """Take a set command; any other is ignored."""
         if command in _SET:
             self._mode, self._target = command, payload[0]
@@ -130,7 +135,7 @@ class Controller:
             self._watched_ns, timeout_ns = now_ns, self.firmware.timeout_s * 1e9
             self.has_timed_out = timeout_ns > 0 and now_ns - self._commanded_ns > timeout_ns
             if self.has_timed_out:
-                self._mode, self._target = Command.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
+                self._mode, self._target = PacketId.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
         if self.fault and self._fault_until_ns is None:
             self._fault_until_ns = now_ns + _FAULT_NS
         if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
@@ -173,11 +178,11 @@ class Controller:
         if self._mode in _BRAKING:
             return -math.copysign(target, self._velocity) if self._velocity else 0.0
         match self._mode:
-            case Command.SET_DUTY:
+            case PacketId.SET_DUTY:
                 return (min(max(target, -_MAX_DUTY), _MAX_DUTY) - self._duty) * self.bus_voltage / _RESISTANCE
-            case Command.SET_RPM:
+            case PacketId.SET_RPM:
                 return (target - self._erpm) * _SPEED_GAIN
-            case Command.SET_POS:
+            case PacketId.SET_POS:
                 return math.remainder(math.radians(target) - self._angle, TURN) * _POSITION_GAIN
         return target
 
@@ -198,7 +203,7 @@ class Controller:
     def _status(self, number: int) -> Frame:
         """A status message; what the model does not know is zero in it."""
         if number == 1:
-            return frame_of(Command.STATUS, self.controller_id, Status(self._erpm, self.current, self._duty))
+            return frame_of(PacketId.STATUS, self.controller_id, Status(self._erpm, self.current, self._duty))
         if number == _TACHOMETER_MESSAGE:
-            return frame_of(Command.STATUS_5, self.controller_id, Status5(self._tachometer, self.bus_voltage))
-        return Frame(arbitration_id(Command[f"STATUS_{number}"], self.controller_id), bytes(8), is_extended=True)
+            return frame_of(PacketId.STATUS_5, self.controller_id, Status5(self._tachometer, self.bus_voltage))
+        return Frame(arbitration_id(PacketId[f"STATUS_{number}"], self.controller_id), bytes(8), is_extended=True)

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, decode_short, frames_of
-from segway_ecc.firmware_io.drives.vesc.comm import SET_PACKETS, Comm
 from segway_ecc.firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
-    Command,
+    SET_PACKETS,
+    Comm,
+    PacketId,
     Ping,
     Pong,
     addressed,
@@ -89,12 +90,12 @@ class SimulatedVesc:
             except FrameRefusedError:
                 self.refused_frames += 1
 
-    def _obey(self, controller: Controller, command: Command, data: bytes, now_ns: int) -> None:
-        if command is not Command.PROCESS_SHORT_BUFFER:
+    def _obey(self, controller: Controller, command: PacketId, data: bytes, now_ns: int) -> None:
+        if command is not PacketId.PROCESS_SHORT_BUFFER:
             payload = decode(command, data)
             controller.obey(command, payload, now_ns)
             if isinstance(payload, Ping):
-                self._link.send(frame_of(Command.PONG, payload.sender_id, Pong(controller.controller_id, 0)))
+                self._link.send(frame_of(PacketId.PONG, payload.sender_id, Pong(controller.controller_id, 0)))
             return
         short = decode_short(data)
         reply = None if short.mode is Mode.PASS_ON else self._process(controller, short.packet, now_ns)

@@ -6,8 +6,8 @@ from typing import Final
 from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, Service, pack_nmt
 from segway_ecc.firmware_io.drives.cia402.limits import BOOT_WITHIN_NS, SETTLE_NS
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
-from segway_ecc.firmware_io.drives.cia402.plan import Plan
 from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
+from segway_ecc.firmware_io.drives.cia402.settings import SetUpPlan
 from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
 from segway_ecc.firmware_io.errors import LinkLostError
@@ -19,7 +19,7 @@ _ATTEMPTS: Final = 3
 def commission(
     link: Link,
     wheels: Sequence[Cia402Wheel],
-    plans: Sequence[Plan],
+    plans: Sequence[SetUpPlan],
     now_ns: Callable[[], int],
     sleep_until_ns: Callable[[int], None],
 ) -> None:
@@ -47,7 +47,7 @@ def commission(
             link.send(_nmt(NmtCommand.START, wheel))
 
 
-def _set_up(network: LinkNetwork, wheel: Cia402Wheel, plan: Plan, now_ns: Callable[[], int]) -> int:
+def _set_up(network: LinkNetwork, wheel: Cia402Wheel, plan: SetUpPlan, now_ns: Callable[[], int]) -> int:
     """Set a drive up, anew where it restarts meanwhile; how often it had started when that began."""
     for _ in range(_ATTEMPTS):
         booted = network.boots[plan.node_id]

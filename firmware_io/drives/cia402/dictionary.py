@@ -41,34 +41,22 @@ def object_dictionary() -> ObjectDictionary:
     dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]  # canopen's
     for index, (name, data_type) in _VARIABLES.items():
         dictionary.add_object(_variable(name, index, 0, data_type, "ro" if index in _READ_ONLY else "rw"))
-    dictionary.add_object(_consumer_heartbeat())
+    consumer_heartbeat = ODArray("consumer heartbeat time", 0x1016)
+    consumer_heartbeat.add_member(_variable("number of entries", 0x1016, 0, UNSIGNED8, "ro"))
+    consumer_heartbeat.add_member(_variable("time", 0x1016, 1, UNSIGNED32))
+    dictionary.add_object(consumer_heartbeat)
     for index, name in _PDO_COMMUNICATION.items():
-        dictionary.add_object(_communication(name, index))
-        dictionary.add_object(_mapping(name, index + _MAPPING_OFFSET))
+        communication = ODRecord(f"{name} communication", index)
+        communication.add_member(_variable("highest sub-index", index, 0, UNSIGNED8, "ro"))
+        communication.add_member(_variable("COB-ID", index, 1, UNSIGNED32))
+        communication.add_member(_variable("transmission type", index, 2, UNSIGNED8))
+        mapping = ODRecord(f"{name} mapping", index + _MAPPING_OFFSET)
+        mapping.add_member(_variable("number of objects", mapping.index, 0, UNSIGNED8))
+        for subindex in range(1, _MAX_MAPPED + 1):
+            mapping.add_member(_variable(f"object {subindex}", mapping.index, subindex, UNSIGNED32))
+        dictionary.add_object(communication)
+        dictionary.add_object(mapping)
     return dictionary
-
-
-def _consumer_heartbeat() -> ODArray:
-    array = ODArray("consumer heartbeat time", 0x1016)
-    array.add_member(_variable("number of entries", 0x1016, 0, UNSIGNED8, "ro"))
-    array.add_member(_variable("time", 0x1016, 1, UNSIGNED32))
-    return array
-
-
-def _communication(name: str, index: int) -> ODRecord:
-    record = ODRecord(f"{name} communication", index)
-    record.add_member(_variable("highest sub-index", index, 0, UNSIGNED8, "ro"))
-    record.add_member(_variable("COB-ID", index, 1, UNSIGNED32))
-    record.add_member(_variable("transmission type", index, 2, UNSIGNED8))
-    return record
-
-
-def _mapping(name: str, index: int) -> ODRecord:
-    record = ODRecord(f"{name} mapping", index)
-    record.add_member(_variable("number of objects", index, 0, UNSIGNED8))
-    for subindex in range(1, _MAX_MAPPED + 1):
-        record.add_member(_variable(f"object {subindex}", index, subindex, UNSIGNED32))
-    return record
 
 
 def _variable(name: str, index: int, subindex: int, data_type: int, access: str = "rw") -> ODVariable:

@@ -6,8 +6,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
-from segway_ecc.firmware_io.drives.cia402.plan import Plan
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.states import Controlword
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
 from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
@@ -25,7 +24,7 @@ class Cia402Pair:
     """Both wheels' drives; see `Drive`.
 
     In every cycle goes out, in this order: the host's heartbeat, which feeds the drives' watchdogs, a command to each
-    drive, and one SYNC, upon which both drives sample and tell their state at the same time.
+    drive, and one SYNC, upon which both drives sample and send their state at the same time.
     """
 
     name = "drives"
@@ -60,7 +59,7 @@ class Cia402Pair:
             )
         self.limits: Sequence[float] = (settings.left.max_torque, settings.right.max_torque)
         self._link = link
-        self._plans = _plans(settings, loop_period_s)
+        self._plans = [settings.plan(wheel, loop_period_s) for wheel in (settings.left, settings.right)]
         self._now_ns = now_ns
         self._sleep_until_ns = sleep_until_ns
         self._wheels = tuple(
@@ -99,12 +98,12 @@ class Cia402Pair:
     @property
     def is_enabled(self) -> bool:
         """Whether both drives have confirmed that their motors follow commands."""
-        return self._enabling.phase is Phase.ENABLED
+        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:
-        """Whether both drives tell states in which their motors have no torque; see `Cia402Wheel.is_off`."""
-        return all(wheel.is_off for wheel in self._wheels)
+        """Whether both drives report states in which their motors have no torque."""
+        return all(wheel.confirms_disable(self._enabling) for wheel in self._wheels)
 
     def enable(self) -> None:
         """Take both drives through their states from the next cycle on, one step a cycle."""
@@ -121,15 +120,12 @@ class Cia402Pair:
             self._link.send(frame)
         self._link.send(_SYNC)
         if self._enabling.phase is Phase.OFF:
-            self._mend()
+            self._restore()
 
     def disable(self) -> None:
         """Send zero and take the voltage from both motors."""
-        was_on = self._enabling.phase is not Phase.OFF
-        self._enabling.end()
+        self._enabling.end(self._now_ns())
         for wheel in self._wheels:
-            if was_on:
-                wheel.end(self._now_ns())
             self._link.send(wheel.pack(Controlword.DISABLE_VOLTAGE))
 
     def faults(self) -> tuple[str, ...]:
@@ -147,7 +143,7 @@ class Cia402Pair:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What each drive tells of itself, and what was refused of it."""
+        """What each drive reports, and what was refused of it."""
         return {f"{wheel.side}.{name}": text for wheel in self._wheels for name, text in wheel.health.items()}
 
     def _command_frames(self, commands: Sequence[float]) -> Iterator[Frame]:
@@ -165,29 +161,12 @@ class Cia402Pair:
                 for wheel in self._wheels:
                     yield wheel.pack(Controlword.DISABLE_VOLTAGE)
 
-    def _mend(self) -> None:
+    def _restore(self) -> None:
         """Set up again a drive that has restarted, a request a cycle, and start one whose communication waits."""
         for wheel in self._wheels:
             request = wheel.restoring.next_request()
             if request is not None:
                 self._link.send(Frame(Service.SDO_REQUEST + wheel.node_id, request))
             if wheel.needs_start and wheel.trouble is None and not wheel.has_restarted:
-                self._tell(NmtCommand.START, wheel)
+                self._link.send(Frame(Service.NMT, pack_nmt(NmtCommand.START, wheel.node_id)))
                 wheel.needs_start = False
-
-    def _tell(self, command: NmtCommand, wheel: Cia402Wheel) -> None:
-        self._link.send(Frame(Service.NMT, pack_nmt(command, wheel.node_id)))
-
-
-def _plans(settings: Cia402Settings, loop_period_s: float) -> tuple[Plan, Plan]:
-    def plan(wheel: Cia402WheelSettings) -> Plan:
-        """One drive's; its motor's torque, N m, is the wheel's through the gear."""
-        return Plan(
-            node_id=wheel.node_id,
-            host_node_id=settings.host_node_id,
-            watchdog_ms=round(settings.watchdog_s * 1e3),
-            cycle_us=round(loop_period_s * 1e6),
-            max_torque=wheel.max_torque / wheel.gear_ratio,
-        )
-
-    return plan(settings.left), plan(settings.right)

@@ -1,4 +1,4 @@
-"""The CANopen frames that a CiA 402 drive is run with: bytes to values and back.
+"""The CANopen frames that a CiA 402 drive is run with: bytes to SI and back.
 
 Layouts follow CiA 301 (object identifiers, NMT, SYNC, EMCY, heartbeat, expedited SDO) and, in the PDOs, the objects of
 CiA 402 as `PDOS` maps them. Everything is little-endian.
@@ -8,6 +8,7 @@ import enum
 import struct
 from typing import Final, NamedTuple, Self
 
+from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 PERMILLE: Final = 0.001
@@ -20,6 +21,7 @@ _STATUS: Final = struct.Struct("<Hih")
 _VELOCITY: Final = struct.Struct("<i")
 _SUPPLY: Final = struct.Struct("<I")
 _MILLIVOLT: Final = 0.001
+_MILLINEWTONMETRE: Final = 0.001
 _EMERGENCY: Final = struct.Struct("<HB5s")
 _SDO: Final = struct.Struct("<BHB4s")
 
@@ -63,7 +65,7 @@ PDOS: Final = {
 
 @enum.unique
 class NmtCommand(enum.IntEnum):
-    """What the host tells a node of its communication."""
+    """NMT commands: what the host requests of a node's communication."""
 
     START = 0x01
     STOP = 0x02
@@ -74,7 +76,7 @@ class NmtCommand(enum.IntEnum):
 
 @enum.unique
 class NmtState(enum.IntEnum):
-    """What a node's heartbeat says of its communication."""
+    """NMT states, as a node's heartbeat carries them."""
 
     BOOT_UP = 0x00
     STOPPED = 0x04
@@ -82,7 +84,7 @@ class NmtState(enum.IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
-class Command(NamedTuple):
+class TorqueCommand(NamedTuple):
     """RPDO1: the controlword (0x6040), and the target torque (0x6071) in parts of the rated torque, +-32.767."""
 
     controlword: int
@@ -99,8 +101,13 @@ class Command(NamedTuple):
         except (struct.error, ValueError, OverflowError) as error:
             raise FrameRefusedError(Refusal.RANGE, "a command") from error
 
+    @classmethod
+    def of(cls, controlword: int, motor_torque: float, rated_torque: float | None) -> Self:
+        """With a torque of the motor, N m; zero where its rated torque, N m, is not known."""
+        return cls(controlword, motor_torque / rated_torque if rated_torque else 0.0)
 
-class Status(NamedTuple):
+
+class DriveStatus(NamedTuple):
     """TPDO1: statusword (0x6041), position (0x6064) in counts, torque (0x6077) in parts of the rated torque."""
 
     statusword: int
@@ -118,16 +125,30 @@ class Status(NamedTuple):
         statusword, counts, permille = _STATUS.unpack(data)
         return cls(statusword, counts, permille * PERMILLE)
 
+    def motor_torque(self, rated_torque: float) -> float:
+        """The torque of a motor with this rated torque, N m."""
+        return self.torque_share * rated_torque
 
-def unpack_velocity(data: bytes) -> int:
-    """TPDO2: the velocity (0x606C), in the drive's unit.
+
+def motor_angle(counts: int, counts_per_turn: int) -> float:
+    """The angle of the motor, rad, at a position (0x6064) followed over its wraps."""
+    return counts / counts_per_turn * TURN
+
+
+def rated_torque(raw: int) -> float:
+    """The rated torque of the motor (0x6076), N m."""
+    return raw * _MILLINEWTONMETRE
+
+
+def motor_velocity(data: bytes, unit_turns: float) -> float:
+    """TPDO2: the velocity (0x606C) of the motor, rad/s, of which the drive's unit is `unit_turns` turns a second.
 
     Raises:
         FrameRefusedError: Wrong length.
     """
     _check(data, _VELOCITY.size, "a velocity")
     (velocity,) = _VELOCITY.unpack(data)
-    return int(velocity)
+    return float(velocity * unit_turns * TURN)
 
 
 def unpack_supply(data: bytes) -> float:
@@ -204,7 +225,7 @@ def pack_heartbeat(state: NmtState) -> bytes:
 
 
 def unpack_heartbeat(data: bytes) -> NmtState:
-    """The state that a heartbeat tells.
+    """The state that a heartbeat carries.
 
     Raises:
         FrameRefusedError: Wrong length, or no such state.

@@ -7,7 +7,7 @@ WATCHDOG_ALLOWED_MS: Final = (20, 50)
 HEARTBEAT_PERIOD_MS: Final = 20
 """The drive's producer heartbeat time (0x1017), ms."""
 SUPPLY_PERIOD_US: Final = 100_000
-"""How often the drive tells the voltage of its supply, as near as a count of SYNCs comes, us."""
+"""How often the drive sends the voltage of its supply, as near as a count of SYNCs comes, us."""
 MAX_SYNCS: Final = 240
 """The most SYNCs that a PDO can be sent every so many of (CiA 301, transmission type)."""
 BOOT_WITHIN_NS: Final = 5_000_000_000

@@ -1,5 +1,6 @@
 """The canopen library on one of our links: its waiting calls pump the link, on the loop's clock, without any thread."""
 
+import contextlib
 import logging
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 _PUMP_NS: Final = 1_000_000
 _SDO_LENGTH: Final = 8
 
-# The library tells every step of a set-up; what goes wrong comes to us as an exception, and is told once.
+# The library logs every step of a set-up; failures reach us as exceptions, and are logged once.
 logging.getLogger("canopen").setLevel(logging.CRITICAL)
 
 
@@ -78,7 +79,8 @@ class LinkNetwork(canopen.Network):
             self._keep(identifier - Service.SDO_REPLY, frame.data)
             self.notify(identifier, bytearray(frame.data), frame.received_ns * 1e-9)
         elif identifier > Service.HEARTBEAT:
-            self._hear(identifier - Service.HEARTBEAT, frame.data)
+            with contextlib.suppress(FrameRefusedError):  # a damaged heartbeat is no boot-up
+                self.boots[identifier - Service.HEARTBEAT] += unpack_heartbeat(frame.data) is NmtState.BOOT_UP
 
     def _keep(self, node_id: int, answer: bytes) -> None:
         """Keep a request with its answer; of the same request made several times, the last answer."""
@@ -89,12 +91,6 @@ class LinkNetwork(canopen.Network):
         if exchanges and exchanges[-1].request == request:
             exchanges.pop()
         exchanges.append(Exchange(request, answer))
-
-    def _hear(self, node_id: int, data: bytes) -> None:
-        try:
-            self.boots[node_id] += unpack_heartbeat(data) is NmtState.BOOT_UP
-        except FrameRefusedError:  # a damaged heartbeat is no boot-up, and nothing else matters here
-            return
 
 
 class PumpedNode(canopen.RemoteNode):

@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     NmtCommand,
     Service,
     pack_nmt,
+    rated_torque,
 )
 from segway_ecc.firmware_io.drives.cia402.limits import (
     ANSWER_WITHIN_NS,
@@ -23,7 +24,7 @@ from segway_ecc.firmware_io.drives.cia402.limits import (
     WATCHDOG_ALLOWED_MS,
 )
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
-from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.drives.cia402.settings import SetUpPlan
 from segway_ecc.firmware_io.errors import HardwareError
 
 CYCLIC_SYNCHRONOUS_TORQUE: Final = 10
@@ -36,15 +37,14 @@ _DISABLE_VOLTAGE: Final = 2
 _DISABLE_DRIVE: Final = 0
 """Of 0x605A: the same for a quick stop that something at the drive causes; the profile's default would brake."""
 _NOT_VALID: Final = 1 << 31
-_MILLINEWTONMETRE: Final = 0.001
 _ABORT_NO_OBJECT: Final = frozenset({0x06020000, 0x06090011})
 
 
 class SetUpError(HardwareError):
-    """A drive could not be set up; the text says at which object."""
+    """A drive could not be set up; the text states at which object."""
 
 
-def set_up(network: LinkNetwork, plan: Plan) -> float:
+def set_up(network: LinkNetwork, plan: SetUpPlan) -> float:
     """Set up a drive that has just been reset, and leave it pre-operational; blocks.
 
     Returns:
@@ -64,7 +64,7 @@ def set_up(network: LinkNetwork, plan: Plan) -> float:
 
 
 class _SetUp:
-    def __init__(self, network: LinkNetwork, node: PumpedNode, plan: Plan) -> None:
+    def __init__(self, network: LinkNetwork, node: PumpedNode, plan: SetUpPlan) -> None:
         self._network = network
         self._node = node
         self._plan = plan
@@ -75,14 +75,16 @@ class _SetUp:
         profile = self._read(0x1000) & 0xFFFF
         if profile != PROFILE:
             raise SetUpError(
-                f"its device type 0x1000 tells profile {profile}, not 402; is the node id that of a drive?"
+                f"its device type 0x1000 names profile {profile}, not 402; is the node id that of a drive?"
             )
         self._write(0x6040, 0, 0)
         self._write_checked(0x1017, 0, HEARTBEAT_PERIOD_MS)
         self._watchdog()
         self._write_if_there(0x605A, _DISABLE_DRIVE)
         rated = self._rated_torque()
-        self._mode()
+        self._write(0x6060, 0, CYCLIC_SYNCHRONOUS_TORQUE)
+        if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
+            raise SetUpError("it does not take mode 10 (0x6061 reads another): it lacks cyclic synchronous torque")
         self._write_checked(0x1005, 0, Service.SYNC)
         self._write_if_there(0x1006, plan.cycle_us)
         self._map(self._node.rpdo[1], Service.RPDO1, AT_ONCE)
@@ -100,25 +102,20 @@ class _SetUp:
         low, high = WATCHDOG_ALLOWED_MS
         if host != plan.host_node_id or not low <= time_ms <= high:
             raise SetUpError(
-                f"its watchdog 0x1016:01 stands at {time_ms} ms for node {host}, asked was {plan.watchdog_ms} ms for "
+                f"its watchdog 0x1016:01 is set to {time_ms} ms for node {host}, asked was {plan.watchdog_ms} ms for "
                 f"node {plan.host_node_id}, allowed is {low} to {high} ms; does it take a heartbeat consumer?"
             )
         self._write_checked(0x6007, 0, _DISABLE_VOLTAGE)
 
     def _rated_torque(self) -> float:
         max_torque = self._plan.max_torque
-        rated = self._read(0x6076) * _MILLINEWTONMETRE
+        rated = rated_torque(self._read(0x6076))
         if rated <= 0.0 or max_torque > rated * MAX_TORQUE_SHARE:
             raise SetUpError(
                 f"its rated torque 0x6076 reads {rated:g} N m, which a torque of {max_torque:g} N m at the motor does "
-                "not go with; set 0x6076 to what the motor's plate says"
+                "not go with; set 0x6076 to the value on the motor's plate"
             )
         return rated
-
-    def _mode(self) -> None:
-        self._write(0x6060, 0, CYCLIC_SYNCHRONOUS_TORQUE)
-        if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
-            raise SetUpError("it does not take mode 10 (0x6061 reads another): it lacks cyclic synchronous torque")
 
     def _map(self, pdo: PdoMap, service: Service, transmission_type: int) -> None:
         """Map a PDO by the library; its present COB-ID is read first, for the bit that allows remote requests."""
@@ -139,7 +136,7 @@ class _SetUp:
             raise SetUpError(f"{service.name} is not mapped as asked: does the drive allow mapping?")
 
     def _map_supply(self) -> None:
-        """Have the supply's voltage told now and then; a drive that does not do that is as good."""
+        """Have the supply's voltage sent now and then; a drive need not support that."""
         every = min(max(SUPPLY_PERIOD_US // self._plan.cycle_us, EVERY_SYNC), MAX_SYNCS)
         try:
             self._map(self._node.tpdo[3], Service.TPDO3, every)

@@ -44,7 +44,7 @@ _BY_FIVE_BITS: Final = {
 
 
 def state_of(statusword: int) -> DriveState | None:
-    """The state that a statusword tells, by the profile's masks; None for one that the profile does not know."""
+    """The state that a statusword carries, by the profile's masks; None for one that the profile does not know."""
     return _BY_SIX_BITS.get(statusword & 0x6F) or _BY_FIVE_BITS.get(statusword & 0x4F)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.cia402.frames import Command, Service, Status
+from segway_ecc.firmware_io.drives.cia402.frames import DriveStatus, Service, TorqueCommand
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.states import Controlword, DriveState, state_of
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
@@ -11,7 +11,7 @@ from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
 _LENGTH: Final = 4
-_DISABLE: Final = Command(Controlword.DISABLE_VOLTAGE, 0.0).pack()
+_DISABLE: Final = TorqueCommand(Controlword.DISABLE_VOLTAGE, 0.0).pack()
 _MOTOR_ON: Final = frozenset(
     {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE}
 )
@@ -20,7 +20,7 @@ _MOTOR_ON: Final = frozenset(
 class Cia402Stopper:
     """The drives of both wheels; see `Stopper`.
 
-    They tell their state upon SYNC, which has stopped with the node, so the guard sends one after its commands.
+    They send their state upon SYNC, which has stopped with the node, so the guard sends one after its commands.
     """
 
     drives: Sequence[str] = ("left", "right")
@@ -37,27 +37,21 @@ class Cia402Stopper:
         """What a frame means; see `Stopper.read`."""
         if frame.is_extended or frame.is_remote:
             return None
-        commanded = self._commands.get(frame.arbitration_id)
-        if commanded is not None:
-            return _command(commanded, frame.data)
-        told = self._statuses.get(frame.arbitration_id)
-        return None if told is None else _status(told, frame.data)
+        name = self._commands.get(frame.arbitration_id)
+        if name is not None:
+            if len(frame.data) != _LENGTH:
+                return None
+            enables = frame.data[0] & Controlword.ENABLE_OPERATION == Controlword.ENABLE_OPERATION
+            return Observation(name, Meaning.MOVE if enables else Meaning.DISABLE)
+        name = self._statuses.get(frame.arbitration_id)
+        try:
+            state = None if name is None else state_of(DriveStatus.unpack(frame.data).statusword)
+        except FrameRefusedError:
+            return None
+        if name is None or state is None:
+            return None
+        return Observation(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)
 
     def stop(self) -> Sequence[Frame]:
         """The voltage taken from both, zero torque, and SYNC; see `Stopper.stop`."""
         return self._stop
-
-
-def _command(name: str, data: bytes) -> Observation | None:
-    if len(data) != _LENGTH:
-        return None
-    enables = data[0] & Controlword.ENABLE_OPERATION == Controlword.ENABLE_OPERATION
-    return Observation(name, Meaning.MOVE if enables else Meaning.DISABLE)
-
-
-def _status(name: str, data: bytes) -> Observation | None:
-    try:
-        state = state_of(Status.unpack(data).statusword)
-    except FrameRefusedError:
-        return None
-    return None if state is None else Observation(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)

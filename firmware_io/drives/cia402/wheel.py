@@ -1,4 +1,4 @@
-"""One drive with its wheel, as the loop knows it: what it tells, and what its state machine is to be told next."""
+"""One drive with its wheel, as the loop knows it: what it reports, and the next command for its state machine."""
 
 import math
 from collections import Counter
@@ -8,14 +8,15 @@ from typing import Final
 from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
-    Command,
+    DriveStatus,
     Emergency,
     NmtState,
     Service,
-    Status,
+    TorqueCommand,
+    motor_angle,
+    motor_velocity,
     unpack_heartbeat,
     unpack_supply,
-    unpack_velocity,
 )
 from segway_ecc.firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
 from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
@@ -27,8 +28,8 @@ from segway_ecc.firmware_io.drives.cia402.states import (
     state_of,
     step_towards_operation,
 )
-from segway_ecc.firmware_io.drives.off_word import OffWord
-from segway_ecc.firmware_io.drivetrain import TURN, WrappedCounter
+from segway_ecc.firmware_io.drives.enabling import Enabling
+from segway_ecc.firmware_io.drivetrain import WrappedCounter
 from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
@@ -38,7 +39,7 @@ _POSITION_BITS: Final = 32
 
 
 class Cia402Wheel:
-    """What a drive has told last.
+    """The newest state of a drive.
 
     Attributes:
         side: Which wheel.
@@ -46,18 +47,18 @@ class Cia402Wheel:
         rated_torque: The rated torque of its motor, N m; None until it is set up.
         trouble: Why it is not set up; None where it is.
         restoring: Its setting up again; does nothing where it has not restarted.
-        state: The state its statusword tells; None before the first, or for one the profile does not know.
+        state: The state in its statusword; None before the first, or for one the profile does not know.
         nmt: The state of its communication.
         supply_voltage: What it measured of its supply, V.
         emergency: The error it reported since `begin`; None where there is none.
-        needs_start: Whether it has told that its communication waits to be started.
+        needs_start: Whether its communication waits to be started.
         listens_to: Identifiers of its frames.
     """
 
     def __init__(
         self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: Callable[[], int]
     ) -> None:
-        """Know a drive of which nothing has been heard."""
+        """Begin with a drive from which nothing has been received."""
         self.side = side
         self.node_id = settings.node_id
         self.rated_torque: float | None = None
@@ -72,12 +73,10 @@ class Cia402Wheel:
         self._settings = settings
         self._drivetrain = settings.drivetrain
         self._counter = WrappedCounter(_POSITION_BITS)
-        self._origin = 0
-        self._counts_anew = False
         self._values = [0.0, 0.0, 0.0]
         self._last_sent = int(Controlword.DISABLE_VOLTAGE)
         self._was_off = False
-        self._word = OffWord()
+        self._off_ns: int | None = None
         self._refused: Counter[str] = Counter()
         stale_ns = dict.fromkeys((Service.TPDO1, Service.TPDO2), stale_after_ns(loop_period_s, loop_period_s))
         stale_ns[Service.HEARTBEAT] = stale_after_ns(HEARTBEAT_PERIOD_MS * 1e-3, loop_period_s)
@@ -99,23 +98,39 @@ class Cia402Wheel:
         """Whether its motor follows commands, and it was off since `begin`."""
         return self._was_off and self.is_operational and self.state is DriveState.OPERATION_ENABLED
 
-    @property
-    def is_off(self) -> bool:
-        """Whether a statusword, fresh and heard after `end`, tells a state in which the motor has no torque."""
-        return self._word.says_off and self._fresh.age(Service.TPDO1)[1]
-
-    def end(self, now_ns: int) -> None:
-        """It is told to switch off: what it said of its state before does not count."""
-        self._word.told(now_ns)
+    def confirms_disable(self, enabling: Enabling) -> bool:
+        """Disable feedback: whether a statusword, fresh and received since, has a state without torque."""
+        return enabling.confirms_disable(self._off_ns) and self._fresh.age(Service.TPDO1)[1]
 
     def take(self, frame: Frame) -> bool:
         """Take one of its frames; False for one that is not intact, which is counted, or that nobody waits for."""
         service = Service(frame.arbitration_id - self.node_id)
         try:
-            return self._take(service, frame)
+            match service:
+                case Service.TPDO1:
+                    self._take_status(DriveStatus.unpack(frame.data), frame.received_ns)
+                case Service.TPDO2:
+                    velocity = motor_velocity(frame.data, self._settings.velocity_unit_turns)
+                    self._values[1] = self._drivetrain.wheel(velocity)
+                case Service.TPDO3:
+                    self.supply_voltage = unpack_supply(frame.data)
+                case Service.HEARTBEAT:
+                    self.nmt = unpack_heartbeat(frame.data)
+                    if self.nmt is NmtState.BOOT_UP:
+                        self.restart()
+                    self.needs_start = self.nmt in (NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
+                case Service.SDO_REPLY:
+                    return self.restoring.take(frame.data)
+                case _:
+                    emergency = Emergency.unpack(frame.data)
+                    # That all is well again does not make undone what happened since the drive was enabled.
+                    self.emergency = emergency if emergency.code else self.emergency
+                    return True
         except FrameRefusedError as error:
             self._refused[error.refusal] += 1
             return False
+        self._fresh.mark(service, frame.received_ns)
+        return True
 
     def begin(self) -> None:
         """It is to be enabled: what it reported before does not count, and it must be off before it is on."""
@@ -132,9 +147,9 @@ class Cia402Wheel:
         """The frame with a controlword and a torque at the wheel, N m; limited, and zero where it is not finite."""
         limit = self._settings.max_torque
         limited = min(max(wheel_torque, -limit), limit) if math.isfinite(wheel_torque) else 0.0
-        share = self._drivetrain.motor_torque(limited) / self.rated_torque if self.rated_torque else 0.0
+        command = TorqueCommand.of(controlword, self._drivetrain.motor_torque(limited), self.rated_torque)
         self._last_sent = int(controlword)
-        return Frame(Service.RPDO1 + self.node_id, Command(controlword, share).pack())
+        return Frame(Service.RPDO1 + self.node_id, command.pack())
 
     def read(self) -> Readings:
         """Angle (rad), velocity (rad/s) and torque (N m) at the wheel."""
@@ -146,7 +161,7 @@ class Cia402Wheel:
 
     @property
     def supply_age(self) -> tuple[float, bool]:
-        """Age of the supply's voltage, s, and whether it is fresh; a drive need not tell it at all."""
+        """Age of the supply's voltage, s, and whether it is fresh; a drive need not send it."""
         return self._fresh.age(Service.TPDO3)
 
     def fault(self) -> str | None:
@@ -163,7 +178,7 @@ class Cia402Wheel:
         """What speaks against enabling it."""
         drive = f"the {self.side} drive (node {self.node_id})"
         if self.trouble is not None:
-            return [f"{drive} on {where} is not set up: {self.trouble}; mend that, then start the node again"]
+            return [f"{drive} on {where} is not set up: {self.trouble}; fix that, then start the node again"]
         if self.restoring.failure is not None:
             return [f"{drive} restarted and {self.restoring.failure}; is it the same drive? start the node again"]
         if self.restoring.is_under_way:
@@ -175,20 +190,20 @@ class Cia402Wheel:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the drive tells of itself, and what was refused of it."""
+        """What the drive reports, and what was refused of it."""
         return {
             **{f"refused.{cause}": str(count) for cause, count in self._refused.items()},
             "state": str(self.state or "unknown"),
             "nmt": self._nmt_name,
             "emergency": "none" if self.emergency is None else self.emergency.description,
-            "bus_voltage_v": f"{self.supply_voltage:.3f}" if self.supply_age[1] else "not told",
+            "bus_voltage_v": f"{self.supply_voltage:.3f}" if self.supply_age[1] else "not reported",
             "rated_torque_nm": "unknown" if self.rated_torque is None else f"{self.rated_torque:g}",
             "set_up": self.trouble or self.restoring.failure or ("under way" if self.has_restarted else "yes"),
         }
 
     @property
     def _stale(self) -> str | None:
-        """What it has told too long ago; None where all is fresh."""
+        """What it has sent too long ago; None where all is fresh."""
         for kind, name in ((Service.HEARTBEAT, "heartbeat"), (Service.TPDO1, "status"), (Service.TPDO2, "velocity")):
             age_s, valid = self._fresh.age(kind)
             if not valid:
@@ -197,55 +212,20 @@ class Cia402Wheel:
 
     @property
     def _nmt_name(self) -> str:
-        return "not heard" if self.nmt is None else self.nmt.name.lower().replace("_", "-")
+        return "not received" if self.nmt is None else self.nmt.name.lower().replace("_", "-")
 
-    def _take(self, service: int, frame: Frame) -> bool:
-        match service:
-            case Service.TPDO1:
-                self._take_status(Status.unpack(frame.data))
-                self._word.hear(frame.received_ns, is_off=self.state in WITHOUT_TORQUE)
-            case Service.TPDO2:
-                turns = unpack_velocity(frame.data) * self._settings.velocity_unit_turns
-                self._values[1] = self._drivetrain.wheel(turns * TURN)
-            case Service.TPDO3:
-                self.supply_voltage = unpack_supply(frame.data)
-            case Service.HEARTBEAT:
-                self._hear(unpack_heartbeat(frame.data))
-            case Service.SDO_REPLY:
-                return self.restoring.take(frame.data)
-            case _:
-                emergency = Emergency.unpack(frame.data)
-                # That all is well again does not make undone what happened since the drive was enabled.
-                self.emergency = emergency if emergency.code else self.emergency
-                return True
-        self._fresh.mark(Service(service), frame.received_ns)
-        return True
-
-    def _take_status(self, status: Status) -> None:
+    def _take_status(self, status: DriveStatus, received_ns: int) -> None:
         self.state = state_of(status.statusword)
         if self.state is None:
             self._refused[Refusal.UNKNOWN] += 1
-        turns = self._counts(status.position_counts) / self._settings.counts_per_turn
-        self._values[0] = self._drivetrain.wheel(turns * TURN)
-        self._values[2] = self._drivetrain.wheel_torque(status.torque_share * (self.rated_torque or 0.0))
-
-    def _counts(self, raw: int) -> int:
-        """The position over wraps; after a restart, in which the drive may have begun at another count, it goes on."""
-        if self._counts_anew:
-            self._counts_anew = False
-            self._origin += self._counter.total - raw
-            self._counter.restart()
-        return self._counter.take(raw) + self._origin
-
-    def _hear(self, state: NmtState) -> None:
-        self.nmt = state
-        if state is NmtState.BOOT_UP:
-            self.restart()
-        self.needs_start = state in (NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
+        self._off_ns = received_ns if self.state in WITHOUT_TORQUE else None
+        angle = motor_angle(self._counter.take(status.position_counts), self._settings.counts_per_turn)
+        self._values[0] = self._drivetrain.wheel(angle)
+        self._values[2] = self._drivetrain.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
 
     def restart(self) -> None:
         """It has restarted: what it was set up to is gone."""
         self.state = None
-        self._word.says_off = False
-        self._counts_anew = True
+        self._off_ns = None
+        self._counter.resume()
         self.restoring.begin()

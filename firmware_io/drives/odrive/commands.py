@@ -1,7 +1,7 @@
-"""What the host tells an axis in ODrive's CANSimple frames, firmware 0.5 and 0.6.
+"""Commands of the host to an axis in ODrive's CANSimple frames, firmware 0.5 and 0.6.
 
 Every value is in the unit of the wire, which its name carries: turns of the motor, not radians. A message that only one
-firmware has says so. Source: the DBC files beside this one.
+firmware has is marked. Source: the DBC files beside this one.
 """
 
 import enum
@@ -172,30 +172,3 @@ class SetVelocityGains(NamedTuple):
 
 class EnterDfuMode(NamedTuple):
     """Go to the boot loader; 0.6."""
-
-
-Command = (
-    Estop
-    | RxSdo
-    | Address
-    | SetAxisNodeId
-    | SetAxisState
-    | SetControllerMode
-    | SetInputPosition
-    | SetInputVelocity
-    | SetInputTorque
-    | SetLimits
-    | StartAnticogging
-    | SetTrajectoryVelocityLimit
-    | SetTrajectoryAccelerationLimits
-    | SetTrajectoryInertia
-    | Reboot
-    | RebootAction
-    | ClearErrors
-    | ClearAxisErrors
-    | SetLinearCount
-    | SetAbsolutePosition
-    | SetPositionGain
-    | SetVelocityGains
-    | EnterDfuMode
-)

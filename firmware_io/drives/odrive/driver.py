@@ -8,11 +8,10 @@ from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
 from segway_ecc.firmware_io.drives.odrive import commands as c
 from segway_ecc.firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
-from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, encode, request
+from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, Message, encode, request
 from segway_ecc.firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.off_word import OffWord
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ZERO = c.SetInputTorque(0.0)
@@ -24,10 +23,10 @@ _CALIBRATE = "calibrate it where it is not: stop the node, wheels in the air, FU
 class Odrive:
     """One wheel on an axis of an ODrive; see `Drive`.
 
-    An axis that has not yet proved its watchdog (see `watchdog`) must hear nothing for a while. "Zero is sent, not
-    silence" stands for: a drive never holds an old torque because its host said nothing. An idle axis has its motor
-    switched off, so silence leaves no torque standing. That is why silence begins only once a heartbeat has said that
-    the axis is idle, and ends, with zero and idle sent again and again, when heartbeats stop or say anything else.
+    An axis that has not yet proved its watchdog (see `watchdog`) must receive nothing for a while. "Zero is sent, not
+    silence" stands for: a drive never holds an old torque because its host sent nothing. An idle axis has its motor
+    switched off, so silence leaves no torque standing. That is why silence begins only once a heartbeat has shown that
+    the axis is idle, and ends, with zero and idle sent again and again, when heartbeats stop or show another state.
     """
 
     def __init__(
@@ -50,14 +49,16 @@ class Odrive:
         self.signals: Mapping[str, str] = self._axis.signals
         self.listens_to = self._axis.listens_to
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
-        self._settled_ns = round((loop_period_s + _line_s(settings)) * 1e9) + IN_FLIGHT_NS
+        # All steps of both wheels may be on their way over the serial line.
+        line_s = 0.0 if settings.serial is None else STEPS_BITS / settings.serial.baudrate
+        self._settled_ns = round((loop_period_s + line_s) * 1e9) + IN_FLIGHT_NS
         self._resend_ns = max(RESEND_NS, self._settled_ns + round(2e9 * beat_s))
         self._enabling = Enabling()
         self._cleared: tuple[str, ...] = ()
         self._stepped_ns = _NEVER
         self._first_step_ns: int | None = None
         self._silent_since_ns: int | None = None
-        self._word = OffWord()
+        self._off_ns: int | None = None
 
     def start(self) -> None:
         """Send zero and idle: whatever the axis was doing, it stops."""
@@ -67,14 +68,18 @@ class Odrive:
         """Take one of the axis' frames; see `Sensor.take`."""
         taken = self._axis.take(frame)
         if taken and frame.arbitration_id % COMMANDS == HEARTBEAT:
-            self._word.hear(frame.received_ns, is_off=self._axis.state == AxisState.IDLE)
-            self._confirm(frame.received_ns)
+            self._off_ns = frame.received_ns if self._axis.state == AxisState.IDLE else None
+            # What arrived sooner may have been on its way before the steps were.
+            first_ns = self._first_step_ns
+            is_settled = first_ns is not None and frame.received_ns - first_ns >= self._settled_ns
+            if is_settled and self._axis.is_closed_loop:
+                self._enabling.confirm()
         return taken
 
     def read(self) -> Readings:
         """Angle, velocity and torque of the wheel, and for the left one the supply's voltage.
 
-        The torque and the voltage are valid only where the drive tells them.
+        The torque and the voltage are valid only where the drive sends them.
         """
         return self._axis.read()
 
@@ -105,21 +110,21 @@ class Odrive:
         if axis.is_uncalibrated:
             reasons.append(f"{who} is not calibrated; {_CALIBRATE}")
         if self._enabling.phase is Phase.OFF and axis.state != AxisState.IDLE:
-            reasons.append(f"{who} is in {axis.state_name}, and is being told to be idle; try again in a moment")
+            reasons.append(f"{who} is in {axis.state_name}, and is being set to idle; try again in a moment")
         return reasons + self._watchdog_failures(who)
 
     @property
     def is_enabled(self) -> bool:
         """Whether the axis has confirmed that its motor follows commands."""
-        return self._enabling.phase is Phase.ENABLED
+        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:
-        """Whether a heartbeat, fresh and heard after it was told to switch off, says that the axis is idle.
+        """Whether a heartbeat, fresh and received after the command to disable, reports that the axis is idle.
 
         In every other state the motor may have current: closed loop is one, calibration and homing are others.
         """
-        return self._word.says_off and self._axis.age("heartbeat")[1]
+        return self._enabling.confirms_disable(self._off_ns) and self._axis.age("heartbeat")[1]
 
     def enable(self) -> None:
         """Send the steps to closed loop from the next cycle, with zero, until a heartbeat confirms it."""
@@ -131,7 +136,10 @@ class Odrive:
         """Send the torque, N m at the wheel, where the axis follows commands, else zero or the next step."""
         match self._enabling.phase:
             case Phase.ENABLED:
-                self._drive(commands[0])
+                # An axis that no longer follows commands gets zero.
+                wanted = commands[0] if self._axis.is_closed_loop and math.isfinite(commands[0]) else 0.0
+                limited = min(max(wanted, -self._wheel.max_torque), self._wheel.max_torque)
+                self._send(c.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
             case Phase.ENABLING:
                 self._step()
             case Phase.OFF:
@@ -139,9 +147,7 @@ class Odrive:
 
     def disable(self) -> None:
         """Send zero and idle."""
-        if self._enabling.phase is not Phase.OFF:
-            self._word.told(self._now_ns())
-        self._enabling.end()
+        self._enabling.end(self._now_ns())
         self._stop()
 
     def faults(self) -> tuple[str, ...]:
@@ -161,7 +167,7 @@ class Odrive:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the axis tells of itself, and the errors that the last clearing found."""
+        """What the axis reports, and the errors that the last clearing found."""
         return {**self._axis.health, "cleared": ", ".join(self._cleared) or "none"}
 
     def _watchdog_failures(self, who: str) -> list[str]:
@@ -170,29 +176,17 @@ class Odrive:
         if proof.is_proven:
             return []
         within = f"{proof.within_ns * 1e-6:.0f}"
-        cure = f"set config.enable_watchdog = True and config.watchdog_timeout = {wanted_s:g}, save and restart it"
+        remedy = f"set config.enable_watchdog = True and config.watchdog_timeout = {wanted_s:g}, save and restart it"
         if proof.took_ns is not None:
-            return [f"{who}: its watchdog took {proof.took_ns * 1e-6:.0f} ms, allowed is {within}; {cure}"]
+            return [f"{who}: its watchdog took {proof.took_ns * 1e-6:.0f} ms, allowed is {within}; {remedy}"]
         silent_ns = 0 if self._silent_since_ns is None else self._now_ns() - self._silent_since_ns
         if silent_ns > proof.within_ns and proof.is_expired:
             return [
                 f"{who}: its watchdog expires before a heartbeat can show it; watchdog_timeout = {wanted_s:g} does not"
             ]
         if silent_ns > proof.within_ns:
-            return [f"{who}: its watchdog was not seen to expire in {silent_ns * 1e-6:.0f} ms of silence; {cure}"]
+            return [f"{who}: its watchdog was not seen to expire in {silent_ns * 1e-6:.0f} ms of silence; {remedy}"]
         return [f"{who}: its watchdog is being tried, up to {within} ms of silence"]
-
-    def _confirm(self, beat_ns: int) -> None:
-        """Take a heartbeat for the confirmation, unless it may have been on its way before the steps were."""
-        first_ns = self._first_step_ns
-        if first_ns is not None and beat_ns - first_ns >= self._settled_ns and self._axis.is_closed_loop:
-            self._enabling.confirm()
-
-    def _drive(self, torque: float) -> None:
-        """Send a torque to an axis that follows commands, and zero to one that has stopped doing so."""
-        wanted = torque if self._axis.is_closed_loop and math.isfinite(torque) else 0.0
-        limited = min(max(wanted, -self._wheel.max_torque), self._wheel.max_torque)
-        self._send(c.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
 
     def _step(self) -> None:
         """All steps to closed loop in their order, now and then until confirmed; in between zero, which feeds.
@@ -215,7 +209,10 @@ class Odrive:
         """Keep the axis idle, find out what it is, and let its watchdog prove itself."""
         axis, now_ns = self._axis, self._now_ns()
         if not axis.age("heartbeat")[1] or axis.state != AxisState.IDLE:
-            self._insist(now_ns)
+            self._send(_ZERO)
+            if now_ns - self._stepped_ns >= self._resend_ns:
+                self._stepped_ns = now_ns
+                self._send(c.SetAxisState(AxisState.IDLE))
         elif axis.search.found is None or axis.proof.is_proven:
             self._send(_ZERO)
         elif axis.proof.needs_clearing(now_ns):
@@ -227,13 +224,6 @@ class Odrive:
         if axis.search.should_ask(now_ns):
             self._put(request(self._wheel.node_id, VERSION))
 
-    def _insist(self, now_ns: int) -> None:
-        """Tell an axis that is not known to be idle to be so."""
-        self._send(_ZERO)
-        if now_ns - self._stepped_ns >= self._resend_ns:
-            self._stepped_ns = now_ns
-            self._send(c.SetAxisState(AxisState.IDLE))
-
     def _stop(self) -> None:
         self._stepped_ns = self._now_ns()
         self._send(_ZERO)
@@ -243,15 +233,10 @@ class Odrive:
         self._cleared = self._axis.errors or self._cleared
         self._send(c.ClearAxisErrors() if self._axis.search.found is Firmware.V0_6 else c.ClearErrors())
 
-    def _send(self, command: c.Command) -> None:
+    def _send(self, command: Message) -> None:
         self._put(encode(self._axis.search.found or Firmware.V0_5, self._wheel.node_id, command))
 
     def _put(self, frame: Frame) -> None:
         self._link.send(frame)
         self._axis.proof.feed()
         self._silent_since_ns = None
-
-
-def _line_s(settings: OdriveSettings) -> float:
-    """How long all steps of both wheels are on their way over the serial line, s, in case they go there."""
-    return 0.0 if settings.serial is None else STEPS_BITS / settings.serial.baudrate

@@ -50,11 +50,11 @@ AXIS_ERRORS: Final[Mapping[Firmware, Mapping[int, str]]] = {
 }
 """Names by bit."""
 WATCHDOG: Final[Mapping[Firmware, int]] = {Firmware.V0_5: 0x800, Firmware.V0_6: 0x1000000}
-"""The bit that says that the watchdog expired."""
+"""The bit that the watchdog expired."""
 
 
 def error_names(firmware: Firmware, errors: int) -> tuple[str, ...]:
-    """The names of the bits that are set, lowest first; a bit without a name is told as a number."""
+    """The names of the bits that are set, lowest first; a bit without a name is given as a number."""
     names = AXIS_ERRORS[firmware]
     bits = (1 << index for index in range(errors.bit_length()) if errors >> index & 1)
     return tuple(names.get(bit, f"0x{bit:X}") for bit in bits)

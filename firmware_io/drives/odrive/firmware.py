@@ -1,4 +1,4 @@
-"""Which firmware a drive has: what the robot file says, or what it answers when asked."""
+"""Which firmware a drive has: as configured in the robot file, or as the drive answers."""
 
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.drives.odrive.limits import ANSWERS_WITHIN_NS, ASK_EVERY_NS
@@ -18,7 +18,7 @@ class FirmwareSearch:
     """
 
     def __init__(self, configured: str) -> None:
-        """Take what the robot file says: a firmware, or `auto`."""
+        """Take the configured value: a firmware, or `auto`."""
         self.found = None if configured == "auto" else Firmware(configured)
         self._configured = self.found
         self._answered: str | None = None
@@ -37,7 +37,7 @@ class FirmwareSearch:
         return True
 
     def answer(self, version: Version) -> None:
-        """The drive told its version."""
+        """Take the drive's version."""
         number = (version.firmware_major, version.firmware_minor)
         self._answered = f"{number[0]}.{number[1]}.{version.firmware_revision}"
         if self._configured is None:

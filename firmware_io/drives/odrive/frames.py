@@ -1,10 +1,11 @@
 """ODrive's CANSimple frames: bytes to messages and back, for firmware 0.5 and 0.6.
 
 An 11-bit identifier is the node's number and a command of five bits; the same command can mean different things to the
-two firmwares, so every codec is told which it is. All fields are little-endian. There is no counter and no checksum.
+two firmwares, so every codec is given the firmware. All fields are little-endian. There is no counter and no checksum.
 """
 
 import enum
+import functools
 import math
 import struct
 from collections.abc import Callable, Mapping
@@ -12,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.odrive import commands as c
 from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -20,7 +22,7 @@ COMMANDS: Final = 32
 VERSION: Final = 0x00
 HEARTBEAT: Final = 0x01
 ESTIMATES: Final = 0x09
-"""Commands whose frames both firmwares have, or that tell which one it is."""
+"""Commands whose frames both firmwares have, or that identify the firmware."""
 _FULL: Final = 8
 _FEEDFORWARD: Final = 0.001
 """rev/s and N m; 0.6 can be configured otherwise, which is not supported."""
@@ -28,7 +30,8 @@ _SDO: Final = struct.Struct("<BHx")
 _ADDRESS: Final = struct.Struct("<BIH")
 _NAN: Final = math.nan
 
-Message = c.Command | t.Telemetry
+Message = tuple[Any, ...]
+"""One of the classes of `commands` and `telemetry`."""
 
 
 @enum.unique
@@ -39,42 +42,35 @@ class Firmware(enum.StrEnum):
     V0_6 = "0.6"
 
 
-class _Layout(NamedTuple):
+class _FrameLayout(NamedTuple):
     """How one message lies in its frame.
 
     Attributes:
-        message: Its type.
+        message: Its class.
         lengths: Lengths in bytes that are taken.
         pack: A message to bytes, checked already for what is not finite.
         unpack: Bytes of a length that is taken to a message; what is not finite is found afterwards.
     """
 
-    message: type[Message]
+    message: type[Any]
     lengths: range
     pack: Callable[[Any], bytes]
     unpack: Callable[[bytes], Message]
 
 
-def _told(message: type[Message], form: str) -> _Layout:
-    """A frame of the axis, as its fields stand; always eight bytes."""
-    body = struct.Struct(f"<{form}")
-    return _Layout(
-        message,
-        range(_FULL, _FULL + 1),
-        lambda values: body.pack(*values).ljust(_FULL, b"\0"),
-        lambda data: message(*body.unpack_from(data)),
-    )
-
-
-def _asked(message: type[Message], form: str = "", length: int = _FULL) -> _Layout:
+def _asked(message: type[Any], form: str = "", length: int = _FULL, least: int | None = None) -> _FrameLayout:
     """A frame of the host, as its fields stand, sent with `length` bytes; the axis needs no more than the fields."""
     body = struct.Struct(f"<{form}")
-    return _Layout(
+    return _FrameLayout(
         message,
-        range(body.size, _FULL + 1),
+        range(body.size if least is None else least, _FULL + 1),
         lambda values: body.pack(*values).ljust(length, b"\0"),
         lambda data: message(*body.unpack_from(data)),
     )
+
+
+_sent: Final = functools.partial(_asked, least=_FULL)
+"""A frame of the axis, as its fields stand; always eight bytes."""
 
 
 def _pack_heartbeat(h: t.Heartbeat) -> bytes:
@@ -102,12 +98,8 @@ def _unpack_input_position(data: bytes) -> c.SetInputPosition:
     return c.SetInputPosition(position, velocity * _FEEDFORWARD, torque * _FEEDFORWARD)
 
 
-def _pack_temperatures(temperatures: t.Temperatures) -> bytes:
-    return struct.pack("<ff", *(_NAN if value is None else value for value in temperatures))
-
-
 def _unpack_temperatures(data: bytes) -> t.Temperatures:
-    # Not a number is how the drive says that it has no such sensor.
+    # The drive sends NaN for a sensor that it does not have.
     first, second = (None if math.isnan(value) else value for value in struct.unpack("<ff", data))
     return t.Temperatures(first, second)
 
@@ -123,10 +115,6 @@ def _unpack_rx_sdo(data: bytes) -> c.RxSdo:
     return c.RxSdo(opcode, endpoint, data[_SDO.size :])
 
 
-def _unpack_tx_sdo(data: bytes) -> t.TxSdo:
-    return t.TxSdo(_SDO.unpack_from(data)[1], data[_SDO.size :])
-
-
 def _pack_address(address: c.Address) -> bytes:
     node_id, serial, connection = address
     body = _ADDRESS.pack(node_id, serial & 0xFFFFFFFF, serial >> 32)
@@ -138,54 +126,62 @@ def _unpack_address(data: bytes) -> c.Address:
     return c.Address(node_id, low | high << 32, data[_ADDRESS.size] if len(data) > _ADDRESS.size else None)
 
 
-_BOTH: Final[Mapping[int, _Layout]] = {
+_BOTH: Final[Mapping[int, _FrameLayout]] = {
     0x02: _asked(c.Estop, length=0),
     0x07: _asked(c.SetAxisState, "I"),
-    ESTIMATES: _told(t.EncoderEstimates, "ff"),
+    ESTIMATES: _sent(t.EncoderEstimates, "ff"),
     0x0B: _asked(c.SetControllerMode, "II"),
-    0x0C: _Layout(c.SetInputPosition, range(_FULL, _FULL + 1), _pack_input_position, _unpack_input_position),
+    0x0C: _FrameLayout(c.SetInputPosition, range(_FULL, _FULL + 1), _pack_input_position, _unpack_input_position),
     0x0D: _asked(c.SetInputVelocity, "ff"),
     0x0E: _asked(c.SetInputTorque, "f"),
     0x0F: _asked(c.SetLimits, "ff"),
     0x11: _asked(c.SetTrajectoryVelocityLimit, "f"),
     0x12: _asked(c.SetTrajectoryAccelerationLimits, "ff"),
     0x13: _asked(c.SetTrajectoryInertia, "f"),
-    0x14: _told(t.Currents, "ff"),
-    0x17: _told(t.BusVoltageCurrent, "ff"),
+    0x14: _sent(t.Currents, "ff"),
+    0x17: _sent(t.BusVoltageCurrent, "ff"),
     0x1A: _asked(c.SetPositionGain, "f"),
     0x1B: _asked(c.SetVelocityGains, "ff"),
 }
-LAYOUTS: Final[Mapping[Firmware, Mapping[int, _Layout]]] = {
+LAYOUTS: Final[Mapping[Firmware, Mapping[int, _FrameLayout]]] = {
     Firmware.V0_5: {
         **_BOTH,
-        HEARTBEAT: _Layout(t.Heartbeat, range(_FULL, _FULL + 1), _pack_heartbeat, _unpack_heartbeat),
-        0x03: _told(t.MotorError, "Q"),
-        0x04: _told(t.EncoderError, "I"),
-        0x05: _told(t.SensorlessError, "I"),
+        HEARTBEAT: _FrameLayout(t.Heartbeat, range(_FULL, _FULL + 1), _pack_heartbeat, _unpack_heartbeat),
+        0x03: _sent(t.MotorError, "Q"),
+        0x04: _sent(t.EncoderError, "I"),
+        0x05: _sent(t.SensorlessError, "I"),
         0x06: _asked(c.SetAxisNodeId, "I"),
-        0x0A: _told(t.EncoderCount, "ii"),
+        0x0A: _sent(t.EncoderCount, "ii"),
         0x10: _asked(c.StartAnticogging, length=0),
-        0x15: _told(t.SensorlessEstimates, "ff"),
+        0x15: _sent(t.SensorlessEstimates, "ff"),
         0x16: _asked(c.Reboot, length=0),
         0x18: _asked(c.ClearErrors, length=0),
         0x19: _asked(c.SetLinearCount, "i"),
-        0x1C: _told(t.AdcVoltage, "f"),
-        0x1D: _told(t.ControllerError, "I"),
+        0x1C: _sent(t.AdcVoltage, "f"),
+        0x1D: _sent(t.ControllerError, "I"),
     },
     Firmware.V0_6: {
         **_BOTH,
-        VERSION: _told(t.Version, "8B"),
-        HEARTBEAT: _told(t.ProcedureHeartbeat, "IBBB")._replace(unpack=_unpack_procedure_heartbeat),
-        0x03: _told(t.Errors, "II"),
-        0x04: _Layout(c.RxSdo, range(_SDO.size, _FULL + 1), lambda m: _pack_sdo(*m), _unpack_rx_sdo),
-        0x05: _Layout(t.TxSdo, range(_SDO.size, _FULL + 1), lambda m: _pack_sdo(0, *m), _unpack_tx_sdo),
-        0x06: _Layout(c.Address, range(_ADDRESS.size, _FULL + 1), _pack_address, _unpack_address),
-        0x15: _Layout(t.Temperatures, range(_FULL, _FULL + 1), _pack_temperatures, _unpack_temperatures),
+        VERSION: _sent(t.Version, "8B"),
+        HEARTBEAT: _sent(t.ProcedureHeartbeat, "IBBB")._replace(unpack=_unpack_procedure_heartbeat),
+        0x03: _sent(t.Errors, "II"),
+        0x04: _FrameLayout(c.RxSdo, range(_SDO.size, _FULL + 1), lambda m: _pack_sdo(*m), _unpack_rx_sdo),
+        0x05: _FrameLayout(
+            t.TxSdo,
+            range(_SDO.size, _FULL + 1),
+            lambda m: _pack_sdo(0, *m),
+            lambda data: t.TxSdo(*_unpack_rx_sdo(data)[1:]),
+        ),
+        0x06: _FrameLayout(c.Address, range(_ADDRESS.size, _FULL + 1), _pack_address, _unpack_address),
+        0x15: _sent(t.Temperatures, "ff")._replace(
+            pack=lambda m: struct.pack("<ff", *(_NAN if value is None else value for value in m)),
+            unpack=_unpack_temperatures,
+        ),
         0x16: _asked(c.RebootAction, "B", length=1),
         0x18: _asked(c.ClearAxisErrors, "B", length=1),
         0x19: _asked(c.SetAbsolutePosition, "f"),
-        0x1C: _told(t.Torques, "ff"),
-        0x1D: _told(t.Powers, "ff"),
+        0x1C: _sent(t.Torques, "ff"),
+        0x1D: _sent(t.Powers, "ff"),
         0x1F: _asked(c.EnterDfuMode, length=0),
     },
 }
@@ -195,7 +191,17 @@ _COMMAND_OF: Final = {
 }
 
 
-def command_of(firmware: Firmware, message: type[Message]) -> int:
+def motor_motion(estimates: t.EncoderEstimates) -> tuple[float, float]:
+    """Angle, rad, and velocity, rad/s, of the motor."""
+    return estimates.position_rev * TURN, estimates.velocity_rev_s * TURN
+
+
+def angle_resolution(estimates: t.EncoderEstimates) -> float:
+    """Step of the motor's angle, rad, on the wire: of a float of 24 bits instead of Python's 53."""
+    return math.ulp(max(1.0, abs(estimates.position_rev))) * (1 << 29) * TURN
+
+
+def command_of(firmware: Firmware, message: type[Any]) -> int:
     """The command that carries a type of message; KeyError where that firmware has none."""
     return _COMMAND_OF[firmware][message]
 
@@ -211,7 +217,7 @@ def request(node_id: int, command: int) -> Frame:
 
 
 def encode(firmware: Firmware, node_id: int, message: Message) -> Frame:
-    """The frame that says a message to or from a node.
+    """The frame that carries a message to or from a node.
 
     Raises:
         FrameRefusedError: That firmware has no such message, or a value is not finite or does not fit its field.
@@ -230,7 +236,7 @@ def encode(firmware: Firmware, node_id: int, message: Message) -> Frame:
 
 
 def decode(firmware: Firmware, identifier: int, data: bytes) -> Message:
-    """What a frame says, whichever node it belongs to.
+    """The message in a frame, whichever node it belongs to.
 
     Args:
         firmware: Whose meaning its command has.

@@ -1,9 +1,8 @@
-"""What one axis tells: its frames taken, checked, dated and kept."""
+"""Telemetry of one axis: its frames decoded, checked, time-stamped and kept."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from typing import Final
+from typing import Any, Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from segway_ecc.firmware_io.drives.odrive import telemetry as t
@@ -17,17 +16,18 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
     VERSION,
     Firmware,
     Message,
+    angle_resolution,
     arbitration_id,
     decode,
+    motor_motion,
 )
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.odrive.watchdog import WatchdogProof
-from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
-_TOLD_IN_HEALTH: Final[Mapping[type[Message], str]] = {
+_SHOWN_IN_HEALTH: Final[Mapping[type[Any], str]] = {
     t.BusVoltageCurrent: "bus",
     t.Temperatures: "temperature",
     t.Currents: "motor_current",
@@ -45,7 +45,7 @@ _COMMANDS: Final = (VERSION, HEARTBEAT, 0x03, 0x04, ESTIMATES, 0x14, 0x15, 0x17,
 
 
 class AxisListener:
-    """Keeps the newest of what one axis tells.
+    """Keeps the newest telemetry of one axis.
 
     Attributes:
         signals: What it measures, with units; the left axis measures the supply too.
@@ -53,7 +53,7 @@ class AxisListener:
         refused: Frames that it did not take, by cause.
         error: Error bits of the newest heartbeat.
         state: State of the axis in the newest heartbeat, see `AxisState`.
-        is_uncalibrated: Whether it told that it lacks a calibration, when it was last asked for closed loop; 0.6.
+        is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
@@ -90,7 +90,7 @@ class AxisListener:
         self._estimates = t.EncoderEstimates(0.0, 0.0)
         self._torque = 0.0
         self._supply = 0.0
-        self._told: dict[type[Message], Message] = {}
+        self._newest: dict[type[Any], Any] = {}
 
     def take(self, frame: Frame) -> bool:
         """Take one of the axis' frames; False where it was refused, which is counted."""
@@ -118,10 +118,10 @@ class AxisListener:
         4e-4 rad at 1000 turns of the motor and 6e-3 rad at 10000.
         """
         wheel = self._drivetrain.wheel
-        position, velocity = self._estimates
+        angle, velocity = motor_motion(self._estimates)
         age, valid = self.age("estimates")
         torque_age, torque_valid = self.age("torque")
-        values = (wheel(position * TURN), wheel(velocity * TURN), self._drivetrain.wheel_torque(self._torque))
+        values = (wheel(angle), wheel(velocity), self._drivetrain.wheel_torque(self._torque))
         readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
@@ -129,7 +129,7 @@ class AxisListener:
 
     @property
     def is_closed_loop(self) -> bool:
-        """Whether the newest heartbeat says that the motor follows commands, and tells no error."""
+        """Whether the newest heartbeat reports closed loop and no error."""
         return self.state == AxisState.CLOSED_LOOP_CONTROL and not self.error
 
     @property
@@ -144,11 +144,10 @@ class AxisListener:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the axis tells of itself, and what was refused of it."""
-        resolution = math.ulp(max(1.0, abs(self._estimates.position_rev))) * (1 << 29)  # of 24 bits instead of 53
-        told = {
-            f"{_TOLD_IN_HEALTH[kind]}.{field}": f"{value:g}"
-            for kind, message in self._told.items()
+        """What the axis reports, and what was refused of it."""
+        newest = {
+            f"{_SHOWN_IN_HEALTH[kind]}.{field}": f"{value:g}"
+            for kind, message in self._newest.items()
             for field, value in message._asdict().items()
             if value is not None
         }
@@ -158,8 +157,8 @@ class AxisListener:
             "error": ", ".join(self.errors) or "none",
             "firmware": str(self.search),
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
-            "angle_resolution_rad": f"{abs(self._drivetrain.wheel(resolution * TURN)):.1e}",
-            **told,
+            "angle_resolution_rad": f"{abs(self._drivetrain.wheel(angle_resolution(self._estimates))):.1e}",
+            **newest,
         }
 
     def _meaning(self, command: int) -> Firmware | None:
@@ -175,12 +174,15 @@ class AxisListener:
             case t.Heartbeat() | t.ProcedureHeartbeat():
                 result = message.procedure_result if isinstance(message, t.ProcedureHeartbeat) else None
                 self.is_uncalibrated = result == _NOT_CALIBRATED
-                self._hear(message.axis_error, message.state, received_ns)
+                self._take_heartbeat(message.axis_error, message.state, received_ns)
             case t.EncoderEstimates():
                 self._estimates = message
                 self._fresh.mark("estimates", received_ns)
             case t.Version():
-                self._identify(message)
+                before = self.search.found
+                self.search.answer(message)
+                if self.search.found is not before:
+                    self.proof.forget()
             case t.Torques():
                 self._measure(message.estimate_nm, received_ns)
             case t.BusVoltageCurrent(voltage):
@@ -188,10 +190,10 @@ class AxisListener:
                 self._fresh.mark("supply", received_ns)
             case t.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
                 self._measure(message.measured_a * self._wheel.torque_constant, received_ns)
-        if type(message) in _TOLD_IN_HEALTH:
-            self._told[type(message)] = message
+        if type(message) in _SHOWN_IN_HEALTH:
+            self._newest[type(message)] = message
 
-    def _hear(self, error: int, state: int, received_ns: int) -> None:
+    def _take_heartbeat(self, error: int, state: int, received_ns: int) -> None:
         self.error, self.state = error, state
         self.gap_ns = 0 if self._beat_ns is None else received_ns - self._beat_ns
         if self.gap_ns > self.stale_beat_ns:
@@ -201,13 +203,7 @@ class AxisListener:
         self._fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)
         if self.search.found is not None:
-            self.proof.hear(received_ns, expired=bool(error & WATCHDOG[self.search.found]))
-
-    def _identify(self, version: t.Version) -> None:
-        before = self.search.found
-        self.search.answer(version)
-        if self.search.found is not before:
-            self.proof.forget()
+            self.proof.note_heartbeat(received_ns, expired=bool(error & WATCHDOG[self.search.found]))
 
     def _measure(self, motor_torque: float, received_ns: int) -> None:
         self._torque = motor_torque

@@ -1,6 +1,6 @@
 """The ASCII protocol of ODrive firmware 0.5, checksums on every line both ways, as a `SerialCodec`.
 
-A line is text, a star and the XOR of the text's bytes in decimal, ended by a line feed. Replies do not say what they
+A line is text, a star and the XOR of the text's bytes in decimal, ended by a line feed. Replies do not name what they
 answer: both axes' `f` give two numbers, every `r` gives one. But the board answers in order, and at most once a line.
 So each poll ends with a question that is known to be refused, `f 10` to `f 99`: its refusal, "invalid motor 10", gives
 back a number that counts the polls. The replies between two refusals that follow one another are those of one poll;
@@ -41,7 +41,7 @@ _SUPPLY: Final = ("r vbus_voltage", "r ibus")
 _SUPPLY_EVERY: Final = 10
 _SUPPLY_TURN: Final = 9
 """The last of every ten polls asks for the supply too, which changes slowly; ten divides the marks, so that a mark
-tells whether its poll did."""
+shows whether its poll did."""
 _REPLIES: Final = 6
 """To one poll, its mark and the supply not counted."""
 _LATE: Final = 3
@@ -75,7 +75,7 @@ class OdriveSerialCodec:
         self._replies: list[bytes] = []
 
     def encode(self, frame: Frame) -> bytes | None:
-        """The lines that say what a frame to one of the two nodes says; None where there are none."""
+        """The lines for a frame to one of the two nodes; None where there are none."""
         axis = self._axis_of.get(frame.arbitration_id // COMMANDS)
         if axis is None or frame.is_extended or frame.is_remote:
             return None
@@ -91,7 +91,7 @@ class OdriveSerialCodec:
         texts = [f"f {axis}" for axis in _AXES]
         for axis in _AXES:
             texts += [f"r axis{axis}.current_state", f"r axis{axis}.error"]
-        if _asks_for_supply(self._polls):
+        if self._polls % _SUPPLY_EVERY == _SUPPLY_TURN:
             texts += _SUPPLY
         texts.append(f"f {_FIRST_MARK + self._polls % _MARKS}")
         self._polls += 1
@@ -138,7 +138,7 @@ class OdriveSerialCodec:
         previous, self._last_mark = self._last_mark, mark
         if previous is None:
             return []  # when the first of these replies was asked for is not known
-        wanted = _REPLIES + (len(_SUPPLY) if _asks_for_supply(mark) else 0)
+        wanted = _REPLIES + (len(_SUPPLY) if mark % _SUPPLY_EVERY == _SUPPLY_TURN else 0)
         if mark != (previous + 1) % _MARKS or len(replies) != wanted:
             self.refused[LOST] += 1
             return []
@@ -153,33 +153,21 @@ class OdriveSerialCodec:
 
     def _frames(self, replies: list[bytes], now_ns: int) -> list[Frame]:
         """The frames of one poll's replies; raises ValueError where one is no answer to its question."""
-        told = iter(replies)
-        messages: list[tuple[int, Message]] = [(axis, _estimates(next(told))) for axis in _AXES]
+        answers = iter(replies)
+        messages: list[tuple[int, Message]] = []
         for axis in _AXES:
-            state = _number(next(told))
-            messages.append((axis, Heartbeat(_number(next(told)), state)))
-        messages += [(axis, message) for message in _supply(list(told)) for axis in _AXES]
+            estimates = _ESTIMATES.fullmatch(next(answers))
+            if estimates is None:
+                raise ValueError("not two numbers")
+            messages.append((axis, EncoderEstimates(float(estimates[1]), float(estimates[2]))))
+        for axis in _AXES:
+            state = _number(next(answers))
+            messages.append((axis, Heartbeat(_number(next(answers)), state)))
+        supply = list(answers)
+        if supply and all(map(_FLOAT.fullmatch, supply)):  # the board may not know one of the two
+            messages += [(axis, BusVoltageCurrent(float(supply[0]), float(supply[1]))) for axis in _AXES]
         frames = (encode(Firmware.V0_5, self._node_of[axis], message) for axis, message in messages)
         return [replace(frame, received_ns=now_ns) for frame in frames]
-
-
-def _asks_for_supply(poll: int) -> bool:
-    return poll % _SUPPLY_EVERY == _SUPPLY_TURN
-
-
-def _supply(replies: list[bytes]) -> list[BusVoltageCurrent]:
-    """What the board tells of its supply; nothing where it was not asked, or does not know one of the two."""
-    if not replies or not all(map(_FLOAT.fullmatch, replies)):
-        return []
-    voltage, current = map(float, replies)
-    return [BusVoltageCurrent(voltage, current)]
-
-
-def _estimates(reply: bytes) -> EncoderEstimates:
-    match = _ESTIMATES.fullmatch(reply)
-    if match is None:
-        raise ValueError("not two numbers")
-    return EncoderEstimates(float(match[1]), float(match[2]))
 
 
 def _number(reply: bytes) -> int:

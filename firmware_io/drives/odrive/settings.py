@@ -1,4 +1,4 @@
-"""What a robot file says of ODrives."""
+"""Settings in a robot file for ODrives."""
 
 from typing import Annotated, Final, Literal
 
@@ -21,7 +21,7 @@ class OdriveWheelSettings(WheelSettings, frozen=True, kw_only=True):
         node_id: `axis.config.can.node_id`.
         axis: Which axis of its board it is, for the serial line of firmware 0.5.
         torque_constant: Torque per current of the motor, N m/A, as configured in the drive: makes the measured current
-            of firmware 0.5 a torque; 0.6 tells the torque itself.
+            of firmware 0.5 a torque; 0.6 sends the torque itself.
     """
 
     node_id: NodeId
@@ -30,7 +30,7 @@ class OdriveWheelSettings(WheelSettings, frozen=True, kw_only=True):
 
 
 class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
-    """ODrives, one axis a wheel. What is said of the drive must have been configured there.
+    """ODrives, one axis a wheel. The drives must have been configured to match.
 
     Attributes:
         firmware: What runs on the drives, or `auto`: asked for.

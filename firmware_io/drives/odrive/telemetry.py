@@ -1,7 +1,7 @@
-"""What an axis tells in ODrive's CANSimple frames, firmware 0.5 and 0.6.
+"""Telemetry of an axis in ODrive's CANSimple frames, firmware 0.5 and 0.6.
 
-Every value is in the unit of the wire, which its name carries: turns of the motor, not radians; the driver makes them
-SI. A message that only one firmware has says so. Source: the DBC files beside this one, and the firmware of ODrive v3
+Every value is in the unit of the wire, which its name carries: turns of the motor, not radians; `frames` makes them
+SI. A message that only one firmware has is marked. Source: the DBC files beside this one, and the firmware of ODrive v3
 where they are wrong (see the tests).
 """
 
@@ -20,7 +20,7 @@ class Heartbeat(NamedTuple):
 
 
 class ProcedureHeartbeat(NamedTuple):
-    """State of an axis; 0.6. `procedure_result` tells how the last calibration or other procedure ended."""
+    """State of an axis; 0.6. `procedure_result` is how the last calibration or other procedure ended."""
 
     axis_error: int
     state: int
@@ -139,25 +139,3 @@ class Powers(NamedTuple):
 
     electrical_w: float
     mechanical_w: float
-
-
-Telemetry = (
-    Heartbeat
-    | ProcedureHeartbeat
-    | Version
-    | MotorError
-    | EncoderError
-    | SensorlessError
-    | ControllerError
-    | Errors
-    | TxSdo
-    | EncoderEstimates
-    | EncoderCount
-    | Currents
-    | SensorlessEstimates
-    | Temperatures
-    | BusVoltageCurrent
-    | AdcVoltage
-    | Torques
-    | Powers
-)

@@ -1,8 +1,8 @@
 """Proof, by what it does, that an axis' own watchdog is on and short enough.
 
 CANSimple of firmware 0.5 cannot read the watchdog's configuration. But the watchdog is checked in every state: an idle
-axis that hears nothing raises its error. So an axis that tells this error is told to forget it, and then left in
-silence: a heartbeat without the error says that the order has arrived, however long that took, and the next one with
+axis that receives nothing raises its error. So the error of an axis that reports it is cleared, and then it is left in
+silence: a heartbeat without the error shows that the command has arrived, however long that took, and the next one with
 it that the watchdog has expired since. The time from the order to that heartbeat is an upper bound of the time-out.
 """
 
@@ -19,7 +19,7 @@ class WatchdogProof:
     Attributes:
         took_ns: From the order to forget the error to the error; None until it was seen.
         within_ns: The longest that it may take.
-        is_expired: Whether the newest heartbeat told the error.
+        is_expired: Whether the newest heartbeat carried the error.
     """
 
     def __init__(self, within_ns: int) -> None:
@@ -42,12 +42,12 @@ class WatchdogProof:
         self._was_clean = False
 
     def clear(self, now_ns: int) -> None:
-        """The axis was fed and told to forget its error, which begins an attempt."""
+        """The axis was fed and its error cleared, which begins an attempt."""
         self._cleared_ns = now_ns
-        # Of heartbeats on their way now every one tells the error; without it they come from after the order only.
+        # Heartbeats on their way now all carry the error; without it they can only have been sent after the clearing.
         self._begun_ns = now_ns if self.is_expired else None
 
-    def hear(self, received_ns: int, *, expired: bool) -> None:
+    def note_heartbeat(self, received_ns: int, *, expired: bool) -> None:
         """A heartbeat arrived, with or without the watchdog's error."""
         self.is_expired = expired
         if self._begun_ns is None:

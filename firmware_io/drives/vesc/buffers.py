@@ -2,7 +2,7 @@
 
 A controller that processes such a packet sends its reply, in the same way, to the identifier of the sender.
 Source: as for `frames`; a packet of up to six bytes is PROCESS_SHORT_BUFFER [sender, mode, packet], a longer one
-FILL_RX_BUFFER [offset, 7 bytes] until all is said, from offset 256 on FILL_RX_BUFFER_LONG [offset, 6 bytes], and then
+FILL_RX_BUFFER [offset, 7 bytes] until all is sent, from offset 256 on FILL_RX_BUFFER_LONG [offset, 6 bytes], and then
 PROCESS_RX_BUFFER [sender, mode, length, CRC-16].
 """
 
@@ -10,7 +10,7 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from segway_ecc.firmware_io.drives.vesc.frames import Command, arbitration_id
+from segway_ecc.firmware_io.drives.vesc.frames import PacketId, arbitration_id
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -68,18 +68,18 @@ def frames_of(receiver_id: int, sender_id: int, mode: Mode, packet: bytes) -> li
     if not 0 < len(packet) <= MAX_BYTES:
         raise FrameRefusedError(Refusal.LENGTH, f"packet of {len(packet)} bytes")
     if len(packet) <= SHORT_BYTES:
-        return [_frame(Command.PROCESS_SHORT_BUFFER, receiver_id, bytes((sender_id, mode)) + packet)]
+        return [_frame(PacketId.PROCESS_SHORT_BUFFER, receiver_id, bytes((sender_id, mode)) + packet)]
     frames = []
     offset = 0
     while offset < len(packet):
         is_long = offset >= _SHORT_OFFSETS
         end = offset + (_FILL_LONG if is_long else _FILL)
-        command = Command.FILL_RX_BUFFER_LONG if is_long else Command.FILL_RX_BUFFER
+        command = PacketId.FILL_RX_BUFFER_LONG if is_long else PacketId.FILL_RX_BUFFER
         frames.append(_frame(command, receiver_id, offset.to_bytes(1 + is_long, "big") + packet[offset:end]))
         offset = end
     last = _PROCESS.pack(sender_id, mode, len(packet), crc16_xmodem(packet))
-    return [*frames, _frame(Command.PROCESS_RX_BUFFER, receiver_id, last)]
+    return [*frames, _frame(PacketId.PROCESS_RX_BUFFER, receiver_id, last)]
 
 
-def _frame(command: Command, receiver_id: int, data: bytes) -> Frame:
+def _frame(command: PacketId, receiver_id: int, data: bytes) -> Frame:
     return Frame(arbitration_id(command, receiver_id), data, is_extended=True)

@@ -1,4 +1,4 @@
-"""What a controller tells of itself only when asked: its fault, and whether its time-out has acted.
+"""What a controller reports only when asked: its fault, and whether its time-out has acted.
 
 Both are values of the serial protocol, asked for one at a time so that question and answer each fit one CAN frame; see
 `buffers`. A serial line gives the same frames.
@@ -7,12 +7,12 @@ Both are values of the serial protocol, asked for one at a time so that question
 from typing import Final, NamedTuple
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, frames_of
-from segway_ecc.firmware_io.drives.vesc.comm import TIMED_OUT, ask_selective, decode_values, mask_of
+from segway_ecc.firmware_io.drives.vesc.frames import TIMED_OUT, ask_selective, decode_values, mask_of
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
 HOST_IDS: Final = {"left": 254, "right": 253}
-"""Under which identifier this computer asks about each wheel, so that answers are told apart."""
+"""Under which identifier this computer asks about each wheel, so that answers can be distinguished."""
 
 FAULT: Final = mask_of(("fault",))
 FLAGS: Final = mask_of(("flags",))

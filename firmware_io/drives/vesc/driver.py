@@ -8,39 +8,38 @@ from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
-from segway_ecc.firmware_io.drives.off_word import OffWord
 from segway_ecc.firmware_io.drives.vesc.buffers import decode_short
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
 from segway_ecc.firmware_io.drives.vesc.frames import (
-    Command,
     Current,
+    PacketId,
     Status,
     Status5,
     arbitration_id,
     decode,
     frame_of,
+    motor_angle,
 )
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
-from segway_ecc.firmware_io.drivetrain import TURN, WrappedCounter
+from segway_ecc.firmware_io.drivetrain import WrappedCounter
 from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""
-_STEPS_PER_TURN: Final = 6
 _CURRENT_STEP: Final = 0.1
-"""The step in which STATUS tells the motor current, A."""
+"""The resolution of the motor current in STATUS, A."""
 _OFF_CURRENT: Final = 0.5
 """Up to this measured motor current, A, the motor counts as off.
 
-A VESC has no state to tell. With zero asked for it releases the motor, and what is measured is the offset and noise of
+A VESC reports no state. With zero asked for it releases the motor, and what is measured is the offset and noise of
 its current sensors, a few steps of about 0.1 A. A motor that a robot leans on takes several ampere.
 """
 _OFF_SHARE: Final = 0.1
 """Of the wheel's largest current, where that is so small that the above would hide a torque that matters."""
-_TOLD: Final = (Command.STATUS, Command.STATUS_5)
+_TELEMETRY: Final = (PacketId.STATUS, PacketId.STATUS_5)
 _SETUP: Final = "in VESC Tool, App Settings > General, set Timeout to {ms:.0f} ms and Timeout Brake Current to 0 A"
 
 
@@ -76,14 +75,16 @@ class Vesc:
         self._timeout_s = settings.timeout_set_s
         self._rate_hz = settings.status_rate_hz
         self._now_ns = now_ns
-        self._answers_id = arbitration_id(Command.PROCESS_SHORT_BUFFER, HOST_IDS[name])
-        self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TOLD}
+        self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, HOST_IDS[name])
+        self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TELEMETRY}
         self.listens_to: Collection[FrameKey] = frozenset(
             FrameKey(identifier, is_extended=True) for identifier in (*self._kinds, self._answers_id)
         )
         stale_ns = stale_after_ns(1.0 / settings.status_rate_hz, loop_period_s)
         asked_ns = stale_after_ns(_ASK_EVERY_NS * 1e-9, loop_period_s)
-        self._fresh = Freshness({**dict.fromkeys(_TOLD, stale_ns), Command.PROCESS_SHORT_BUFFER: asked_ns}, now_ns)
+        self._fresh = Freshness(
+            {**dict.fromkeys(_TELEMETRY, stale_ns), PacketId.PROCESS_SHORT_BUFFER: asked_ns}, now_ns
+        )
         self._refused: Counter[str] = Counter()
         self._status = Status(0.0, 0.0, 0.0)
         self._bus_voltage = 0.0
@@ -94,8 +95,8 @@ class Vesc:
         self._probe = TimeoutProbe(settings.timeout_set_s)
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
-        self._confirmed: set[Command] = set()
-        self._word = OffWord()
+        self._confirmed: set[PacketId] = set()
+        self._off_ns: int | None = None
         self._off_current = min(_OFF_CURRENT, max(_CURRENT_STEP, _OFF_SHARE * wheel.max_current))
 
     def start(self) -> None:
@@ -108,7 +109,12 @@ class Vesc:
             return False
         try:
             if frame.arbitration_id == self._answers_id:
-                self._take_answer(frame)
+                reply = answer(decode_short(frame.data), self._wheel.controller_id)
+                if reply.fault is None:
+                    self._probe.note_answer(reply.timed_out, frame.received_ns)
+                else:
+                    self._fault = reply.fault
+                    self._fresh.mark(PacketId.PROCESS_SHORT_BUFFER, frame.received_ns)
             else:
                 self._take_status(self._kinds[frame.arbitration_id], frame)
         except FrameRefusedError as error:
@@ -118,23 +124,23 @@ class Vesc:
 
     def read(self) -> Readings:
         """The wheel's angle, velocity and torque, and of the left controller the supply's voltage."""
-        motor_angle = self._counter.total * TURN / (_STEPS_PER_TURN * self._wheel.pole_pairs)
-        motor_velocity = self._status.erpm * TURN / (60.0 * self._wheel.pole_pairs)
+        angle = self._drivetrain.wheel(motor_angle(self._counter.total, self._wheel.pole_pairs))
+        velocity = self._drivetrain.wheel(self._status.motor_velocity(self._wheel.pole_pairs))
         torque = self._drivetrain.wheel_torque(self._status.current * self._wheel.torque_constant)
-        age, is_valid = self._fresh.age(Command.STATUS)
-        angle_age, angle_is_valid = self._fresh.age(Command.STATUS_5)
+        age, is_valid = self._fresh.age(PacketId.STATUS)
+        angle_age, angle_is_valid = self._fresh.age(PacketId.STATUS_5)
         readings = Readings(
-            (self._drivetrain.wheel(motor_angle), self._drivetrain.wheel(motor_velocity), torque),
+            (angle, velocity, torque),
             (angle_age, age, age),
             (angle_is_valid, is_valid, is_valid),
         )
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
-        return with_one_more(readings, self._bus_voltage, self._fresh.age(Command.STATUS_5, SUPPLY_STALE_NS))
+        return with_one_more(readings, self._bus_voltage, self._fresh.age(PacketId.STATUS_5, SUPPLY_STALE_NS))
 
     def arming_failures(self) -> list[str]:
         """Silence, a time-out that does not act or has not been measured yet, or a fault."""
-        silent = [kind for kind in _TOLD if not self._fresh.age(kind)[1]]
+        silent = [kind for kind in _TELEMETRY if not self._fresh.age(kind)[1]]
         if silent:
             return [self._silence(silent)]
         reasons = []
@@ -147,18 +153,18 @@ class Vesc:
             )
         fault = self._fresh_fault
         if fault:
-            reasons.append(f"{self._title} reports {fault_name(fault)}; mend its cause")
+            reasons.append(f"{self._title} reports {fault_name(fault)}; remove its cause")
         return reasons
 
     @property
     def is_enabled(self) -> bool:
         """Whether telemetry of both kinds has arrived since the first zero."""
-        return self._enabling.phase is Phase.ENABLED
+        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:
-        """Whether STATUS, fresh and heard after it was told zero, measures next to no current in the motor."""
-        return self._word.says_off and self._fresh.age(Command.STATUS)[1]
+        """Whether STATUS, fresh and received after zero was commanded, measures next to no current in the motor."""
+        return self._enabling.confirms_disable(self._off_ns) and self._fresh.age(PacketId.STATUS)[1]
 
     def enable(self) -> None:
         """Send zero until the controller's telemetry shows that it is there."""
@@ -174,15 +180,16 @@ class Vesc:
             self._rest()
         else:
             self._send_torque(commands[0] if phase is Phase.ENABLED else 0.0)
+        now_ns = self._now_ns()
         if phase is Phase.ENABLING and self._zero_ns is None:
-            self._zero_ns = self._now_ns()
-        self._ask_now_and_then()
+            self._zero_ns = now_ns
+        if self._asked_ns is None or now_ns - self._asked_ns >= _ASK_EVERY_NS:
+            self._asked_ns = now_ns
+            self._link.send(ask(self.name, self._wheel.controller_id, FAULT))
 
     def disable(self) -> None:
         """Send zero: the motor coasts."""
-        if self._enabling.phase is not Phase.OFF:
-            self._word.told(self._now_ns())
-        self._enabling.end()
+        self._enabling.end(self._now_ns())
         self._probe.break_off()
         self._send_torque(0.0)
 
@@ -194,15 +201,15 @@ class Vesc:
         if fault:
             return (f"{self._title} reports {fault_name(fault)}",)
         if self._enabling.is_overdue(self._now_ns()):
-            return (self._silence([kind for kind in _TOLD if not self._fresh.age(kind)[1]] or list(_TOLD)),)
-        stale = [(kind.name, age) for kind in _TOLD for age, is_valid in [self._fresh.age(kind)] if not is_valid]
+            return (self._silence([kind for kind in _TELEMETRY if not self._fresh.age(kind)[1]] or list(_TELEMETRY)),)
+        stale = [(kind.name, age) for kind in _TELEMETRY for age, is_valid in [self._fresh.age(kind)] if not is_valid]
         if stale and self.is_enabled:
             return tuple(f"{kind} of {self._title} is too old: {age * 1e3:.0f} ms" for kind, age in stale)
         return ()
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the controller tells of itself, and what was refused of it."""
+        """What the controller reports, and what was refused of it."""
         fault = self._fresh_fault
         measured = f", acts within {self._probe.silence_s * 1e3:.0f} ms" if self._probe.found is Found.ACTS else ""
         return {
@@ -210,7 +217,7 @@ class Vesc:
             "phase": str(self._enabling.phase),
             "timeout_set_s": f"{self._timeout_s:g}",
             "timeout": f"{self._probe.found}{measured}",
-            "fault": "not told" if fault is None else fault_name(fault) if fault else "none",
+            "fault": "not reported" if fault is None else fault_name(fault) if fault else "none",
             "bus_voltage_v": f"{self._bus_voltage:.1f}",
             "current_a": f"{self._status.current:.1f}",
         }
@@ -221,53 +228,40 @@ class Vesc:
 
     @property
     def _fresh_fault(self) -> int | None:
-        """The newest fault code, 0 for none; None where the controller has not told one lately."""
-        return self._fault if self._fresh.age(Command.PROCESS_SHORT_BUFFER)[1] else None
+        """The newest fault code, 0 for none; None where the controller has not reported one lately."""
+        return self._fault if self._fresh.age(PacketId.PROCESS_SHORT_BUFFER)[1] else None
 
-    def _silence(self, kinds: Sequence[Command]) -> str:
+    def _silence(self, kinds: Sequence[PacketId]) -> str:
         names = " and ".join(kind.name for kind in kinds)
         return (
             f"{self._title} does not send {names} on {self._link.description}; is it powered and on this bus? "
             f"{_SETUP.format(ms=self._timeout_s * 1e3)}, and CAN status messages 1 and 5 to {self._rate_hz:g} Hz"
         )
 
-    def _take_status(self, kind: Command, frame: Frame) -> None:
-        told = decode(kind, frame.data)
-        if kind is Command.STATUS:
-            self._status = Status._make(told)
-            self._word.hear(frame.received_ns, is_off=abs(self._status.current) <= self._off_current)
+    def _take_status(self, kind: PacketId, frame: Frame) -> None:
+        payload = decode(kind, frame.data)
+        if kind is PacketId.STATUS:
+            self._status = Status._make(payload)
+            self._off_ns = frame.received_ns if abs(self._status.current) <= self._off_current else None
         else:
-            tachometer, self._bus_voltage = Status5._make(told)
-            self._counter.take(tachometer)
+            status = Status5._make(payload)
+            self._bus_voltage = status.bus_voltage
+            self._counter.take(status.tachometer)
         self._fresh.mark(kind, frame.received_ns)
         if self._zero_ns is not None and frame.received_ns > self._zero_ns:
             self._confirmed.add(kind)
-            if len(self._confirmed) == len(_TOLD):
+            if len(self._confirmed) == len(_TELEMETRY):
                 self._enabling.confirm()
-
-    def _take_answer(self, frame: Frame) -> None:
-        told = answer(decode_short(frame.data), self._wheel.controller_id)
-        if told.fault is None:
-            self._probe.hear(told.timed_out, frame.received_ns)
-        else:
-            self._fault = told.fault
-            self._fresh.mark(Command.PROCESS_SHORT_BUFFER, frame.received_ns)
 
     def _rest(self) -> None:
         """Send zero with the motor off, or measure the time-out by silence."""
-        if not self._fresh.age(Command.STATUS)[1]:
+        if not self._fresh.age(PacketId.STATUS)[1]:
             self._probe.forget()
         match self._probe.step(self._now_ns()):
             case Step.ZERO:
                 self._send_torque(0.0)
             case Step.ASK:
                 self._link.send(ask(self.name, self._wheel.controller_id, FLAGS))
-
-    def _ask_now_and_then(self) -> None:
-        now_ns = self._now_ns()
-        if self._asked_ns is None or now_ns - self._asked_ns >= _ASK_EVERY_NS:
-            self._asked_ns = now_ns
-            self._link.send(ask(self.name, self._wheel.controller_id, FAULT))
 
     def _send_torque(self, torque: float) -> None:
         """Send the motor current for a torque at the wheel, N m."""
@@ -277,4 +271,4 @@ class Vesc:
             torque = 0.0
         motor = self._drivetrain.motor_torque(min(max(torque, -limit), limit))
         current = Current(motor / self._wheel.torque_constant)
-        self._link.send(frame_of(Command.SET_CURRENT, self._wheel.controller_id, current))
+        self._link.send(frame_of(PacketId.SET_CURRENT, self._wheel.controller_id, current))

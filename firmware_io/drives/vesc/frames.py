@@ -1,25 +1,33 @@
-"""The frames of the VESC's CAN protocol: bytes to values and back.
+"""The VESC's CAN frames and the packets of its serial protocol: bytes to SI and back.
 
 The 29-bit identifier carries the command in bits 8 to 15 and the controller in bits 0 to 7; the bits above are zero.
 Values are big-endian integers with a scale. Nothing protects a frame but the CRC of CAN itself: there is no counter.
 Source: the protocol description in VESC's firmware documentation (comm_can.md, github.com/vedderb/bldc) and the ids in
 its list of CAN packets. Names carry the unit where it is not the SI one.
+
+A packet, between its framing (see `packets`), is a command byte and big-endian integers. A set command carries the same
+integer as its frame on CAN. The reply to GET_VALUES carries all fields below in order; that to GET_VALUES_SELECTIVE
+repeats the mask and carries the fields whose bits are set in it. Source: the list of COMM packets in the firmware and
+in VESC Tool (github.com/vedderb/bldc and vesc_tool).
 """
 
 import enum
 import struct
-from typing import Final, NamedTuple
+from collections.abc import Collection, Mapping
+from typing import Any, Final, NamedTuple
 
+from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
+_STEPS_PER_TURN: Final = 6
 BROADCAST_ID: Final = 255
 """Every controller listens to commands for this one."""
 
 
 @enum.unique
-class Command(enum.IntEnum):
-    """What a frame says: bits 8 to 15 of its identifier."""
+class PacketId(enum.IntEnum):
+    """The kind of a frame: bits 8 to 15 of its identifier."""
 
     SET_DUTY = 0
     SET_CURRENT = 1
@@ -102,6 +110,10 @@ class Status(NamedTuple):
     current: float
     duty: float
 
+    def motor_velocity(self, pole_pairs: int) -> float:
+        """Velocity of the motor's shaft, rad/s."""
+        return self.erpm * TURN / (60.0 * pole_pairs)
+
 
 class Status2(NamedTuple):
     """Charge drawn and charge put back since power-on, A h."""
@@ -155,86 +167,76 @@ class Pong(NamedTuple):
     hardware_type: int
 
 
-Payload = (
-    Duty
-    | Current
-    | DelayedCurrent
-    | RelativeCurrent
-    | Speed
-    | Position
-    | CurrentLimits
-    | Status
-    | Status2
-    | Status3
-    | Status4
-    | Status5
-    | Status6
-    | Ping
-    | Pong
-)
+def motor_angle(tachometer: int, pole_pairs: int) -> float:
+    """Angle of the motor's shaft, rad, at a tachometer followed over its wraps."""
+    return tachometer * TURN / (_STEPS_PER_TURN * pole_pairs)
 
 
-class _Layout(NamedTuple):
+Payload = tuple[Any, ...]
+"""One of the above."""
+
+
+class _PayloadLayout(NamedTuple):
     """How a payload lies in the frame: the integers, and how many of each make one unit."""
 
-    payload: type[Payload]
+    payload: type[Any]
     packing: struct.Struct
     per_unit: tuple[int, ...]
 
 
-_CURRENT: Final = _Layout(Current, struct.Struct(">i"), (1_000,))
-_SHARE: Final = _Layout(RelativeCurrent, struct.Struct(">i"), (100_000,))
-_LIMITS: Final = _Layout(CurrentLimits, struct.Struct(">ii"), (1_000, 1_000))
-_DELAYED: Final = _Layout(DelayedCurrent, struct.Struct(">ih"), (1_000, 1_000))
+_CURRENT: Final = _PayloadLayout(Current, struct.Struct(">i"), (1_000,))
+_SHARE: Final = _PayloadLayout(RelativeCurrent, struct.Struct(">i"), (100_000,))
+_LIMITS: Final = _PayloadLayout(CurrentLimits, struct.Struct(">ii"), (1_000, 1_000))
+_DELAYED: Final = _PayloadLayout(DelayedCurrent, struct.Struct(">ih"), (1_000, 1_000))
 
-_LAYOUTS: Final[dict[int, _Layout]] = {
-    Command.SET_DUTY: _Layout(Duty, struct.Struct(">i"), (100_000,)),
-    Command.SET_CURRENT: _CURRENT,
-    Command.SET_CURRENT_BRAKE: _CURRENT,
-    Command.SET_RPM: _Layout(Speed, struct.Struct(">i"), (1,)),
-    Command.SET_POS: _Layout(Position, struct.Struct(">i"), (1_000_000,)),
-    Command.STATUS: _Layout(Status, struct.Struct(">ihh"), (1, 10, 1_000)),
-    Command.SET_CURRENT_REL: _SHARE,
-    Command.SET_CURRENT_BRAKE_REL: _SHARE,
-    Command.SET_CURRENT_HANDBRAKE: _CURRENT,
-    Command.SET_CURRENT_HANDBRAKE_REL: _SHARE,
-    Command.STATUS_2: _Layout(Status2, struct.Struct(">ii"), (10_000, 10_000)),
-    Command.STATUS_3: _Layout(Status3, struct.Struct(">ii"), (10_000, 10_000)),
-    Command.STATUS_4: _Layout(Status4, struct.Struct(">hhhh"), (10, 10, 10, 50)),
-    Command.PING: _Layout(Ping, struct.Struct(">B"), (1,)),
-    Command.PONG: _Layout(Pong, struct.Struct(">BB"), (1, 1)),
-    Command.CONF_CURRENT_LIMITS: _LIMITS,
-    Command.CONF_STORE_CURRENT_LIMITS: _LIMITS,
-    Command.CONF_CURRENT_LIMITS_IN: _LIMITS,
-    Command.CONF_STORE_CURRENT_LIMITS_IN: _LIMITS,
-    Command.STATUS_5: _Layout(Status5, struct.Struct(">ihxx"), (1, 10)),
-    Command.STATUS_6: _Layout(Status6, struct.Struct(">hhhh"), (1_000, 1_000, 1_000, 1_000)),
+_LAYOUTS: Final[dict[int, _PayloadLayout]] = {
+    PacketId.SET_DUTY: _PayloadLayout(Duty, struct.Struct(">i"), (100_000,)),
+    PacketId.SET_CURRENT: _CURRENT,
+    PacketId.SET_CURRENT_BRAKE: _CURRENT,
+    PacketId.SET_RPM: _PayloadLayout(Speed, struct.Struct(">i"), (1,)),
+    PacketId.SET_POS: _PayloadLayout(Position, struct.Struct(">i"), (1_000_000,)),
+    PacketId.STATUS: _PayloadLayout(Status, struct.Struct(">ihh"), (1, 10, 1_000)),
+    PacketId.SET_CURRENT_REL: _SHARE,
+    PacketId.SET_CURRENT_BRAKE_REL: _SHARE,
+    PacketId.SET_CURRENT_HANDBRAKE: _CURRENT,
+    PacketId.SET_CURRENT_HANDBRAKE_REL: _SHARE,
+    PacketId.STATUS_2: _PayloadLayout(Status2, struct.Struct(">ii"), (10_000, 10_000)),
+    PacketId.STATUS_3: _PayloadLayout(Status3, struct.Struct(">ii"), (10_000, 10_000)),
+    PacketId.STATUS_4: _PayloadLayout(Status4, struct.Struct(">hhhh"), (10, 10, 10, 50)),
+    PacketId.PING: _PayloadLayout(Ping, struct.Struct(">B"), (1,)),
+    PacketId.PONG: _PayloadLayout(Pong, struct.Struct(">BB"), (1, 1)),
+    PacketId.CONF_CURRENT_LIMITS: _LIMITS,
+    PacketId.CONF_STORE_CURRENT_LIMITS: _LIMITS,
+    PacketId.CONF_CURRENT_LIMITS_IN: _LIMITS,
+    PacketId.CONF_STORE_CURRENT_LIMITS_IN: _LIMITS,
+    PacketId.STATUS_5: _PayloadLayout(Status5, struct.Struct(">ihxx"), (1, 10)),
+    PacketId.STATUS_6: _PayloadLayout(Status6, struct.Struct(">hhhh"), (1_000, 1_000, 1_000, 1_000)),
 }
 
 
-_COMMANDS: Final = {int(command): command for command in Command}
+_COMMANDS: Final = {int(command): command for command in PacketId}
 
 
-def arbitration_id(command: Command, controller_id: int) -> int:
+def arbitration_id(command: PacketId, controller_id: int) -> int:
     """The 29-bit identifier of a frame to or from a controller (0 to 255)."""
     return command << 8 | controller_id
 
 
-def addressed(frame: Frame) -> tuple[Command, int] | None:
-    """What a frame says and to or from which controller; None for a frame that is not VESC's."""
+def addressed(frame: Frame) -> tuple[PacketId, int] | None:
+    """The kind of a frame and its controller; None for a frame that is not VESC's."""
     number, controller_id = divmod(frame.arbitration_id, 1 << 8)
     command = _COMMANDS.get(number) if frame.is_extended else None
     return None if command is None else (command, controller_id)
 
 
-def encode(command: Command, payload: Payload) -> bytes:
+def encode(command: PacketId, payload: Payload) -> bytes:
     """The data of a frame.
 
     Raises:
         FrameRefusedError: The payload is not that command's, or a value is not finite or does not fit its integer.
     """
     layout = (
-        _DELAYED if command is Command.SET_CURRENT and isinstance(payload, DelayedCurrent) else _LAYOUTS.get(command)
+        _DELAYED if command is PacketId.SET_CURRENT and isinstance(payload, DelayedCurrent) else _LAYOUTS.get(command)
     )
     if layout is None or not isinstance(payload, layout.payload):
         raise FrameRefusedError(Refusal.UNKNOWN, f"{command.name} with {type(payload).__name__}")
@@ -254,15 +256,172 @@ def decode(command: int, data: bytes) -> Payload:
     layout = _LAYOUTS.get(command)
     if layout is None:
         raise FrameRefusedError(Refusal.UNKNOWN, f"command {command}")
-    if command == Command.SET_CURRENT and len(data) == _DELAYED.packing.size:
+    if command == PacketId.SET_CURRENT and len(data) == _DELAYED.packing.size:
         layout = _DELAYED
     if len(data) != layout.packing.size:
-        raise FrameRefusedError(Refusal.LENGTH, f"{Command(command).name} of {len(data)} bytes")
+        raise FrameRefusedError(Refusal.LENGTH, f"{PacketId(command).name} of {len(data)} bytes")
     raw = layout.packing.unpack(data)
     values = [n if scale == 1 else n / scale for n, scale in zip(raw, layout.per_unit, strict=True)]
-    return layout.payload._make(values)
+    payload: Payload = layout.payload._make(values)
+    return payload
 
 
-def frame_of(command: Command, controller_id: int, payload: Payload) -> Frame:
+def frame_of(command: PacketId, controller_id: int, payload: Payload) -> Frame:
     """A whole frame; see `encode`."""
     return Frame(arbitration_id(command, controller_id), encode(command, payload), is_extended=True)
+
+
+@enum.unique
+class Comm(enum.IntEnum):
+    """The first byte of a packet."""
+
+    GET_VALUES = 4
+    SET_DUTY = 5
+    SET_CURRENT = 6
+    SET_CURRENT_BRAKE = 7
+    SET_RPM = 8
+    SET_POS = 9
+    SET_HANDBRAKE = 10
+    ALIVE = 30
+    FORWARD_CAN = 34
+    GET_VALUES_SELECTIVE = 50
+    SET_CURRENT_REL = 84
+
+
+SET_PACKETS: Final[Mapping[PacketId, Comm]] = {
+    PacketId.SET_DUTY: Comm.SET_DUTY,
+    PacketId.SET_CURRENT: Comm.SET_CURRENT,
+    PacketId.SET_CURRENT_BRAKE: Comm.SET_CURRENT_BRAKE,
+    PacketId.SET_RPM: Comm.SET_RPM,
+    PacketId.SET_POS: Comm.SET_POS,
+    PacketId.SET_CURRENT_HANDBRAKE: Comm.SET_HANDBRAKE,
+    PacketId.SET_CURRENT_REL: Comm.SET_CURRENT_REL,
+}
+"""The packet that carries the same command as a frame; its data are the frame's."""
+
+
+class _Field(NamedTuple):
+    """One bit of the mask: its values, their integers, and how many make one unit."""
+
+    names: tuple[str, ...]
+    packing: struct.Struct
+    per_unit: int
+
+
+_I8: Final = struct.Struct(">B")
+_I16: Final = struct.Struct(">h")
+_I32: Final = struct.Struct(">i")
+_MASK: Final = struct.Struct(">I")
+
+_FIELDS: Final = (
+    _Field(("fet_celsius",), _I16, 10),
+    _Field(("motor_celsius",), _I16, 10),
+    _Field(("motor_current",), _I32, 100),
+    _Field(("input_current",), _I32, 100),
+    _Field(("d_current",), _I32, 100),
+    _Field(("q_current",), _I32, 100),
+    _Field(("duty",), _I16, 1_000),
+    _Field(("erpm",), _I32, 1),
+    _Field(("bus_voltage",), _I16, 10),
+    _Field(("amp_hours",), _I32, 10_000),
+    _Field(("amp_hours_charged",), _I32, 10_000),
+    _Field(("watt_hours",), _I32, 10_000),
+    _Field(("watt_hours_charged",), _I32, 10_000),
+    _Field(("tachometer",), _I32, 1),
+    _Field(("tachometer_absolute",), _I32, 1),
+    _Field(("fault",), _I8, 1),
+    _Field(("degrees",), _I32, 1_000_000),
+    _Field(("controller_id",), _I8, 1),
+    _Field(("mos_1_celsius", "mos_2_celsius", "mos_3_celsius"), struct.Struct(">hhh"), 10),
+    _Field(("d_voltage",), _I32, 1_000),
+    _Field(("q_voltage",), _I32, 1_000),
+    _Field(("flags",), _I8, 1),
+)
+FIELD_NAMES: Final = tuple(name for field in _FIELDS for name in field.names)
+"""Every value that a reply may carry, in order; those without a unit in their name are in SI, `erpm` per minute."""
+ALL_FIELDS: Final = (1 << len(_FIELDS)) - 1
+TIMED_OUT: Final = 0x01
+"""The bit of `flags`: the controller has not been commanded for longer than its time-out."""
+
+
+def mask_of(names: Collection[str]) -> int:
+    """The mask that asks for some values; those that share a bit come together."""
+    return sum(1 << bit for bit, field in enumerate(_FIELDS) if not set(names).isdisjoint(field.names))
+
+
+def ask_selective(mask: int) -> bytes:
+    """The packet that asks for the fields of a mask."""
+    return bytes((Comm.GET_VALUES_SELECTIVE,)) + _MASK.pack(mask)
+
+
+def forward(controller_id: int, packet: bytes) -> bytes:
+    """The packet that has a controller hand another packet on over CAN."""
+    return bytes((Comm.FORWARD_CAN, controller_id)) + packet
+
+
+def read_mask(packet: bytes) -> int:
+    """The mask that a GET_VALUES or GET_VALUES_SELECTIVE packet asks for.
+
+    Raises:
+        FrameRefusedError: It asks for neither, has the wrong length, or has bits that are not in the table.
+    """
+    if packet == bytes((Comm.GET_VALUES,)):
+        return ALL_FIELDS
+    if packet[:1] != bytes((Comm.GET_VALUES_SELECTIVE,)):
+        raise FrameRefusedError(Refusal.UNKNOWN, "question")
+    if len(packet) != 1 + _MASK.size:
+        raise FrameRefusedError(Refusal.LENGTH, f"GET_VALUES_SELECTIVE of {len(packet)} bytes")
+    mask = int(_MASK.unpack(packet[1:])[0])
+    if mask & ~ALL_FIELDS:
+        raise FrameRefusedError(Refusal.UNKNOWN, f"mask 0x{mask:08X}")
+    return mask
+
+
+def encode_values(question: bytes, values: Mapping[str, float]) -> bytes:
+    """The reply of a controller to a question.
+
+    Args:
+        question: A GET_VALUES or GET_VALUES_SELECTIVE packet, which the reply repeats.
+        values: At least the values that are asked for.
+
+    Raises:
+        FrameRefusedError: As for `read_mask`; or a value is not finite or does not fit its integer.
+    """
+    mask = read_mask(question)
+    reply = bytearray(question)
+    try:
+        for field in _selected(mask):
+            reply += field.packing.pack(*(round(values[name] * field.per_unit) for name in field.names))
+    except (ValueError, OverflowError, struct.error) as error:
+        raise FrameRefusedError(Refusal.RANGE, f"reply {dict(values)}") from error
+    return bytes(reply)
+
+
+def decode_values(packet: bytes) -> tuple[int, dict[str, float]]:
+    """The mask that was asked for, and the values of a reply to GET_VALUES or GET_VALUES_SELECTIVE.
+
+    Older firmware does not know the later fields and ends its reply before them, newer firmware adds some to
+    GET_VALUES; a reply that ends within a field, or that goes on after the last selected one, is refused.
+
+    Raises:
+        FrameRefusedError: It is another packet, its length does not fit its mask, or the mask has unknown bits.
+    """
+    is_selective = packet[:1] == bytes((Comm.GET_VALUES_SELECTIVE,))
+    start = 1 + _MASK.size if is_selective else 1
+    mask = read_mask(packet[:start])
+    values: dict[str, float] = {}
+    for field in _selected(mask):
+        if start == len(packet):
+            return mask, values
+        if start + field.packing.size > len(packet):
+            raise FrameRefusedError(Refusal.LENGTH, f"reply of {len(packet)} bytes")
+        raw = field.packing.unpack_from(packet, start)
+        values |= zip(field.names, (n if field.per_unit == 1 else n / field.per_unit for n in raw), strict=True)
+        start += field.packing.size
+    if is_selective and start != len(packet):
+        raise FrameRefusedError(Refusal.LENGTH, f"reply of {len(packet)} bytes")
+    return mask, values
+
+
+def _selected(mask: int) -> list[_Field]:
+    return [field for bit, field in enumerate(_FIELDS) if mask >> bit & 1]

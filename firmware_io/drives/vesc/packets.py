@@ -1,7 +1,7 @@
 """The framing of the VESC's serial protocol, and a receiver that finds good packets among anything.
 
 A packet of up to 255 bytes is 0x02, its length in one byte, the packet, its CRC-16/XMODEM, 0x03; a longer one begins
-with 0x03 and its length in two bytes. Source: as for `comm`.
+with 0x03 and its length in two bytes. Source: as for `frames`.
 """
 
 from collections import Counter
@@ -42,7 +42,7 @@ class PacketReceiver:
     Every byte that could begin a packet is followed up on its own, so that a false beginning hides nothing behind it,
     and a packet that seems to lie within another one does not hide that: the CRC of a run of zeros is zero, so that
     `02 01 00 00 00 03` may well stand among the values of a longer packet. Both are given out, each when its last byte
-    comes; what they say tells them apart. What is kept is bounded by the longest packet.
+    comes; their contents distinguish them. What is kept is bounded by the longest packet.
 
     Attributes:
         refused: Packets received and not taken, by cause; `garbage` counts stretches of half a kilobyte without any.

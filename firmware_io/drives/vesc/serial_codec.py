@@ -10,21 +10,19 @@ from typing import Final
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, frames_of
-from segway_ecc.firmware_io.drives.vesc.comm import (
+from segway_ecc.firmware_io.drives.vesc.condition import HOST_IDS
+from segway_ecc.firmware_io.drives.vesc.frames import (
     SET_PACKETS,
+    PacketId,
+    Status,
+    Status5,
+    addressed,
     ask_selective,
     decode_values,
     encode_values,
     forward,
-    mask_of,
-)
-from segway_ecc.firmware_io.drives.vesc.condition import HOST_IDS
-from segway_ecc.firmware_io.drives.vesc.frames import (
-    Command,
-    Status,
-    Status5,
-    addressed,
     frame_of,
+    mask_of,
 )
 from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
@@ -54,12 +52,12 @@ class VescSerialCodec:
         self.refused: Counter[str] = self._receiver.refused
 
     def encode(self, frame: Frame) -> bytes | None:
-        """The packet that says what a frame says; a question is answered by all of the telemetry."""
+        """The packet that carries what a frame does; a question is answered by all of the telemetry."""
         address = addressed(frame)
         if address is None or address[1] not in self._hosts:
             return None
         command, controller_id = address
-        if command is Command.PROCESS_SHORT_BUFFER:
+        if command is PacketId.PROCESS_SHORT_BUFFER:
             return self._ask(controller_id)
         if command not in SET_PACKETS or len(frame.data) != _SET_BYTES:
             return None
@@ -74,7 +72,7 @@ class VescSerialCodec:
         frames: list[Frame] = []
         for packet in self._receiver.feed(data):
             try:
-                frames += self._told(packet)
+                frames += self._frames(packet)
             except FrameRefusedError as error:
                 self.refused[error.refusal] += 1
         return [replace(frame, received_ns=now_ns) for frame in frames]
@@ -89,26 +87,20 @@ class VescSerialCodec:
     def _ask(self, controller_id: int) -> bytes:
         return self._framed(controller_id, ask_selective(_MASK))
 
-    def _told(self, packet: bytes) -> list[Frame]:
-        """The frames that say what a reply says."""
+    def _frames(self, packet: bytes) -> list[Frame]:
+        """The frames that carry the contents of a reply."""
         mask, values = decode_values(packet)
         if mask != _MASK or not values.keys() >= set(_NEEDED) or values["controller_id"] not in self._hosts:
             raise FrameRefusedError(Refusal.UNKNOWN, f"reply to 0x{mask:08X}")
         controller_id = int(values["controller_id"])
         status = Status(values["erpm"], values["motor_current"], values["duty"])
         status_5 = Status5(int(values["tachometer"]), values["bus_voltage"])
-        answers = [
-            frame
-            for name in ("fault", "flags")
-            if name in values
-            for frame in self._answer(controller_id, name, values)
+        frames = [
+            frame_of(PacketId.STATUS, controller_id, status),
+            frame_of(PacketId.STATUS_5, controller_id, status_5),
         ]
-        return [
-            frame_of(Command.STATUS, controller_id, status),
-            frame_of(Command.STATUS_5, controller_id, status_5),
-            *answers,
-        ]
-
-    def _answer(self, controller_id: int, name: str, values: dict[str, float]) -> list[Frame]:
-        reply = encode_values(ask_selective(mask_of((name,))), values)
-        return frames_of(self._hosts[controller_id], controller_id, Mode.PASS_ON, reply)
+        for name in ("fault", "flags"):
+            if name in values:
+                answer = encode_values(ask_selective(mask_of((name,))), values)
+                frames += frames_of(self._hosts[controller_id], controller_id, Mode.PASS_ON, answer)
+        return frames

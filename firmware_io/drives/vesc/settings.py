@@ -1,4 +1,4 @@
-"""What a robot file says of VESC controllers."""
+"""Settings in a robot file for VESC controllers."""
 
 from typing import Annotated, Literal
 
@@ -45,7 +45,7 @@ class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):
         left: The controller of the left wheel.
         right: The controller of the right wheel.
         timeout_set_s: The time-out that was set in both controllers with VESC Tool, s. It has no default: who writes
-            it says that it was set.
+            it confirms that it was set.
         status_rate_hz: The rate that was set for STATUS and STATUS_5, 1/s.
         serial: The UART of one controller, to fall back on.
         serial_controller: Whose UART it is; the other one is reached through it, over CAN.

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
-from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, addressed, decode, frame_of
+from segway_ecc.firmware_io.drives.vesc.frames import Current, PacketId, addressed, decode, frame_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 
 _OTHERS: Final = frozenset(
-    command for command in Command if command.name.startswith("SET_") and command is not Command.SET_CURRENT
+    command for command in PacketId if command.name.startswith("SET_") and command is not PacketId.SET_CURRENT
 )
 """What the node does not send: whoever does wants the motor to do something."""
 
@@ -24,7 +24,7 @@ class VescStopper:
     def __init__(self, settings: VescSettings) -> None:
         """Know the controllers by their ids."""
         self._names = {settings.left.controller_id: "left", settings.right.controller_id: "right"}
-        self._stop = [frame_of(Command.SET_CURRENT, controller_id, Current(0.0)) for controller_id in self._names]
+        self._stop = [frame_of(PacketId.SET_CURRENT, controller_id, Current(0.0)) for controller_id in self._names]
 
     def read(self, frame: Frame) -> Observation | None:
         """What a frame means; see `Stopper.read`."""
@@ -34,7 +34,7 @@ class VescStopper:
             return None
         if command in _OTHERS:
             return Observation(name, Meaning.MOVE)
-        if command is not Command.SET_CURRENT:
+        if command is not PacketId.SET_CURRENT:
             return None
         try:
             current = decode(command, frame.data)[0]

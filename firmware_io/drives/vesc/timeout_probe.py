@@ -1,8 +1,8 @@
 """Does a controller's time-out act? Measured while the motors are off, without moving anything.
 
-The time-out cannot be read, but a controller tells, when asked, whether it acts. So commands stop for as long as the
+The time-out cannot be read, but a controller reports, when asked, whether it acts. So commands stop for as long as the
 time-out was set to, and a little more, and the controller is asked. While it is, its motor is free, or held by the
-brake current that was set for the time-out; it was told zero before. Questions do not count as commands.
+brake current that was set for the time-out; zero was commanded before. Questions do not count as commands.
 """
 
 import enum
@@ -22,7 +22,7 @@ class Found(enum.StrEnum):
     NOTHING = "not measured yet"
     ACTS = "measured"
     DOES_NOT_ACT = "does not act"
-    NOT_TOLD = "affirmed in the robot file, not measured: the controller does not tell"
+    NOT_REPORTED = "affirmed in the robot file, not measured: the controller does not report it"
 
 
 @enum.unique
@@ -45,7 +45,7 @@ class TimeoutProbe:
     __slots__ = ("_answered", "_quiet_ns", "_tries", "_wait_until_ns", "_zero_ns", "found", "silence_s")
 
     def __init__(self, timeout_s: float) -> None:
-        """Measure a time-out that is said to be `timeout_s`."""
+        """Measure a time-out that was set to `timeout_s`."""
         self._quiet_ns = round(timeout_s * 1e9) + _MARGIN_NS
         self.forget()
 
@@ -64,7 +64,7 @@ class TimeoutProbe:
 
     def step(self, now_ns: int) -> Step:
         """What to send while the motors are off."""
-        if self.found in (Found.ACTS, Found.NOT_TOLD) or now_ns < self._wait_until_ns:
+        if self.found in (Found.ACTS, Found.NOT_REPORTED) or now_ns < self._wait_until_ns:
             return Step.ZERO
         if self._zero_ns is None:
             self._zero_ns = now_ns
@@ -74,10 +74,17 @@ class TimeoutProbe:
             return Step.NOTHING
         if silence_ns < self._quiet_ns + _ASK_FOR_NS:
             return Step.ASK
-        self._conclude(now_ns)
+        # No answer showed that the time-out acts.
+        self._tries += 1
+        if self._answered:
+            self.found = Found.DOES_NOT_ACT
+            self._wait_until_ns = now_ns + _AGAIN_NS
+        elif self._tries >= _TRIES:
+            self.found = Found.NOT_REPORTED
+        self.break_off()
         return Step.ZERO
 
-    def hear(self, timed_out: bool | None, received_ns: int) -> None:  # noqa: FBT001 - a value, not an option
+    def note_answer(self, timed_out: bool | None, received_ns: int) -> None:  # noqa: FBT001 - a value, not an option
         """Take an answer; None where the controller does not know the question."""
         if self._zero_ns is None or received_ns - self._zero_ns < self._quiet_ns:
             return
@@ -87,13 +94,3 @@ class TimeoutProbe:
         if timed_out:
             self.found = Found.ACTS
             self.break_off()
-
-    def _conclude(self, now_ns: int) -> None:
-        """Nobody said that the time-out acts."""
-        self._tries += 1
-        if self._answered:
-            self.found = Found.DOES_NOT_ACT
-            self._wait_until_ns = now_ns + _AGAIN_NS
-        elif self._tries >= _TRIES:
-            self.found = Found.NOT_TOLD
-        self.break_off()

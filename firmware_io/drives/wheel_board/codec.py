@@ -19,7 +19,7 @@ _MODULE: Final = "segway_ecc.firmware_io.drives.wheel_board"
 
 
 class CodecError(Exception):
-    """The C files could not be made; the text says why and what to do."""
+    """The C files could not be made; the text states why and what to do."""
 
     exit_code: ClassVar[int] = 1
 
@@ -54,12 +54,12 @@ def _run_cantools(dbc: Path, folder: Path) -> None:
         check=False,
     )
     if done.returncode != 0:
-        said = done.stderr.strip().splitlines() or ["it does not say why"]
-        raise CodecError(f"cantools generate_c_source failed on {dbc.name}: {said[-1]}")
+        errors = done.stderr.strip().splitlines() or ["no error message"]
+        raise CodecError(f"cantools generate_c_source failed on {dbc.name}: {errors[-1]}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Generate where the command line says, tell the files, and return the exit code."""
+    """Generate into the folder of the command line, print the files, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog=f"python -P -m {_MODULE}.codec", description="Write the wheel board's C codec."
     )

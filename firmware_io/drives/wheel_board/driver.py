@@ -8,7 +8,6 @@ from msgspec.structs import astuple
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
 from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
-from segway_ecc.firmware_io.drives.off_word import OffWord
 from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
@@ -71,7 +70,7 @@ class WheelBoard:
         self._newest: dict[int, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
         self._enabling = Enabling()
-        self._word = OffWord()
+        self._off_ns: int | None = None
 
     def start(self) -> None:
         """Send zero, and set the watchdog."""
@@ -87,7 +86,7 @@ class WheelBoard:
         self._fresh.mark(frame.arbitration_id, received_ns)
         if isinstance(payload, BoardStatus):
             self._hear(payload)
-            self._word.hear(received_ns, is_off=payload.state is not BoardState.ENABLED)
+            self._off_ns = received_ns if payload.state is not BoardState.ENABLED else None
         else:
             self._newest[frame.arbitration_id] = astuple(payload)
         return True
@@ -114,7 +113,7 @@ class WheelBoard:
         low, high = WATCHDOG_ALLOWED_S
         if not low - _WATCHDOG_RESOLUTION_S <= self._status.watchdog_s <= high + _WATCHDOG_RESOLUTION_S:
             reasons.append(
-                f"the board's watchdog stands at {self._status.watchdog_s:g} s, allowed is {low:g} to {high:g} s; "
+                f"the board's watchdog is set to {self._status.watchdog_s:g} s, allowed is {low:g} to {high:g} s; "
                 "does its firmware take BOARD_SETUP?"
             )
         if self._status.state in _OFF_BY_ITSELF:
@@ -127,12 +126,12 @@ class WheelBoard:
     @property
     def is_enabled(self) -> bool:
         """Whether the board has confirmed that its motors follow commands."""
-        return self._enabling.phase is Phase.ENABLED
+        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:
-        """Whether the board's status, fresh and heard after it was told to switch off, is another than ENABLED."""
-        return self._word.says_off and self._fresh.age(FrameId.BOARD_STATUS)[1]
+        """Whether the board's status, fresh and received after the command to disable, is another than ENABLED."""
+        return self._enabling.confirms_disable(self._off_ns) and self._fresh.age(FrameId.BOARD_STATUS)[1]
 
     def enable(self) -> None:
         """Send zero with the motors on from the next cycle, until the board's status confirms it."""
@@ -152,11 +151,9 @@ class WheelBoard:
     def disable(self) -> None:
         """Send zero with the motors off.
 
-        What is heard from then on may come over another line, where the board counts anew.
+        What arrives from then on may come over another line, where the board counts anew.
         """
-        if self._enabling.phase is not Phase.OFF:
-            self._word.told(self._now_ns())
-        self._enabling.end()
+        self._enabling.end(self._now_ns())
         self._endpoint.restart()
         self._send(_ZERO)
 
@@ -173,7 +170,7 @@ class WheelBoard:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the board tells of itself, and what was refused of it."""
+        """What the board reports, and what was refused of it."""
         return {
             **{f"refused.{cause}": str(count) for cause, count in self._endpoint.refused.items()},
             "lost": str(self._endpoint.lost),

@@ -1,4 +1,4 @@
-"""What a robot file says of a wheel board."""
+"""Settings in a robot file for a wheel board."""
 
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings
@@ -16,6 +16,6 @@ class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_boar
     imu: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse two IMUs, whose signals would bear the same names."""
+        """Refuse two IMUs, whose signals would have the same names."""
         if self.imu and self.external_imu is not None:
             raise ValueError("imu: true and external_imu both measure imu.*; keep one of them")

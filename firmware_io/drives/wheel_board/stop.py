@@ -23,8 +23,8 @@ class WheelBoardStopper:
     """A wheel board; see `Stopper`.
 
     The board takes a command whose counter follows that of the last one, and a counter that does not becomes the new
-    reference (`CounterCheck`). So stop frames go on counting where the node was last heard, and come in pairs: should
-    the first be refused, because the node was not heard, the second is taken.
+    reference (`CounterCheck`). So stop frames go on counting from the node's last command, and come in pairs: should
+    the first be refused, because a command of the node was missed, the second is taken.
     """
 
     drives: Sequence[str] = ("board",)

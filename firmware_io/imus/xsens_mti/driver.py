@@ -33,7 +33,7 @@ class GroupCounter:
         lost: Sets missing between those received.
         repeated: Counts that came again: a sensor that sends without measuring.
         restarts: Counts further on than time allows: the sensor began anew.
-        stands_still: Whether the last count was a repeated one.
+        is_stalled: Whether the last count was a repeated one.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -41,7 +41,7 @@ class GroupCounter:
         self.lost = 0
         self.repeated = 0
         self.restarts = 0
-        self.stands_still = False
+        self.is_stalled = False
         self._period_ns = period_ns
         self._last: int | None = None
         self._moved_ns = 0
@@ -50,11 +50,11 @@ class GroupCounter:
         """Take a count (0 to 65,535); whether it is a new one."""
         if self._last is not None:
             ahead = (count - self._last) % GROUP_COUNTS
-            self.stands_still = ahead == 0
-            if self.stands_still:
+            self.is_stalled = ahead == 0
+            if self.is_stalled:
                 self.repeated += 1
                 return False
-            # Twice what the period allows, as the sensor may be set to send faster than we were told.
+            # Twice what the period allows, as the sensor may be set to send faster than configured.
             if ahead > 2 * (received_ns - self._moved_ns) // self._period_ns + _BURST:
                 self.restarts += 1
             else:
@@ -129,12 +129,12 @@ class XsensMti:
         return Readings((*rate, *force), (rate_age,) * 3 + (force_age,) * 3, (rate_valid,) * 3 + (force_valid,) * 3)
 
     def arming_failures(self) -> list[str]:
-        """Silence, a group counter that stands still, or an error that the sensor reported."""
+        """Silence, a group counter that does not advance, or an error that the sensor reported."""
         missing = [message.replace("_", " ") for message in _NEEDED if not self._fresh.age(message)[1]]
         reasons = []
-        if self._counter.stands_still:
+        if self._counter.is_stalled:
             reasons.append(
-                "the IMU sends but measures nothing new: its group counter stands still; switch it off and on"
+                "the IMU sends but measures nothing new: its group counter does not advance; switch it off and on"
             )
         elif missing:
             reasons.append(
@@ -151,7 +151,7 @@ class XsensMti:
 
     @property
     def health(self) -> Mapping[str, str]:
-        """What the sensor tells of itself, and what was lost or refused of it."""
+        """What the sensor reports, and what was lost or refused of it."""
         health = {f"refused.{cause}": str(count) for cause, count in self._refused.items()}
         health |= {
             "lost": str(self._counter.lost),

@@ -86,7 +86,7 @@ _UNIT: Final = 1.0 / 32767.0
 _DELTA_V_EXPONENTS: Final = range(8, 18)
 
 
-class _Layout(NamedTuple):
+class _MessageLayout(NamedTuple):
     """Integers on the wire, what one of each is worth, and the values each may take."""
 
     fields: struct.Struct
@@ -94,26 +94,26 @@ class _Layout(NamedTuple):
     allowed: tuple[range, ...]
 
 
-def _number(code: str, bits: int) -> _Layout:
-    return _Layout(struct.Struct(f">{code}"), (1,), (range(1 << bits),))
+def _number(code: str, bits: int) -> _MessageLayout:
+    return _MessageLayout(struct.Struct(f">{code}"), (1,), (range(1 << bits),))
 
 
-def _signed(unit: float, *largest: int) -> _Layout:
+def _signed(unit: float, *largest: int) -> _MessageLayout:
     """16-bit fields whose magnitude is at most `largest`, in units on the wire."""
     allowed = tuple(range(-most, most + 1) for most in largest)
-    return _Layout(struct.Struct(f">{len(largest)}h"), (unit,) * len(largest), allowed)
+    return _MessageLayout(struct.Struct(f">{len(largest)}h"), (unit,) * len(largest), allowed)
 
 
 _RATE: Final = _signed(_RADIAN_PER_SECOND, *(round(MAX_ANGULAR_VELOCITY / _RADIAN_PER_SECOND),) * 3)
 _FORCE: Final = _signed(_METRE_PER_SECOND_SQUARED, *(round(MAX_LINEAR_ACCELERATION / _METRE_PER_SECOND_SQUARED),) * 3)
 _ROTATION: Final = _signed(_UNIT, 32767, 32767, 32767, 32767)
-_UTC: Final = _Layout(
+_UTC: Final = _MessageLayout(
     struct.Struct(">6BH"),
     (1, 1, 1, 1, 1, 1, 1e-4),
     (range(256), range(1, 13), range(1, 32), range(24), range(60), range(61), range(10_000)),
 )
 # The unit of a change of velocity travels with it, as the exponent of a power of two.
-_DELTA_V: Final = _Layout(struct.Struct(">3hB"), (), (*(range(-32768, 32768),) * 3, _DELTA_V_EXPONENTS))
+_DELTA_V: Final = _MessageLayout(struct.Struct(">3hB"), (), (*(range(-32768, 32768),) * 3, _DELTA_V_EXPONENTS))
 
 _LAYOUTS: Final = {
     Message.ERROR: _number("B", 8),

@@ -1,4 +1,4 @@
-"""What a robot file says of an MTi."""
+"""Settings in a robot file for an MTi."""
 
 from typing import Annotated, Final, Literal
 
@@ -53,5 +53,5 @@ class XsensMtiSettings(Section, frozen=True, kw_only=True):
         return 1e-4 if self.sample_time_unit == "100us" else 1e-6
 
     def key(self, message: Message) -> FrameKey:
-        """What a message is told by on the bus."""
+        """What identifies a message on the bus."""
         return FrameKey(self.ids.get(message, DEFAULT_IDS[message]), self.extended_ids)

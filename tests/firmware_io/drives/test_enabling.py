@@ -39,16 +39,16 @@ def test_a_second_confirmation_changes_nothing(enabling: Enabling) -> None:
 
 
 def test_ends_from_any_phase(enabling: Enabling) -> None:
-    enabling.end()
+    enabling.end(5)
     assert _phase(enabling) is Phase.OFF
     enabling.begin(0)
-    enabling.end()
+    enabling.end(5)
     assert _phase(enabling) is Phase.OFF
     enabling.confirm()
     assert _phase(enabling) is Phase.OFF, "a confirmation of what was asked before"
     enabling.begin(0)
     enabling.confirm()
-    enabling.end()
+    enabling.end(5)
     assert _phase(enabling) is Phase.OFF
 
 
@@ -62,7 +62,7 @@ def test_is_overdue_after_half_a_second_until_it_is_confirmed(enabling: Enabling
 
 def test_the_time_begins_anew_each_time_it_is_asked(enabling: Enabling) -> None:
     enabling.begin(0)
-    enabling.end()
+    enabling.end(5)
     assert not enabling.is_overdue(10_000 * MS)
     enabling.begin(9_800 * MS)
     assert not enabling.is_overdue(10_000 * MS)
@@ -75,3 +75,24 @@ def test_asking_again_when_enabled_waits_for_a_new_confirmation(enabling: Enabli
     enabling.confirm()
     enabling.begin(1)
     assert _phase(enabling) is Phase.ENABLING
+
+
+def test_disable_feedback_needs_a_report() -> None:
+    assert not Enabling().confirms_disable(None)
+    assert Enabling().confirms_disable(0), "no command to disable was sent"
+
+
+@pytest.mark.parametrize(("received_ns", "counts"), [(9, False), (10, False), (11, True)])
+def test_disable_feedback_received_by_the_time_of_the_command_does_not_count(
+    enabling: Enabling, received_ns: int, *, counts: bool
+) -> None:
+    enabling.begin(1)
+    enabling.end(10)
+    assert enabling.confirms_disable(received_ns) is counts
+
+
+def test_disable_feedback_survives_a_second_command_to_disable(enabling: Enabling) -> None:
+    enabling.begin(1)
+    enabling.end(10)
+    enabling.end(20)
+    assert enabling.confirms_disable(11)

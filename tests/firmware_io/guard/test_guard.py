@@ -205,7 +205,7 @@ def test_a_bus_that_is_not_there_ends_it(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("last_ns", "text"),
     [
-        (None, "no command was ever heard"),
+        (None, "no command was ever received"),
         (1_000 * MS, "32.5 ms after the last command"),
     ],
 )

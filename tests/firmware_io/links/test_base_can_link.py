@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.links import interface_watch
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanSettings
+from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus
 from segway_ecc.firmware_io.links.can_port import ERROR, EXTENDED, REMOTE, Arrival, PortError
 from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
@@ -78,7 +78,7 @@ def bus() -> Iterator[Bus]:
 
 @pytest.fixture
 def link(bus: Bus) -> Iterator[BaseCanLink]:
-    link = BaseCanLink(CanSettings("fake bus", 500_000, None), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
+    link = BaseCanLink(CanBus("fake bus", 500_000, None), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
     link.open()
     yield link
     link.close()
@@ -370,7 +370,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[str, InterfaceState]:
 
 
 def _kernel_link(bus: Bus) -> BaseCanLink:
-    return BaseCanLink(CanSettings("can0", 500_000, "can0"), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
+    return BaseCanLink(CanBus("can0", 500_000, "can0"), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
 
 
 def test_a_bus_that_is_off_already_when_it_is_opened_is_known_to_be(
@@ -420,7 +420,7 @@ def test_being_held_up_between_two_clocks_makes_no_frame_older(bus: Bus, held_up
             bus.now_ns += 2_000_000
         return bus.now_ns + 3600 * S
 
-    link = BaseCanLink(CanSettings("fake bus", 500_000, None), bus.open, now_ns, wall_ns)
+    link = BaseCanLink(CanBus("fake bus", 500_000, None), bus.open, now_ns, wall_ns)
     link.open()
     link.receive()
     bus.now_ns += S

@@ -56,7 +56,7 @@ def test_what_the_kernel_told_of_real_interfaces_is_read() -> None:
     assert str(slcan) == "active, 500000 bit/s, not restarted after bus-off"
     vcan = parse_reply(_reply(VCAN))
     assert vcan == InterfaceState("vcan", is_up=True)
-    assert str(vcan) == "vcan: no controller that tells of itself"
+    assert str(vcan) == "vcan: no controller that reports"
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_an_interface_that_is_down_says_so() -> None:
 )
 def test_an_answer_that_is_none_is_unknown(reply: bytes) -> None:
     assert parse_reply(reply) == UNKNOWN
-    assert str(UNKNOWN) == "unknown: no controller that tells of itself"
+    assert str(UNKNOWN) == "unknown: no controller that reports"
 
 
 @pytest.mark.parametrize("length", [0, 3, 200, 65535])

@@ -89,7 +89,7 @@ def test_drives_without_the_object_are_armed_and_their_supply_is_never_fresh() -
     bench.hardware.arm()
     sensors = bench.cycle(10)
     assert (sensors.ready, sensors.faults) == (True, ())
-    assert bench.hardware.health["drives.left.bus_voltage_v"] == "not told"
+    assert bench.hardware.health["drives.left.bus_voltage_v"] == "not reported"
     assert bench.hardware.arming_failures() == []
 
 

@@ -7,19 +7,21 @@ from collections.abc import Mapping
 import pytest
 
 from segway_ecc.firmware_io.drives.vesc.buffers import Mode, frames_of
-from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, decode_values, mask_of
 from segway_ecc.firmware_io.drives.vesc.frames import (
-    Command,
     Current,
     CurrentLimits,
     Duty,
+    PacketId,
     Payload,
     Ping,
     Position,
     RelativeCurrent,
     Speed,
+    ask_selective,
     decode,
+    decode_values,
     frame_of,
+    mask_of,
 )
 from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
@@ -73,7 +75,7 @@ class Bench:
         self.outputs: Mapping[str, float] = RESTING
         self.torques: tuple[float, ...] = (0.0, 0.0)
 
-    def send(self, command: Command, payload: Payload, controller_id: int = 1) -> None:
+    def send(self, command: PacketId, payload: Payload, controller_id: int = 1) -> None:
         self.host.send(frame_of(command, controller_id, payload))
 
     def run(self, ticks: int = 1) -> None:
@@ -114,8 +116,8 @@ def test_is_a_device_for_both_wheels(bench: Bench) -> None:
 
 
 def test_current_follows_with_a_lag_and_becomes_torque_at_the_wheel(bench: Bench) -> None:
-    bench.send(Command.SET_CURRENT, Current(10.0))
-    bench.send(Command.SET_CURRENT, Current(10.0), 2)
+    bench.send(PacketId.SET_CURRENT, Current(10.0))
+    bench.send(PacketId.SET_CURRENT, Current(10.0), 2)
     bench.run()
     assert bench.torques == pytest.approx(((1 - math.exp(-1)), -2 * (1 - math.exp(-1))))
     bench.run(20)
@@ -125,23 +127,23 @@ def test_current_follows_with_a_lag_and_becomes_torque_at_the_wheel(bench: Bench
 @pytest.mark.parametrize(
     ("command", "payload", "amperes"),
     [
-        (Command.SET_CURRENT, Current(1e6), 60.0),
-        (Command.SET_CURRENT, Current(-61.0), -60.0),
-        (Command.SET_CURRENT, Current(0.049), 0.0),
-        (Command.SET_CURRENT_REL, RelativeCurrent(0.5), 30.0),
-        (Command.SET_CURRENT_REL, RelativeCurrent(-7.0), -60.0),
-        (Command.SET_CURRENT_BRAKE, Current(4.0), -4.0),
-        (Command.SET_CURRENT_HANDBRAKE, Current(4.0), -4.0),
-        (Command.SET_CURRENT_BRAKE_REL, RelativeCurrent(0.1), -6.0),
-        (Command.SET_CURRENT_HANDBRAKE_REL, RelativeCurrent(0.1), -6.0),
-        (Command.SET_DUTY, Duty(0.10), (3.6 - 3.0) / 0.1),
-        (Command.SET_DUTY, Duty(-5.0), -60.0),
-        (Command.SET_RPM, Speed(3005), (3005 - 2005) * 0.01),
-        (Command.SET_POS, Position(90.0), math.pi / 2 * 5.0),
+        (PacketId.SET_CURRENT, Current(1e6), 60.0),
+        (PacketId.SET_CURRENT, Current(-61.0), -60.0),
+        (PacketId.SET_CURRENT, Current(0.049), 0.0),
+        (PacketId.SET_CURRENT_REL, RelativeCurrent(0.5), 30.0),
+        (PacketId.SET_CURRENT_REL, RelativeCurrent(-7.0), -60.0),
+        (PacketId.SET_CURRENT_BRAKE, Current(4.0), -4.0),
+        (PacketId.SET_CURRENT_HANDBRAKE, Current(4.0), -4.0),
+        (PacketId.SET_CURRENT_BRAKE_REL, RelativeCurrent(0.1), -6.0),
+        (PacketId.SET_CURRENT_HANDBRAKE_REL, RelativeCurrent(0.1), -6.0),
+        (PacketId.SET_DUTY, Duty(0.10), (3.6 - 3.0) / 0.1),
+        (PacketId.SET_DUTY, Duty(-5.0), -60.0),
+        (PacketId.SET_RPM, Speed(3005), (3005 - 2005) * 0.01),
+        (PacketId.SET_POS, Position(90.0), math.pi / 2 * 5.0),
     ],
 )
 def test_each_mode_asks_for_a_current_within_the_limit(
-    bench: Bench, command: Command, payload: Payload, amperes: float
+    bench: Bench, command: PacketId, payload: Payload, amperes: float
 ) -> None:
     bench.outputs = RESTING | {"left.velocity": 30.0}  # 30 * 7 * 60 / tau = 2005 electrical turns a minute
     bench.send(command, payload)
@@ -150,13 +152,13 @@ def test_each_mode_asks_for_a_current_within_the_limit(
 
 
 def test_a_brake_at_rest_gives_no_torque(bench: Bench) -> None:
-    bench.send(Command.SET_CURRENT_BRAKE, Current(4.0))
+    bench.send(PacketId.SET_CURRENT_BRAKE, Current(4.0))
     bench.run(20)
     assert bench.torques[0] == 0.0
 
 
 def test_everybody_obeys_the_identifier_of_all(bench: Bench) -> None:
-    bench.send(Command.SET_CURRENT, Current(10.0), 255)
+    bench.send(PacketId.SET_CURRENT, Current(10.0), 255)
     bench.run(20)
     assert bench.torques == pytest.approx((1.0, -2.0))
 
@@ -164,15 +166,15 @@ def test_everybody_obeys_the_identifier_of_all(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("command", "payload"),
     [
-        (Command.SET_CURRENT, Current(10.0)),
-        (Command.SET_DUTY, Duty(0.1)),
-        (Command.SET_RPM, Speed(1000)),
-        (Command.SET_POS, Position(90.0)),
-        (Command.SET_CURRENT_REL, RelativeCurrent(0.1)),
+        (PacketId.SET_CURRENT, Current(10.0)),
+        (PacketId.SET_DUTY, Duty(0.1)),
+        (PacketId.SET_RPM, Speed(1000)),
+        (PacketId.SET_POS, Position(90.0)),
+        (PacketId.SET_CURRENT_REL, RelativeCurrent(0.1)),
     ],
 )
 def test_silence_lets_the_motor_go_in_every_mode_and_a_command_drives_it_again(
-    bench: Bench, command: Command, payload: Payload
+    bench: Bench, command: PacketId, payload: Payload
 ) -> None:
     bench.send(command, payload)
     bench.run(50)
@@ -197,7 +199,7 @@ def test_a_time_out_may_brake() -> None:
 
 def test_a_new_controller_waits_a_second_and_tells_nothing() -> None:
     bench = Bench(Firmware())
-    bench.send(Command.SET_CURRENT, Current(10.0))
+    bench.send(PacketId.SET_CURRENT, Current(10.0))
     bench.run(990)
     assert bench.torques[0] == pytest.approx(1.0)
     bench.run(40)
@@ -207,7 +209,7 @@ def test_a_new_controller_waits_a_second_and_tells_nothing() -> None:
 
 def test_a_time_out_of_zero_is_none() -> None:
     bench = Bench(Firmware(timeout_s=0.0))
-    bench.send(Command.SET_CURRENT, Current(10.0))
+    bench.send(PacketId.SET_CURRENT, Current(10.0))
     bench.run(3_000)
     assert bench.torques[0] == pytest.approx(1.0)
 
@@ -228,7 +230,7 @@ def test_each_message_can_be_set_to_a_rate() -> None:
 
 
 def test_status_tells_what_is_measured(bench: Bench) -> None:
-    bench.send(Command.SET_CURRENT, Current(10.0), 2)
+    bench.send(PacketId.SET_CURRENT, Current(10.0), 2)
     bench.outputs = {"left.angle": 1.0, "left.velocity": 30.0, "right.angle": 1.0, "right.velocity": 30.0}
     bench.run(26)
     told = {f.arbitration_id: decode(f.arbitration_id >> 8, f.data) for f in bench.heard()}
@@ -247,19 +249,19 @@ def test_the_tachometer_wraps(bench: Bench) -> None:
 def test_a_fault_frees_the_motor_for_half_a_second(bench: Bench, fault: VescFault) -> None:
     bench.vesc.left.fail(fault)
     for tick in range(501):
-        bench.send(Command.SET_CURRENT, Current(10.0))
+        bench.send(PacketId.SET_CURRENT, Current(10.0))
         if tick == 499:
             assert bench.ask("fault") == {"fault": int(fault)}
             assert bench.torques[0] == 0.0
         bench.run()
     assert bench.ask("fault") == {"fault": 0}
-    bench.send(Command.SET_CURRENT, Current(10.0))
+    bench.send(PacketId.SET_CURRENT, Current(10.0))
     bench.run(20)
     assert bench.torques[0] == pytest.approx(1.0)
 
 
 def test_a_ping_is_answered(bench: Bench) -> None:
-    bench.send(Command.PING, Ping(200), 2)
+    bench.send(PacketId.PING, Ping(200), 2)
     bench.run()
     pongs = [(f.arbitration_id, f.data) for f in bench.heard() if f.arbitration_id >> 8 == 18]
     assert pongs == [(0x12C8, b"\x02\x00")]
@@ -355,7 +357,7 @@ def test_frames_that_are_not_listed_change_nothing(length: int) -> None:
     bench = Bench(Firmware())
     chance = random.Random(length)  # noqa: S311 - a test's chance, not a secret
     frames = [Frame(i, b"\x7f" * length) for i in range(2_048)]
-    ours = [command << 8 | controller for command in Command for controller in (1, 2, 255)]
+    ours = [command << 8 | controller for command in PacketId for controller in (1, 2, 255)]
     extended = [i for i in (chance.getrandbits(29) for _ in range(10_000)) if i not in ours]
     frames += [Frame(i, b"\x7f" * length, is_extended=True) for i in extended]
     bench.vesc.obey(frames, bench.now_ns, RESTING)
@@ -366,7 +368,7 @@ def test_frames_that_are_not_listed_change_nothing(length: int) -> None:
 
 
 def test_frames_of_another_length_are_refused_and_counted(bench: Bench) -> None:
-    for command in (Command.SET_CURRENT, Command.SET_RPM, Command.PROCESS_SHORT_BUFFER):
+    for command in (PacketId.SET_CURRENT, PacketId.SET_RPM, PacketId.PROCESS_SHORT_BUFFER):
         bench.host.send(Frame(command << 8 | 1, b"\x01", is_extended=True))
     bench.run(20)
     assert bench.torques == (0.0, 0.0)
@@ -374,7 +376,7 @@ def test_frames_of_another_length_are_refused_and_counted(bench: Bench) -> None:
 
 
 def test_status_and_limits_from_elsewhere_are_ignored(bench: Bench) -> None:
-    bench.send(Command.CONF_CURRENT_LIMITS, CurrentLimits(-1.0, 1.0))
-    bench.send(Command.SET_CURRENT, Current(10.0))
+    bench.send(PacketId.CONF_CURRENT_LIMITS, CurrentLimits(-1.0, 1.0))
+    bench.send(PacketId.SET_CURRENT, Current(10.0))
     bench.run(20)
     assert bench.torques[0] == pytest.approx(1.0)

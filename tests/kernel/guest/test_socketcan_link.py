@@ -306,5 +306,5 @@ def test_what_the_kernel_knows_of_a_virtual_interface_is_its_kind() -> None:
     state = read_interface_state("vcan0")
     assert (state.kind, state.is_up, state.state, state.bitrate) == ("vcan", True, None, None)
     with opened(over_raw_socket("vcan0")) as link:
-        assert link.health["interface"] == "vcan: no controller that tells of itself"
+        assert link.health["interface"] == "vcan: no controller that reports"
         assert link.health["state"] == "active"

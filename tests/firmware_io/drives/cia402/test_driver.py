@@ -192,7 +192,7 @@ def test_the_supply_is_the_left_drives_and_valid_for_a_second(bench: Bench) -> N
     assert readings.valid == (*(False,) * 6, True)
     bench.memory.now_ns += 1
     assert bench.pair.read().valid == (False,) * 7
-    assert bench.pair.health["left.bus_voltage_v"] == "not told"
+    assert bench.pair.health["left.bus_voltage_v"] == "not reported"
 
 
 def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
@@ -460,7 +460,7 @@ def test_drives_that_are_not_there_refuse_arming_with_what_to_do(memory: Any) ->
     assert left == "the left drive (node 1) does not answer on memory; is it powered and on this bus?"
     assert right == (
         "the right drive (node 2) on memory is not set up: its object 0x1000:00 cannot be read: no answer; "
-        "mend that, then start the node again"
+        "fix that, then start the node again"
     )
     assert bench.cycle(1.0, 1.0) == ["00000000"] * 2
 

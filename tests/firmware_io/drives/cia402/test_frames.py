@@ -1,4 +1,5 @@
 import itertools
+import math
 
 import canopen.emcy
 import pytest
@@ -6,25 +7,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.cia402.frames import (
-    Command,
+    DriveStatus,
     Emergency,
     NmtCommand,
     NmtState,
     Sdo,
     Service,
-    Status,
+    TorqueCommand,
+    motor_angle,
+    motor_velocity,
     pack_heartbeat,
     pack_nmt,
+    rated_torque,
     unpack_heartbeat,
     unpack_supply,
-    unpack_velocity,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from tests.fuzzing import fuzzed
 
 DECODERS = {
-    "status": (Status.unpack, 8),
-    "velocity": (unpack_velocity, 4),
+    "status": (DriveStatus.unpack, 8),
+    "velocity": (lambda data: motor_velocity(data, 1.0 / 60.0), 4),
     "supply": (unpack_supply, 4),
     "emergency": (Emergency.unpack, 8),
     "heartbeat": (unpack_heartbeat, 1),
@@ -35,30 +38,30 @@ DECODERS = {
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        (Command(0x0006, 0.0), "06000000"),
-        (Command(0x000F, 0.5), "0f00f401"),
-        (Command(0x000F, -0.25), "0f0006ff"),
-        (Command(0x0080, 32.767), "8000ff7f"),
-        (Command(0xFFFF, -32.768), "ffff0080"),
+        (TorqueCommand(0x0006, 0.0), "06000000"),
+        (TorqueCommand(0x000F, 0.5), "0f00f401"),
+        (TorqueCommand(0x000F, -0.25), "0f0006ff"),
+        (TorqueCommand(0x0080, 32.767), "8000ff7f"),
+        (TorqueCommand(0xFFFF, -32.768), "ffff0080"),
     ],
 )
-def test_a_command_is_controlword_and_torque_in_permille(command: Command, expected: str) -> None:
+def test_a_command_is_controlword_and_torque_in_permille(command: TorqueCommand, expected: str) -> None:
     assert command.pack().hex() == expected
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        Command(0, 32.7676),
-        Command(0, -32.7686),
-        Command(0, float("nan")),
-        Command(0, float("inf")),
-        Command(0, -float("inf")),
-        Command(-1, 0.0),
-        Command(0x10000, 0.0),
+        TorqueCommand(0, 32.7676),
+        TorqueCommand(0, -32.7686),
+        TorqueCommand(0, float("nan")),
+        TorqueCommand(0, float("inf")),
+        TorqueCommand(0, -float("inf")),
+        TorqueCommand(-1, 0.0),
+        TorqueCommand(0x10000, 0.0),
     ],
 )
-def test_what_does_not_fit_a_command_is_refused(command: Command) -> None:
+def test_what_does_not_fit_a_command_is_refused(command: TorqueCommand) -> None:
     with pytest.raises(FrameRefusedError, match="a command refused: range") as refused:
         command.pack()
     assert refused.value.refusal is Refusal.RANGE
@@ -68,7 +71,7 @@ def test_what_does_not_fit_a_command_is_refused(command: Command) -> None:
 @given(st.floats())
 def test_a_torque_is_packed_or_refused(share: float) -> None:
     try:
-        data = Command(0x000F, share).pack()
+        data = TorqueCommand(0x000F, share).pack()
     except FrameRefusedError:
         assert not abs(share) <= 32.767
     else:
@@ -82,10 +85,10 @@ def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
     def number(start: int, end: int, *, signed: bool = False) -> int:
         return int.from_bytes(data[start:end], "little", signed=signed)
 
-    status = Status.unpack(data)
+    status = DriveStatus.unpack(data)
     assert (status.statusword, status.position_counts) == (number(0, 2), number(2, 6, signed=True))
     assert status.torque_share == pytest.approx(number(6, 8, signed=True) / 1000)
-    assert unpack_velocity(data[:4]) == number(0, 4, signed=True)
+    assert motor_velocity(data[:4], 1.0 / 60.0) == pytest.approx(number(0, 4, signed=True) * 2.0 * math.pi / 60.0)
     assert unpack_supply(data[:4]) == pytest.approx(number(0, 4) / 1000)
     assert tuple(Emergency.unpack(data)) == canopen.emcy.EMCY_STRUCT.unpack(data)
     assert Emergency.unpack(data).pack() == data
@@ -168,3 +171,18 @@ def test_identifiers_are_those_of_the_predefined_connection_set() -> None:
         0x000, 0x080, 0x180, 0x200, 0x280, 0x380, 0x480, 0x580, 0x600, 0x700,
     ]  # fmt: skip
     assert all(a + 127 < b for a, b in itertools.pairwise(sorted(service for service in Service if service > 0x180)))
+
+
+def test_positions_and_rated_torque_are_converted_to_si() -> None:
+    assert motor_angle(-1024, 4096) == pytest.approx(-math.pi / 2.0)
+    assert rated_torque(1_250) == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize("rated", [None, 0.0])
+def test_torque_of_a_motor_with_unknown_rated_torque_is_zero(rated: float | None) -> None:
+    assert TorqueCommand.of(0x000F, 1.0, rated) == TorqueCommand(0x000F, 0.0)
+
+
+def test_torques_are_shares_of_the_rated_torque() -> None:
+    assert TorqueCommand.of(0x000F, 0.5, 2.0) == TorqueCommand(0x000F, 0.25)
+    assert DriveStatus(0, 0, 0.25).motor_torque(2.0) == pytest.approx(0.5)

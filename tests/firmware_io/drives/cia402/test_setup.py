@@ -1,6 +1,5 @@
 """Our set-up against a node of the canopen library."""
 
-import dataclasses
 import itertools
 import logging
 import struct
@@ -11,11 +10,11 @@ import pytest
 from canopen import SdoAbortedError
 
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
-from segway_ecc.firmware_io.drives.cia402.plan import Plan
+from segway_ecc.firmware_io.drives.cia402.settings import SetUpPlan
 from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
 from segway_ecc.firmware_io.links.link import Frame
 
-PLAN = Plan(node_id=5, host_node_id=127, watchdog_ms=50, cycle_us=2_000, max_torque=3.0)
+PLAN = SetUpPlan(node_id=5, host_node_id=127, watchdog_ms=50, cycle_us=2_000, max_torque=3.0)
 MS = 1_000_000
 
 
@@ -62,7 +61,7 @@ def test_the_supply_is_told_about_ten_times_a_second(
     memory: Any, network: LinkNetwork, cycle_us: int, syncs: int
 ) -> None:
     node = memory.add(5)
-    set_up(network, dataclasses.replace(PLAN, cycle_us=cycle_us))
+    set_up(network, PLAN._replace(cycle_us=cycle_us))
     assert node.sdo[0x1802][2].raw == syncs
 
 
@@ -156,7 +155,7 @@ def answer(memory: Any, wanted: int, value: int) -> None:
 @pytest.mark.parametrize(
     ("index", "value", "message"),
     [
-        (0x1000, 0x00020191, "tells profile 401, not 402"),
+        (0x1000, 0x00020191, "names profile 401, not 402"),
         (0x1017, 0, "0x1017:00 reads 0 after 20 was written"),
         (0x6007, 0, "0x6007:00 reads 0 after 2 was written"),
         (0x605A, 2, "0x605A:00 reads 2 after 0 was written"),
@@ -184,7 +183,7 @@ def test_a_watchdog_that_is_off_too_long_or_of_another_node_is_refused(
 ) -> None:
     node = memory.add(5)
     node.add_read_callback(lambda index, subindex, **_: found if (index, subindex) == (0x1016, 1) else None)
-    with pytest.raises(SetUpError, match=rf"0x1016:01 stands at {found & 0xFFFF} ms for node {found >> 16}"):
+    with pytest.raises(SetUpError, match=rf"0x1016:01 is set to {found & 0xFFFF} ms for node {found >> 16}"):
         set_up(network, PLAN)
 
 

@@ -157,7 +157,7 @@ def test_an_axis_that_is_not_idle_is_told_to_be_and_never_left_in_silence(bench:
 
     assert all(ZERO in frames for frames in cycles)
     assert sum(TO_IDLE in frames for frames in cycles) >= 3
-    assert any("being told to be idle" in failure for failure in bench.drive.arming_failures())
+    assert any("being set to idle" in failure for failure in bench.drive.arming_failures())
 
 
 def test_an_idle_axis_hears_nothing_until_its_watchdog_has_expired_and_zero_from_then_on(bench: Bench) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.odrive import commands as c
-from segway_ecc.firmware_io.drives.odrive.frames import Firmware, encode, request
+from segway_ecc.firmware_io.drives.odrive.frames import Firmware, Message, encode, request
 from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec, checked
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.link import Frame
@@ -76,7 +76,7 @@ def test_checksums_are_those_of_the_firmwares_documents() -> None:
         ),
     ],
 )
-def test_commands_become_words(line: OdriveSerialCodec, node: int, message: c.Command, words: list[str]) -> None:
+def test_commands_become_words(line: OdriveSerialCodec, node: int, message: Message, words: list[str]) -> None:
     expected = b"".join(reply(word).replace(b"\r", b"") for word in words)
     assert line.encode(encode(Firmware.V0_5, node, message)) == expected
 

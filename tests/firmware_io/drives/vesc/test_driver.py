@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.devices import Drive, FrameKey
 from segway_ecc.firmware_io.drives.enabling import ENABLE_WITHIN_NS
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
 from segway_ecc.firmware_io.drives.vesc.driver import Vesc
-from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, Payload, Status, Status5, frame_of
+from segway_ecc.firmware_io.drives.vesc.frames import Current, PacketId, Payload, Status, Status5, frame_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.integrity import Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
@@ -25,7 +25,7 @@ SETUP = "in VESC Tool, App Settings > General, set Timeout to 50 ms and Timeout 
 
 
 def current(amperes: float) -> Frame:
-    return frame_of(Command.SET_CURRENT, 9, Current(amperes))
+    return frame_of(PacketId.SET_CURRENT, 9, Current(amperes))
 
 
 class Bench:
@@ -36,13 +36,13 @@ class Bench:
         self.vesc = Vesc(link, "right", SETTINGS, 0.01, lambda: self.now_ns)
         self._sent = sent
 
-    def tell(self, command: Command, payload: Payload, controller_id: int = 9) -> bool:
+    def tell(self, command: PacketId, payload: Payload, controller_id: int = 9) -> bool:
         frame = frame_of(command, controller_id, payload)
         return self.vesc.take(replace(frame, received_ns=self.now_ns))
 
     def tell_status(self) -> None:
-        assert self.tell(Command.STATUS, Status(0, 0.0, 0.0))
-        assert self.tell(Command.STATUS_5, Status5(0, 36.0))
+        assert self.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
+        assert self.tell(PacketId.STATUS_5, Status5(0, 36.0))
 
     def answer(self, packet: str) -> bool:
         data = bytes.fromhex("0901" + packet)
@@ -116,8 +116,8 @@ def test_before_anything_arrived_values_are_zero_infinitely_old_and_invalid(benc
 
 
 def test_values_are_those_of_the_wheel(bench: Bench) -> None:
-    bench.tell(Command.STATUS, Status(4200, -5.0, 0.1))  # 4200 / 7 = 600 turns a minute
-    bench.tell(Command.STATUS_5, Status5(-84, 36.5))  # 84 / 42 = 2 turns
+    bench.tell(PacketId.STATUS, Status(4200, -5.0, 0.1))  # 4200 / 7 = 600 turns a minute
+    bench.tell(PacketId.STATUS_5, Status5(-84, 36.5))  # 84 / 42 = 2 turns
     readings = bench.vesc.read()
     assert readings.values == pytest.approx((2 * math.tau / 2, -10.0 * math.tau / 2, 5.0 * 0.1 * 2))
     assert readings.ages == (0.0,) * 3
@@ -125,9 +125,9 @@ def test_values_are_those_of_the_wheel(bench: Bench) -> None:
 
 
 def test_the_angle_goes_on_where_the_tachometer_wraps(bench: Bench) -> None:
-    bench.tell(Command.STATUS_5, Status5(2**31 - 1, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(2**31 - 1, 36.0))
     before = bench.vesc.read().values[0]
-    bench.tell(Command.STATUS_5, Status5(-(2**31) + 41, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(-(2**31) + 41, 36.0))
     assert bench.vesc.read().values[0] - before == pytest.approx(-math.tau / 2, abs=1e-6)
 
 
@@ -136,7 +136,7 @@ def test_the_left_controller_tells_the_supply_which_is_valid_for_a_second(link: 
     left = Vesc(link, "left", SETTINGS, 0.01, lambda: now_ns)
     assert list(left.signals.items())[3:] == [("supply.voltage", "V")]
     assert (left.read().values[3], left.read().ages[3], left.read().valid[3]) == (0.0, math.inf, False)
-    assert left.take(frame_of(Command.STATUS_5, 8, Status5(42, 36.5)))
+    assert left.take(frame_of(PacketId.STATUS_5, 8, Status5(42, 36.5)))
     now_ns = 1_000 * MS
     readings = left.read()
     assert (readings.values[3], readings.ages[3]) == pytest.approx((36.5, 1.0))
@@ -147,9 +147,9 @@ def test_the_left_controller_tells_the_supply_which_is_valid_for_a_second(link: 
 
 
 def test_each_kind_of_status_has_an_age_of_its_own(bench: Bench) -> None:
-    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     bench.now_ns += 50 * MS
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     assert bench.vesc.read().valid == (True, True, True)
     bench.now_ns += 1
     readings = bench.vesc.read()
@@ -158,14 +158,14 @@ def test_each_kind_of_status_has_an_age_of_its_own(bench: Bench) -> None:
 
 
 def test_a_damaged_frame_changes_nothing_and_is_counted(bench: Bench) -> None:
-    bench.tell(Command.STATUS, Status(700, 1.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(700, 1.0, 0.0))
     before = bench.vesc.read()
     assert not bench.vesc.take(Frame(0x909, bytes(7), bench.now_ns, is_extended=True))
     assert not bench.vesc.take(Frame(0x8FD, b"\x09", bench.now_ns, is_extended=True))
     assert not bench.vesc.take(Frame(0x8FD, bytes.fromhex("0801320000800005"), bench.now_ns, is_extended=True))
     assert bench.vesc.read() == before
     health = bench.vesc.health
-    assert (health["refused.length"], health["refused.unknown"], health["fault"]) == ("2", "1", "not told")
+    assert (health["refused.length"], health["refused.unknown"], health["fault"]) == ("2", "1", "not reported")
 
 
 @pytest.mark.parametrize("length", range(9))
@@ -187,7 +187,7 @@ def test_a_silent_controller_refuses_arming_and_says_what_to_set(bench: Bench) -
         "the right VESC (id 9) does not send STATUS and STATUS_5 on memory; is it powered and on this bus? "
         f"{SETUP}, and CAN status messages 1 and 5 to 200 Hz"
     )
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     (reason,) = bench.vesc.arming_failures()
     assert "does not send STATUS_5 on memory" in reason
 
@@ -244,10 +244,10 @@ def test_enabling_sends_zero_until_status_of_both_kinds_came_after_it(bench: Ben
     bench.tell_status()
     assert not bench.is_enabled(), "nothing was sent yet"
     assert current(0.0) in bench.cycle(1.0)
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     assert not bench.is_enabled()
     assert current(0.0) in bench.cycle(1.0)
-    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     assert bench.is_enabled()
     assert bench.vesc.faults() == ()
 
@@ -295,9 +295,9 @@ def test_enabling_again_waits_for_status_again(bench: Bench) -> None:
     bench.vesc.enable()
     assert current(0.0) in bench.cycle(1.0)
     assert not bench.is_enabled()
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     assert not bench.is_enabled()
-    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     assert bench.is_enabled()
 
 
@@ -336,7 +336,7 @@ def test_one_that_does_not_confirm_in_time_is_a_fault(bench: Bench) -> None:
     bench.cycle()
     assert bench.vesc.faults() == ()
     bench.now_ns += ENABLE_WITHIN_NS
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     (fault,) = bench.vesc.faults()
     assert "the right VESC (id 9) does not send STATUS_5 on memory" in fault
 
@@ -353,7 +353,7 @@ def test_one_that_is_not_commanded_in_time_is_a_fault_too(bench: Bench) -> None:
 def test_one_that_falls_silent_while_enabled_is_a_fault_until_disabled(bench: Bench) -> None:
     bench.enable()
     bench.now_ns += 50 * MS
-    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     assert bench.vesc.faults() == ()
     bench.now_ns += 1 * MS
     assert bench.vesc.faults() == ("STATUS of the right VESC (id 9) is too old: 51 ms",)
@@ -369,7 +369,7 @@ def test_faults_are_asked_for_ten_times_a_second(bench: Bench) -> None:
 def test_a_reported_fault_refuses_arming_and_is_one_while_enabled(bench: Bench) -> None:
     bench.measure()
     assert bench.answer("320000800001")
-    assert bench.vesc.arming_failures() == ["the right VESC (id 9) reports over-voltage (fault 1); mend its cause"]
+    assert bench.vesc.arming_failures() == ["the right VESC (id 9) reports over-voltage (fault 1); remove its cause"]
     assert bench.vesc.faults() == ()
     assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
     bench.answer("320000800000")
@@ -384,17 +384,17 @@ def test_a_fault_that_is_not_told_any_more_is_not_known(bench: Bench) -> None:
     bench.now_ns += 300 * MS
     assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
     bench.now_ns += 1
-    assert bench.vesc.health["fault"] == "not told"
+    assert bench.vesc.health["fault"] == "not reported"
 
 
 def test_health_tells_supply_and_current(bench: Bench) -> None:
-    bench.tell(Command.STATUS, Status(0, -2.5, 0.0))
-    bench.tell(Command.STATUS_5, Status5(0, 36.5))
+    bench.tell(PacketId.STATUS, Status(0, -2.5, 0.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.5))
     assert bench.vesc.health == {
         "phase": "off",
         "timeout_set_s": "0.05",
         "timeout": "not measured yet",
-        "fault": "not told",
+        "fault": "not reported",
         "bus_voltage_v": "36.5",
         "current_a": "-2.5",
     }
@@ -412,15 +412,15 @@ def test_it_is_off_where_next_to_no_current_is_measured_after_it_was_told_so(
     bench: Bench, amperes: float, *, is_off: bool
 ) -> None:
     bench.enable()
-    bench.tell(Command.STATUS, Status(0, 9.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 9.0, 0.0))
     assert not bench.vesc.is_off
     bench.vesc.disable()
-    bench.tell(Command.STATUS, Status(0, 0.0, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
     assert not bench.vesc.is_off, "that had arrived by then"
     bench.now_ns += MS
-    bench.tell(Command.STATUS_5, Status5(0, 36.0))
+    bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     assert not bench.vesc.is_off
-    bench.tell(Command.STATUS, Status(0, amperes, 0.0))
+    bench.tell(PacketId.STATUS, Status(0, amperes, 0.0))
     assert bench.vesc.is_off is is_off
 
 
@@ -435,7 +435,7 @@ def test_what_is_next_to_no_current_is_less_where_little_can_be_asked_for(
     settings = VescSettings(left=left, right=RIGHT, timeout_set_s=0.05)
     vesc = Vesc(link, "left", settings, 0.01, lambda: 0)
     for amperes, is_off in ((off, True), (-off, True), (on, False), (-on, False)):
-        assert vesc.take(frame_of(Command.STATUS, 8, Status(0, amperes, 0.0)))
+        assert vesc.take(frame_of(PacketId.STATUS, 8, Status(0, amperes, 0.0)))
         assert vesc.is_off is is_off
 
 
@@ -447,6 +447,6 @@ def test_it_is_off_only_while_status_is_fresh_whatever_else_it_sends(bench: Benc
     said.append(bench.vesc.is_off)  # it was off before it was told so again
     for _ in range(20):
         bench.now_ns += 10 * MS
-        bench.tell(Command.STATUS_5, Status5(0, 36.0))
+        bench.tell(PacketId.STATUS_5, Status5(0, 36.0))
     said.append(bench.vesc.is_off)
     assert said == [False, True, True, False]

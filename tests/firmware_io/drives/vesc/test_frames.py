@@ -4,17 +4,18 @@ import contextlib
 import itertools
 import math
 import random
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.firmware_io.drives.vesc.frames import (
-    Command,
     Current,
     CurrentLimits,
     DelayedCurrent,
     Duty,
+    PacketId,
     Payload,
     Ping,
     Pong,
@@ -37,35 +38,35 @@ from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 from tests.fuzzing import fuzzed
 
-CASES: list[tuple[Command, int, Payload, str]] = [
-    (Command.SET_DUTY, 0, Duty(-0.5), "FFFF3CB0"),
-    (Command.SET_CURRENT, 1, Current(51.0), "0000C738"),
-    (Command.SET_CURRENT, 1, DelayedCurrent(-1.0, 0.25), "FFFFFC1800FA"),
-    (Command.SET_CURRENT_BRAKE, 2, Current(1.0), "000003E8"),
-    (Command.SET_RPM, 3, Speed(-1000), "FFFFFC18"),
-    (Command.SET_POS, 4, Position(90.0), "055D4A80"),
-    (Command.STATUS, 9, Status(7000, -12.3, 0.25), "00001B58FF8500FA"),
-    (Command.SET_CURRENT_REL, 10, RelativeCurrent(1.0), "000186A0"),
-    (Command.SET_CURRENT_BRAKE_REL, 11, RelativeCurrent(0.5), "0000C350"),
-    (Command.SET_CURRENT_HANDBRAKE, 12, Current(2.0), "000007D0"),
-    (Command.SET_CURRENT_HANDBRAKE_REL, 13, RelativeCurrent(0.25), "000061A8"),
-    (Command.STATUS_2, 14, Status2(1.5, 0.25), "00003A98000009C4"),
-    (Command.STATUS_3, 15, Status3(2.0, 0.5), "00004E2000001388"),
-    (Command.STATUS_4, 16, Status4(25.5, -10.0, 3.2, 180.0), "00FFFF9C00202328"),
-    (Command.PING, 17, Ping(200), "C8"),
-    (Command.PONG, 18, Pong(23, 1), "1701"),
-    (Command.CONF_CURRENT_LIMITS, 21, CurrentLimits(-10.0, 20.0), "FFFFD8F000004E20"),
-    (Command.CONF_STORE_CURRENT_LIMITS, 22, CurrentLimits(-1.0, 1.0), "FFFFFC18000003E8"),
-    (Command.CONF_CURRENT_LIMITS_IN, 23, CurrentLimits(-2.0, 2.0), "FFFFF830000007D0"),
-    (Command.CONF_STORE_CURRENT_LIMITS_IN, 24, CurrentLimits(0.0, 3.0), "0000000000000BB8"),
-    (Command.STATUS_5, 27, Status5(-42, 36.5), "FFFFFFD6016D0000"),
-    (Command.STATUS_6, 58, Status6(1.0, 2.0, 3.3, -0.5), "03E807D00CE4FE0C"),
+CASES: list[tuple[PacketId, int, Payload, str]] = [
+    (PacketId.SET_DUTY, 0, Duty(-0.5), "FFFF3CB0"),
+    (PacketId.SET_CURRENT, 1, Current(51.0), "0000C738"),
+    (PacketId.SET_CURRENT, 1, DelayedCurrent(-1.0, 0.25), "FFFFFC1800FA"),
+    (PacketId.SET_CURRENT_BRAKE, 2, Current(1.0), "000003E8"),
+    (PacketId.SET_RPM, 3, Speed(-1000), "FFFFFC18"),
+    (PacketId.SET_POS, 4, Position(90.0), "055D4A80"),
+    (PacketId.STATUS, 9, Status(7000, -12.3, 0.25), "00001B58FF8500FA"),
+    (PacketId.SET_CURRENT_REL, 10, RelativeCurrent(1.0), "000186A0"),
+    (PacketId.SET_CURRENT_BRAKE_REL, 11, RelativeCurrent(0.5), "0000C350"),
+    (PacketId.SET_CURRENT_HANDBRAKE, 12, Current(2.0), "000007D0"),
+    (PacketId.SET_CURRENT_HANDBRAKE_REL, 13, RelativeCurrent(0.25), "000061A8"),
+    (PacketId.STATUS_2, 14, Status2(1.5, 0.25), "00003A98000009C4"),
+    (PacketId.STATUS_3, 15, Status3(2.0, 0.5), "00004E2000001388"),
+    (PacketId.STATUS_4, 16, Status4(25.5, -10.0, 3.2, 180.0), "00FFFF9C00202328"),
+    (PacketId.PING, 17, Ping(200), "C8"),
+    (PacketId.PONG, 18, Pong(23, 1), "1701"),
+    (PacketId.CONF_CURRENT_LIMITS, 21, CurrentLimits(-10.0, 20.0), "FFFFD8F000004E20"),
+    (PacketId.CONF_STORE_CURRENT_LIMITS, 22, CurrentLimits(-1.0, 1.0), "FFFFFC18000003E8"),
+    (PacketId.CONF_CURRENT_LIMITS_IN, 23, CurrentLimits(-2.0, 2.0), "FFFFF830000007D0"),
+    (PacketId.CONF_STORE_CURRENT_LIMITS_IN, 24, CurrentLimits(0.0, 3.0), "0000000000000BB8"),
+    (PacketId.STATUS_5, 27, Status5(-42, 36.5), "FFFFFFD6016D0000"),
+    (PacketId.STATUS_6, 58, Status6(1.0, 2.0, 3.3, -0.5), "03E807D00CE4FE0C"),
 ]
 NUMBERS = sorted({number for _, number, _, _ in CASES})
 
 
 @pytest.mark.parametrize(("command", "number", "payload", "data"), CASES)
-def test_bytes_are_the_protocols(command: Command, number: int, payload: Payload, data: str) -> None:
+def test_bytes_are_the_protocols(command: PacketId, number: int, payload: Payload, data: str) -> None:
     assert command == number
     assert encode(command, payload).hex().upper() == data
     decoded = decode(number, bytes.fromhex(data))
@@ -74,37 +75,37 @@ def test_bytes_are_the_protocols(command: Command, number: int, payload: Payload
 
 
 def test_every_command_with_values_of_its_own_is_among_the_cases() -> None:
-    packets = {c for c in Command if c.name.startswith(("FILL_", "PROCESS_"))}
-    assert {case[0] for case in CASES} == set(Command) - packets
+    packets = {c for c in PacketId if c.name.startswith(("FILL_", "PROCESS_"))}
+    assert {case[0] for case in CASES} == set(PacketId) - packets
 
 
 def test_the_published_frame_is_met() -> None:
     """VESC's description of its CAN protocol: 51 A for the controller 23."""
-    assert frame_of(Command.SET_CURRENT, 23, Current(51.0)) == Frame(
+    assert frame_of(PacketId.SET_CURRENT, 23, Current(51.0)) == Frame(
         0x117, bytes.fromhex("0000C738"), 0, is_extended=True
     )
 
 
 def test_bytes_that_are_reserved_are_passed_over() -> None:
-    assert decode(Command.STATUS_5, bytes.fromhex("00000001000AFFFF")) == Status5(1, 1.0)
+    assert decode(PacketId.STATUS_5, bytes.fromhex("00000001000AFFFF")) == Status5(1, 1.0)
 
 
 @pytest.mark.parametrize(
     ("command", "highest", "beyond"),
     [
-        (Command.SET_CURRENT, Current(2_147_483.647), Current(2_147_483.648)),
-        (Command.SET_CURRENT, Current(-2_147_483.648), Current(-2_147_483.649)),
-        (Command.SET_RPM, Speed(2**31 - 1), Speed(2**31)),
-        (Command.STATUS, Status(0, 3276.7, 0.0), Status(0, 3276.8, 0.0)),
-        (Command.STATUS, Status(0, -3276.8, -32.768), Status(0, 0.0, -32.769)),
-        (Command.STATUS_5, Status5(-(2**31), 0.0), Status5(-(2**31) - 1, 0.0)),
-        (Command.PING, Ping(255), Ping(256)),
-        (Command.PING, Ping(0), Ping(-1)),
-        (Command.SET_CURRENT, DelayedCurrent(0.0, 32.767), DelayedCurrent(0.0, 32.768)),
+        (PacketId.SET_CURRENT, Current(2_147_483.647), Current(2_147_483.648)),
+        (PacketId.SET_CURRENT, Current(-2_147_483.648), Current(-2_147_483.649)),
+        (PacketId.SET_RPM, Speed(2**31 - 1), Speed(2**31)),
+        (PacketId.STATUS, Status(0, 3276.7, 0.0), Status(0, 3276.8, 0.0)),
+        (PacketId.STATUS, Status(0, -3276.8, -32.768), Status(0, 0.0, -32.769)),
+        (PacketId.STATUS_5, Status5(-(2**31), 0.0), Status5(-(2**31) - 1, 0.0)),
+        (PacketId.PING, Ping(255), Ping(256)),
+        (PacketId.PING, Ping(0), Ping(-1)),
+        (PacketId.SET_CURRENT, DelayedCurrent(0.0, 32.767), DelayedCurrent(0.0, 32.768)),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused_and_never_wrapped(
-    command: Command, highest: Payload, beyond: Payload
+    command: PacketId, highest: Payload, beyond: Payload
 ) -> None:
     assert decode(command, encode(command, highest)) == pytest.approx(highest)
     with pytest.raises(FrameRefusedError, match="range") as refused:
@@ -115,19 +116,19 @@ def test_a_value_that_does_not_fit_is_refused_and_never_wrapped(
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     with pytest.raises(FrameRefusedError) as refused:
-        encode(Command.SET_CURRENT, Current(value))
+        encode(PacketId.SET_CURRENT, Current(value))
     assert refused.value.refusal is Refusal.RANGE
 
 
 @pytest.mark.parametrize(
     ("command", "payload"),
     [
-        (Command.SET_CURRENT, Duty(0.1)),
-        (Command.SET_CURRENT_BRAKE, DelayedCurrent(1.0, 0.1)),
-        (Command.PROCESS_RX_BUFFER, Current(1.0)),
+        (PacketId.SET_CURRENT, Duty(0.1)),
+        (PacketId.SET_CURRENT_BRAKE, DelayedCurrent(1.0, 0.1)),
+        (PacketId.PROCESS_RX_BUFFER, Current(1.0)),
     ],
 )
-def test_a_payload_of_another_command_is_refused(command: Command, payload: Payload) -> None:
+def test_a_payload_of_another_command_is_refused(command: PacketId, payload: Payload) -> None:
     with pytest.raises(FrameRefusedError, match=r".* refused: unknown") as refused:
         encode(command, payload)
     assert refused.value.refusal is Refusal.UNKNOWN
@@ -152,8 +153,8 @@ def test_decoding_gives_finite_values_that_encode_to_the_same_bytes_or_refuses(d
         with contextlib.suppress(FrameRefusedError):
             payload = decode(number, data)
             assert all(math.isfinite(value) for value in payload)
-            again = encode(Command(number), payload)
-            assert again == (data[:6] + b"\0\0" if number == Command.STATUS_5 else data)
+            again = encode(PacketId(number), payload)
+            assert again == (data[:6] + b"\0\0" if number == PacketId.STATUS_5 else data)
 
 
 @fuzzed
@@ -161,13 +162,14 @@ def test_decoding_gives_finite_values_that_encode_to_the_same_bytes_or_refuses(d
 def test_encoding_keeps_a_value_within_half_a_step_or_refuses(value: float) -> None:
     for command, _, example, _ in CASES:
         with contextlib.suppress(FrameRefusedError):
-            payload = type(example)._make([value] * len(example))
+            kind: Any = type(example)
+            payload = kind._make([value] * len(example))
             decoded = decode(command, encode(command, payload))
             assert all(abs(found - value) <= 0.5 for found in decoded)
 
 
-@given(st.integers(0, 255), st.sampled_from(list(Command)))
-def test_an_identifier_is_the_command_and_the_controller(controller_id: int, command: Command) -> None:
+@given(st.integers(0, 255), st.sampled_from(list(PacketId)))
+def test_an_identifier_is_the_command_and_the_controller(controller_id: int, command: PacketId) -> None:
     identifier = arbitration_id(command, controller_id)
     assert identifier == 256 * command + controller_id
     assert addressed(Frame(identifier, b"", is_extended=True)) == (command, controller_id)
@@ -176,7 +178,7 @@ def test_an_identifier_is_the_command_and_the_controller(controller_id: int, com
 
 
 def test_other_identifiers_are_nobodys() -> None:
-    numbers = set(Command)
+    numbers = set(PacketId)
     chance = random.Random(1)  # noqa: S311 - a test's chance, not a secret
     for identifier in itertools.chain(range(0x10000), (chance.getrandbits(29) for _ in range(10_000))):
         found = addressed(Frame(identifier, b"", is_extended=True))

@@ -6,9 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.vesc.comm import ask_selective, encode_values, mask_of
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, ask
-from segway_ecc.firmware_io.drives.vesc.frames import Command, Current, DelayedCurrent, Duty, RelativeCurrent, frame_of
+from segway_ecc.firmware_io.drives.vesc.frames import (
+    Current,
+    DelayedCurrent,
+    Duty,
+    PacketId,
+    RelativeCurrent,
+    ask_selective,
+    encode_values,
+    frame_of,
+    mask_of,
+)
 from segway_ecc.firmware_io.drives.vesc.packets import frame_packet
 from segway_ecc.firmware_io.drives.vesc.serial_codec import VescSerialCodec
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
@@ -67,26 +76,26 @@ def test_implements_serial_codec(line: VescSerialCodec) -> None:
 
 
 def test_a_command_for_the_controller_at_the_uart_goes_to_it(line: VescSerialCodec) -> None:
-    assert line.encode(frame_of(Command.SET_CURRENT, NEAR, Current(51.0))) == bytes.fromhex("0205060000C738F51D03")
+    assert line.encode(frame_of(PacketId.SET_CURRENT, NEAR, Current(51.0))) == bytes.fromhex("0205060000C738F51D03")
 
 
 def test_a_command_for_the_other_one_is_handed_on(line: VescSerialCodec) -> None:
-    assert line.encode(frame_of(Command.SET_CURRENT, FAR, Current(1.0))) == bytes.fromhex("0207221706000003E8382003")
+    assert line.encode(frame_of(PacketId.SET_CURRENT, FAR, Current(1.0))) == bytes.fromhex("0207221706000003E8382003")
 
 
 def test_the_uart_may_be_that_of_the_right_controller() -> None:
     line = VescSerialCodec(VescSettings(left=wheel(5), right=wheel(23), timeout_set_s=0.05, serial_controller="right"))
-    assert line.encode(frame_of(Command.SET_CURRENT, 5, Current(1.0))) == framed("220506000003E8")
-    assert line.encode(frame_of(Command.SET_CURRENT, 23, Current(1.0))) == framed("06000003E8")
+    assert line.encode(frame_of(PacketId.SET_CURRENT, 5, Current(1.0))) == framed("220506000003E8")
+    assert line.encode(frame_of(PacketId.SET_CURRENT, 23, Current(1.0))) == framed("06000003E8")
 
 
 @pytest.mark.parametrize(
     ("frame", "packet"),
     [
-        (frame_of(Command.SET_DUTY, NEAR, Duty(-0.5)), "05FFFF3CB0"),
-        (frame_of(Command.SET_CURRENT_BRAKE, NEAR, Current(1.0)), "07000003E8"),
-        (frame_of(Command.SET_CURRENT_HANDBRAKE, NEAR, Current(2.0)), "0A000007D0"),
-        (frame_of(Command.SET_CURRENT_REL, NEAR, RelativeCurrent(1.0)), "54000186A0"),
+        (frame_of(PacketId.SET_DUTY, NEAR, Duty(-0.5)), "05FFFF3CB0"),
+        (frame_of(PacketId.SET_CURRENT_BRAKE, NEAR, Current(1.0)), "07000003E8"),
+        (frame_of(PacketId.SET_CURRENT_HANDBRAKE, NEAR, Current(2.0)), "0A000007D0"),
+        (frame_of(PacketId.SET_CURRENT_REL, NEAR, RelativeCurrent(1.0)), "54000186A0"),
         (ask("left", NEAR, FAULT), QUESTION),
         (ask("right", FAR, FLAGS), "2217" + QUESTION),
     ],
@@ -98,10 +107,10 @@ def test_other_commands_and_questions_have_words_too(line: VescSerialCodec, fram
 @pytest.mark.parametrize(
     "frame",
     [
-        frame_of(Command.SET_CURRENT, 255, Current(1.0)),
-        frame_of(Command.SET_CURRENT, 6, Current(1.0)),
-        frame_of(Command.SET_CURRENT, NEAR, DelayedCurrent(1.0, 0.1)),
-        frame_of(Command.SET_CURRENT_BRAKE_REL, NEAR, RelativeCurrent(1.0)),
+        frame_of(PacketId.SET_CURRENT, 255, Current(1.0)),
+        frame_of(PacketId.SET_CURRENT, 6, Current(1.0)),
+        frame_of(PacketId.SET_CURRENT, NEAR, DelayedCurrent(1.0, 0.1)),
+        frame_of(PacketId.SET_CURRENT_BRAKE_REL, NEAR, RelativeCurrent(1.0)),
         Frame(0x117, bytes(4)),
         extended(0x10105, bytes(4)),
     ],
@@ -182,7 +191,7 @@ def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) 
     line = VescSerialCodec(SETTINGS)
     frames = [f for start in range(0, len(stream), size) for f in line.decode(stream[start : start + size], 3)]
 
-    told = [frame for frame in frames if frame.arbitration_id >> 8 == Command.STATUS]
+    told = [frame for frame in frames if frame.arbitration_id >> 8 == PacketId.STATUS]
     assert [frame.arbitration_id & 0xFF for frame in told] == [i for i in ids if i != 6]
     assert {frame.data for frame in told} <= {STATUS}
 

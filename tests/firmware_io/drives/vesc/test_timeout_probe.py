@@ -41,16 +41,16 @@ def test_zero_then_silence_for_the_time_out_and_then_the_question(bench: Bench) 
 
 def test_the_answer_that_it_acted_ends_the_measurement(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     assert bench.found() is Found.ACTS
     assert bench.probe.silence_s == pytest.approx(0.080)
     assert set(bench.steps(3_000)) == {Step.ZERO}
 
 
 def test_an_answer_before_the_silence_is_over_means_nothing(bench: Bench) -> None:
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     bench.step()
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns + (QUIET_MS - 6) * MS)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns + (QUIET_MS - 6) * MS)
     assert bench.found() is Found.NOTHING
     assert bench.step() is Step.NOTHING
 
@@ -58,7 +58,7 @@ def test_an_answer_before_the_silence_is_over_means_nothing(bench: Bench) -> Non
 def test_the_answer_that_it_did_not_act_is_asked_again_and_then_believed(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
     for _ in range(9):
-        bench.probe.hear(timed_out=False, received_ns=bench.now_ns)
+        bench.probe.note_answer(timed_out=False, received_ns=bench.now_ns)
         assert bench.step() is Step.ASK
     assert bench.step() is Step.ZERO
     assert bench.found() is Found.DOES_NOT_ACT
@@ -67,20 +67,20 @@ def test_the_answer_that_it_did_not_act_is_asked_again_and_then_believed(bench: 
 
 def test_one_that_did_not_act_is_measured_again_after_a_second(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
-    bench.probe.hear(timed_out=False, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=False, received_ns=bench.now_ns)
     bench.steps(50)
     assert bench.found() is Found.DOES_NOT_ACT
     assert set(bench.steps(1_000)) == {Step.ZERO}
     bench.steps(QUIET_MS)
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     assert bench.found() is Found.ACTS
 
 
 def test_one_late_answer_that_it_acted_is_enough(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
-    bench.probe.hear(timed_out=False, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=False, received_ns=bench.now_ns)
     bench.steps(10)
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     assert bench.found() is Found.ACTS
 
 
@@ -89,16 +89,16 @@ def test_three_times_without_an_answer_the_controller_does_not_tell(bench: Bench
         assert bench.found() is Found.NOTHING, times
         bench.steps(QUIET_MS + 50)
         if times == 2:
-            bench.probe.hear(None, bench.now_ns)  # older firmware: an answer without the value
+            bench.probe.note_answer(None, bench.now_ns)  # older firmware: an answer without the value
         assert bench.step() is Step.ZERO
-    assert bench.found() is Found.NOT_TOLD
+    assert bench.found() is Found.NOT_REPORTED
     assert set(bench.steps(3_000)) == {Step.ZERO}
 
 
 def test_a_command_in_between_begins_the_measurement_anew(bench: Bench) -> None:
     bench.steps(QUIET_MS)
     bench.probe.break_off()
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     assert bench.found() is Found.NOTHING
     assert bench.step() is Step.ZERO
     assert bench.step() is Step.NOTHING
@@ -106,7 +106,7 @@ def test_a_command_in_between_begins_the_measurement_anew(bench: Bench) -> None:
 
 def test_another_controller_is_measured_anew(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
-    bench.probe.hear(timed_out=True, received_ns=bench.now_ns)
+    bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
     bench.probe.forget()
     assert bench.found() is Found.NOTHING
     assert bench.probe.silence_s == 0.0

@@ -285,7 +285,7 @@ def test_a_board_that_fell_silent_refuses_arming_after_three_status_periods(benc
 def test_a_watchdog_off_or_out_of_range_refuses_arming(bench: Bench, watchdog_s: float) -> None:
     bench.tell_status(watchdog_s=watchdog_s)
     (reason,) = bench.driver.arming_failures()
-    assert f"the board's watchdog stands at {watchdog_s:g} s, allowed is 0.02 to 0.05 s" in reason
+    assert f"the board's watchdog is set to {watchdog_s:g} s, allowed is 0.02 to 0.05 s" in reason
     assert "does its firmware take BOARD_SETUP?" in reason
 
 
@@ -322,7 +322,7 @@ def test_every_reason_is_told_at_once(moving: Bench) -> None:
 def test_zero_is_sent_until_asked_to_enable(bench: Bench) -> None:
     assert bench.commanded() == [ZERO]
     bench.tell_status(BoardState.ENABLED)
-    assert bench.commanded() == [ZERO], "a board that says it is on was not told so by us"
+    assert bench.commanded() == [ZERO], "a board that says it is on was not reported so by us"
     assert not bench.is_enabled()
 
 

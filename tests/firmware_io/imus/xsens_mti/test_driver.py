@@ -130,7 +130,7 @@ def test_the_period_of_a_slow_sensor_counts_instead_of_the_loops() -> None:
     assert bench.valid() == (False, False)
 
 
-def test_a_group_counter_that_stands_still_is_no_measurement(bench: Bench) -> None:
+def test_a_group_counter_that_is_stalled_is_no_measurement(bench: Bench) -> None:
     bench.set(counter=7)
     for _ in range(10):
         bench.set(counter=7)
@@ -140,7 +140,7 @@ def test_a_group_counter_that_stands_still_is_no_measurement(bench: Bench) -> No
     assert bench.ages_ms() == (55.0, 55.0)
     assert bench.valid() == (False, False)
     assert bench.imu.arming_failures() == [
-        "the IMU sends but measures nothing new: its group counter stands still; switch it off and on"
+        "the IMU sends but measures nothing new: its group counter does not advance; switch it off and on"
     ]
     assert bench.imu.health["repeated"] == "11"
     bench.set(counter=8)
@@ -191,7 +191,7 @@ def test_a_count_can_run_ahead_no_further_than_time_allows(
 def test_time_at_a_standstill_counts_for_the_sets_missed_meanwhile() -> None:
     counter = GroupCounter(PERIOD_NS)
     found = [
-        (counter.follow(count, now_ns), counter.stands_still)
+        (counter.follow(count, now_ns), counter.is_stalled)
         for count, now_ns in ((1, 0), (1, 99 * PERIOD_NS), (101, 100 * PERIOD_NS))
     ]
     assert found == [(True, False), (False, True), (True, False)]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.vesc.comm import (
+from segway_ecc.firmware_io.drives.vesc.frames import (
     ALL_FIELDS,
     FIELD_NAMES,
     SET_PACKETS,
