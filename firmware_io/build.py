@@ -141,13 +141,10 @@ def build_hardware(
         sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
     # What runs on a link of the rig has no guard, and must be the same every time.
     heartbeat = HeartbeatSender(settings.can) if link is None else None
-    return Assembly(used, drives, sensors, clocks.now_ns, _rules(serial_of(settings)), heartbeat=heartbeat)
-
-
-def _rules(serial: SerialSettings | None) -> SwitchRules:
-    if serial is None:
-        return SwitchRules()
-    return SwitchRules(round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
+    serial, rules = serial_of(settings), None
+    if serial is not None:
+        rules = SwitchRules(round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
+    return Assembly(used, drives, sensors, clocks.now_ns, rules, heartbeat=heartbeat)
 
 
 def _devices(

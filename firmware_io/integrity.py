@@ -14,16 +14,13 @@ MAX_LOST: Final = 5
 """Frames in a row that may be missing before the sequence counts as broken."""
 
 
-def _table() -> bytes:
-    def entry(value: int) -> int:
-        for _ in range(8):
-            value = (value << 1) ^ (0x2F if value & 0x80 else 0)
-        return value & 0xFF
-
-    return bytes(entry(value) for value in range(256))
+def _table_entry(value: int) -> int:
+    for _ in range(8):
+        value = (value << 1) ^ (0x2F if value & 0x80 else 0)
+    return value & 0xFF
 
 
-_TABLE: Final = _table()
+_TABLE: Final = bytes(map(_table_entry, range(256)))
 
 
 def frame_crc(arbitration_id: int, data: bytes) -> int:

@@ -100,9 +100,20 @@ class Switching:
         now_ns = self._now_ns()
         self._began_ns = self._began_ns or now_ns
         last_good_ns = min(self._began_ns if at_ns is None else at_ns for at_ns in received_ns)
-        self._follow_bus(now_ns)
+        if not self._link.is_on_fallback or not self._link.standby_is_good:
+            self._bus_good_since_ns = None
+        elif self._bus_good_since_ns is None:
+            self._bus_good_since_ns = now_ns
         reason = self._reason(now_ns, last_good_ns, is_armed=is_armed)
-        return None if reason is None else self._pass_over(now_ns, last_good_ns, reason)
+        if reason is None:
+            return None
+        left = self._link.owner_name
+        self._link.pass_over()
+        self._changed_ns = now_ns
+        self.count += 1
+        self._unmeasured = Switch(reason, last_good_ns)
+        self.switches.append(self._unmeasured)
+        return f"link: from {left} to {self._link.owner_name}: {reason}"
 
     def measure(self, received_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
         """Complete the measurement of the last change, and report it.
@@ -124,13 +135,6 @@ class Switching:
         if None not in switch.gaps.values():
             self._unmeasured = None
 
-    def _follow_bus(self, now_ns: int) -> None:
-        """Note since when the bus, in standby, has been good."""
-        if not self._link.is_on_fallback or not self._link.standby_is_good:
-            self._bus_good_since_ns = None
-        elif self._bus_good_since_ns is None:
-            self._bus_good_since_ns = now_ns
-
     def _reason(self, now_ns: int, last_good_ns: int, *, is_armed: bool) -> str | None:
         dwell_ns = self._rules.dwell_ns
         if not self._link.standby_is_good or (self._changed_ns is not None and now_ns - self._changed_ns < dwell_ns):
@@ -143,15 +147,6 @@ class Switching:
         if not is_armed and since_ns is not None and now_ns - since_ns >= dwell_ns:
             return "the bus is good again and the robot is disarmed"
         return None
-
-    def _pass_over(self, now_ns: int, last_good_ns: int, reason: str) -> str:
-        left = self._link.owner_name
-        self._link.pass_over()
-        self._changed_ns = now_ns
-        self.count += 1
-        self._unmeasured = Switch(reason, last_good_ns)
-        self.switches.append(self._unmeasured)
-        return f"link: from {left} to {self._link.owner_name}: {reason}"
 
 
 def _ms(duration_ns: int) -> str:

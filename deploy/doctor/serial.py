@@ -8,7 +8,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
 from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.build import serial_of
-from segway_ecc.firmware_io.links.serial_port import cure
+from segway_ecc.firmware_io.links.serial_port import open_remedy
 
 _NUMBERED_AS_FOUND: Final = re.compile(r"/dev/tty(USB|ACM)\d+")
 _TAKEN: Final = (errno.EAGAIN, errno.EBUSY)
@@ -27,7 +27,7 @@ def check_serial(machine: System, workload: Workload) -> Iterator[Finding]:
         grade, effect = bad, "when the bus is lost there is nothing to fall back on"
         if error.errno in _TAKEN:
             grade, effect = warning, "as it should be while the robot runs; else the robot cannot open it"
-        yield grade(title, f"does not open: {error.strerror or error}", effect, cure(settings, error))
+        yield grade(title, f"does not open: {error.strerror or error}", effect, open_remedy(settings, error))
     else:
         yield good(title, "opens")
     if _NUMBERED_AS_FOUND.fullmatch(settings.port):

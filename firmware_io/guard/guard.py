@@ -81,14 +81,22 @@ class Guard:
             self._watch.take(frame)
         for frame in self._watch.step(now_ns):
             self._sending.send(frame)
-        self._tell()
+        newest = self._watch.interventions[-1] if self._watch.interventions else None
+        if newest is not None and newest.end is not None and newest is not self._reported:
+            self._reported = newest
+            _logger.warning("%s", describe(newest))
 
     def _listen(self) -> list[Frame] | None:
         """What has arrived; None while the bus is gone, which is logged once."""
         with contextlib.suppress(LinkLostError):
             self._sending.receive()  # nobody needs it, but a link that is lost comes back only where it is read
+        frames: list[Frame] = []
         try:
-            frames = self._drain()
+            for _ in range(_DRAINS):
+                found = self._receiving.receive()
+                if not found:
+                    break
+                frames += found
         except LinkLostError as error:
             if not self._is_bus_lost:
                 _logger.warning("%s: nothing is guarded until it is back", error)
@@ -98,23 +106,6 @@ class Guard:
             _logger.warning("%s is back, and guarded", self._receiving.description)
             self._is_bus_lost = False
         return frames
-
-    def _drain(self) -> list[Frame]:
-        """What has arrived, and no more looks than it takes to see that nothing is left."""
-        frames: list[Frame] = []
-        for _ in range(_DRAINS):
-            found = self._receiving.receive()
-            if not found:
-                break
-            frames += found
-        return frames
-
-    def _tell(self) -> None:
-        """Log an intervention once it is over."""
-        newest = self._watch.interventions[-1] if self._watch.interventions else None
-        if newest is not None and newest.end is not None and newest is not self._reported:
-            self._reported = newest
-            _logger.warning("%s", describe(newest))
 
 
 def describe(done: Intervention) -> str:

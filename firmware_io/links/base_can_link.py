@@ -86,7 +86,9 @@ class BaseCanLink:
         self._own: set[int] = set()
         self._interface = InterfaceWatch(settings.kernel_name)
         self._meter = Meter(self.counters, now_ns)
-        self._recovery = Recovery(f"CAN bus {settings.description}", self._open, _close, now_ns)
+        self._recovery = Recovery(
+            f"CAN bus {settings.description}", self._open, lambda opened: opened.port.close(), now_ns
+        )
 
     @property
     def description(self) -> str:
@@ -138,7 +140,12 @@ class BaseCanLink:
 
     def receive(self) -> list[Frame]:
         """Take what has arrived; see `Link.receive`."""
-        port = self._port or self._regain()
+        port = self._port
+        if port is None:
+            opened = self._recovery.regain()
+            self._use(opened)
+            self.counters.reopened += 1
+            port = opened.port
         frames: list[Frame] = []
         now_ns, offset_ns = self._read_clocks()
         since_ns, own = self._drained_ns, self._own
@@ -152,7 +159,10 @@ class BaseCanLink:
                 received_ns = stamp_ns + offset_ns
                 if not since_ns <= received_ns <= now_ns:
                     received_ns = since_ns if received_ns < since_ns else now_ns
-                self._count_received(worst_case_bits(len(data), is_extended=is_extended))
+                self.counters.received += 1
+                self.counters.bits += worst_case_bits(len(data), is_extended=is_extended)
+                if self._errors.state is LinkState.BUS_OFF:  # a controller that is off receives nothing
+                    self._errors.state = LinkState.ACTIVE
                 frames.append(Frame(identifier, data, received_ns, is_extended))
         except PortError as error:
             self._failures = 1 if frames else self._failures + 1
@@ -199,12 +209,6 @@ class BaseCanLink:
         else:
             self.counters.echoes += 1
 
-    def _count_received(self, bits: int) -> None:
-        self.counters.received += 1
-        self.counters.bits += bits
-        if self._errors.state is LinkState.BUS_OFF:  # a controller that is off receives nothing
-            self._errors.state = LinkState.ACTIVE
-
     def _count_sent(self, frame: Frame) -> None:
         self.counters.sent += 1
         is_extended = frame.is_extended
@@ -232,15 +236,5 @@ class BaseCanLink:
         self._recovery.lose(port.close, str(error))
         self._port = None
 
-    def _regain(self) -> CanPort:
-        opened = self._recovery.regain()
-        self._use(opened)
-        self.counters.reopened += 1
-        return opened.port
-
     def _learn(self, state: InterfaceState) -> None:
         self._errors.learn(state.state, state.tec, state.rec)
-
-
-def _close(opened: _Opened) -> None:
-    opened.port.close()

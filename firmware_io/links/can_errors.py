@@ -58,18 +58,13 @@ def decode_error(classes: int, data: bytes) -> BusError:
     causes = [name for bit, name in _CLASSES.items() if classes & bit]
     if is_of_controller:
         causes += [name for bit, name in _DETAILS.items() if filled[1] & bit]
-    tec, rec = (filled[6], filled[7]) if classes & _COUNTERS else (None, None)
-    return BusError(tuple(causes) or ("other",), _state(classes, filled[1]), tec, rec)
-
-
-def _state(classes: int, detail: int) -> LinkState | None:
+    state = LinkState.ACTIVE if classes & _RESTARTED else None
+    if is_of_controller:
+        state = next((state for bits, state in _STATES if filled[1] & bits), state)
     if classes & _BUS_OFF:
-        return LinkState.BUS_OFF
-    if classes & _CONTROLLER:
-        for bits, state in _STATES:
-            if detail & bits:
-                return state
-    return LinkState.ACTIVE if classes & _RESTARTED else None
+        state = LinkState.BUS_OFF
+    tec, rec = (filled[6], filled[7]) if classes & _COUNTERS else (None, None)
+    return BusError(tuple(causes) or ("other",), state, tec, rec)
 
 
 class BusErrors:

@@ -63,7 +63,10 @@ def check_socketcan(channel: str, bitrate: int) -> None:
             f"no CAN interface is called '{channel}'; {there}. "
             "Use interface: auto for a virtual bus, or set the interface up first"
         )
-    if not _is_up(channel):
+    flags = 0
+    with contextlib.suppress(OSError):  # it may have gone since it was listed
+        flags = int((NETWORK_DEVICES / channel / "flags").read_text(), 16)
+    if not flags & _IS_UP:
         raise BusNotFoundError(
             f"CAN interface {channel} is down; set it up: sudo ip link set {channel} up type can bitrate {bitrate}"
         )
@@ -72,11 +75,3 @@ def check_socketcan(channel: str, bitrate: int) -> None:
 def cannot_open(description: str, error: Exception) -> BusNotFoundError:
     """The error for a bus that is there but does not open."""
     return BusNotFoundError(f"cannot open CAN bus {description}: {error}; check interface and channel")
-
-
-def _is_up(name: str) -> bool:
-    try:
-        flags = int((NETWORK_DEVICES / name / "flags").read_text(), 16)
-    except OSError:  # it has gone since it was listed
-        return False
-    return bool(flags & _IS_UP)

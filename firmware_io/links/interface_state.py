@@ -6,7 +6,7 @@ order.
 
 import socket
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -112,16 +112,12 @@ def parse_reply(reply: bytes) -> InterfaceState:
     name = info.get(_KIND, b"").rstrip(b"\0").decode("ascii", "replace")
     # Only the kind `can` has a controller; in others the same numbers mean something else.
     controller = _attributes(info.get(_DATA, b"")) if name == "can" else {}
-    return _interface_state(name, controller, is_up=bool(flags & _UP))
-
-
-def _interface_state(kind: str, controller: Mapping[int, bytes], *, is_up: bool) -> InterfaceState:
     state, bitrate = _u32(controller, _STATE), _u32(controller, _BIT_TIMING)
     errors = controller.get(_ERROR_COUNTERS, b"")
     tec, rec = _TWO_U16.unpack_from(errors) if len(errors) >= _TWO_U16.size else (None, None)
     return InterfaceState(
-        kind,
-        is_up,
+        name,
+        bool(flags & _UP),
         _STATES[state] if state is not None and state < len(_STATES) else None,
         None if bitrate in _NO_BITRATE else bitrate,
         _u32(controller, _RESTART_MS),
@@ -136,14 +132,12 @@ def _u32(attributes: Mapping[int, bytes], number: int) -> int | None:
 
 
 def _attributes(data: bytes) -> dict[int, bytes]:
-    return dict(_each_attribute(data))
-
-
-def _each_attribute(data: bytes) -> Iterator[tuple[int, bytes]]:
+    found: dict[int, bytes] = {}
     offset = 0
     while offset + _ATTRIBUTE.size <= len(data):
         length, number = _ATTRIBUTE.unpack_from(data, offset)
         if not _ATTRIBUTE.size <= length <= len(data) - offset:
-            return
-        yield number & _TYPE_BITS, data[offset + _ATTRIBUTE.size : offset + length]
+            break
+        found[number & _TYPE_BITS] = data[offset + _ATTRIBUTE.size : offset + length]
         offset += -(-length // 4) * 4
+    return found

@@ -76,10 +76,11 @@ class LocalPort:
                 return
             except OSError as error:
                 raise port_error(error) from error
-            if frame is None or not _is_whole(frame[2]):
+            sender, stamp_ns, word, _, data = frame or (own, 0, 0, 0, b"")
+            # A standard frame's identifier has 11 bits at most; an error frame's are classes of errors.
+            if frame is None or not (word & (EXTENDED | ERROR) or word & ~REMOTE <= STANDARD_IDENTIFIER):
                 self._counters.undecodable += 1
-            elif frame[0] != own:
-                _, stamp_ns, word, _, data = frame
+            elif sender != own:
                 yield word, data, stamp_ns
             if not self._is_ready():
                 return
@@ -87,8 +88,3 @@ class LocalPort:
     def close(self) -> None:
         """Leave the bus."""
         self._socket.close()
-
-
-def _is_whole(word: int) -> bool:
-    """Whether a standard frame's identifier has 11 bits at most; an error frame's are classes of errors."""
-    return bool(word & (EXTENDED | ERROR)) or word & ~REMOTE <= STANDARD_IDENTIFIER

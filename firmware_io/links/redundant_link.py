@@ -95,7 +95,12 @@ class RedundantLink:
             LinkLostError: Both lines are gone.
         """
         lost: list[str] = []
-        received = {line is self.owner: _receive(line, lost) for line in self.lines}
+        received: dict[bool, list[Frame]] = {False: [], True: []}
+        for line in self.lines:
+            try:
+                received[line is self.owner] = line.receive()
+            except LinkLostError as error:
+                lost.append(str(error))
         self.aside = received[False]
         if len(lost) == len(self.lines):
             raise LinkLostError("; ".join(lost))
@@ -147,12 +152,3 @@ class RedundantLink:
         self.lines[1].is_active = self.is_on_fallback
         self._failures = 0
         self._standby_received_ns = None
-
-
-def _receive(line: Link, lost: list[str]) -> list[Frame]:
-    """What has arrived on a line; a lost one adds to `lost` why."""
-    try:
-        return line.receive()
-    except LinkLostError as error:
-        lost.append(str(error))
-        return []

@@ -54,60 +54,16 @@ class BackgroundTask(Generic[T]):
             self._discard(outcome)
 
 
-class Reopening(Generic[T]):
-    """Tries again and again to open something, one attempt at a time and no faster than `RETRY_NS`.
-
-    Attributes:
-        failure: Why the last attempt failed; empty before one has, and when one has not.
-    """
-
-    def __init__(self, open_again: Callable[[], T], close: Callable[[T], None], now_ns: NowNs) -> None:
-        """Describe it; `poll` drives it. `close` is for what is opened when it is no longer wanted."""
-        self.failure = ""
-        self._open_again = open_again
-        self._close = close
-        self._now_ns = now_ns
-        self._began_ns: int | None = None
-        self._attempt: BackgroundTask[T] | None = None
-
-    def poll(self) -> T | None:
-        """What has been opened, once; otherwise None, and an attempt is begun where one is due."""
-        if self._attempt is None:
-            self._begin_if_due()
-            return None
-        outcome = self._attempt.take()
-        if outcome is None:
-            return None
-        self._attempt = None
-        if isinstance(outcome, Exception):
-            self.failure = str(outcome)
-            return None
-        self.failure = ""
-        return outcome
-
-    def cancel(self) -> None:
-        """End it: what an attempt still opens is closed at once."""
-        self.failure = ""
-        if self._attempt is not None:
-            self._attempt.abandon()
-            self._attempt = None
-
-    def _begin_if_due(self) -> None:
-        now_ns = self._now_ns()
-        if self._began_ns is None or now_ns - self._began_ns >= RETRY_NS:
-            self._began_ns = now_ns
-            self._attempt = BackgroundTask(self._open_again, self._close)
-
-
 class Recovery(Generic[T]):
     """What a link does when its port is lost: it keeps why, closes it off the loop, and opens it again.
 
     Attributes:
         reason: Why the port was lost; empty while none is.
+        failure: Why the last attempt to open it again failed; empty before one has, and when one has not.
     """
 
     def __init__(
-        self, name: str, open_port: Callable[[], T], close_port: Callable[[T], None], now_ns: NowNs, cure: str = ""
+        self, name: str, open_port: Callable[[], T], close_port: Callable[[T], None], now_ns: NowNs, remedy: str = ""
     ) -> None:
         """Recover with `open_port`, which may take its time and must touch nothing that the loop uses.
 
@@ -116,19 +72,18 @@ class Recovery(Generic[T]):
             open_port: Opens it.
             close_port: Closes one that was opened and is no longer wanted.
             now_ns: The clock of the loop.
-            cure: What a person can do where it is lost.
+            remedy: What a person can do where it is lost.
         """
         self.reason = ""
+        self.failure = ""
         self._name = name
-        self._cure = cure
+        self._remedy = remedy
         self._open_port = open_port
         self._lost: deque[Callable[[], None]] = deque()
-        self._reopening = Reopening(self.open, close_port, now_ns)
-
-    @property
-    def failure(self) -> str:
-        """Why the last attempt to open it failed; empty where none has."""
-        return self._reopening.failure
+        self._close_port = close_port
+        self._now_ns = now_ns
+        self._began_ns: int | None = None
+        self._attempt: BackgroundTask[T] | None = None
 
     def open(self) -> T:
         """Close what was lost, and open the port."""
@@ -142,28 +97,38 @@ class Recovery(Generic[T]):
 
     def lost(self) -> LinkLostError:
         """The error with why the port was lost, and what to do."""
-        cure = f"; {self._cure}" if self._cure else ""
-        return LinkLostError(f"{self._name} is gone: {self.reason}{cure}")
+        remedy = f"; {self._remedy}" if self._remedy else ""
+        return LinkLostError(f"{self._name} is gone: {self.reason}{remedy}")
 
     def regain(self) -> T:
-        """The port, once it is open again.
+        """The port, once it is open again; tried one attempt at a time, and no faster than `RETRY_NS`.
 
         Raises:
             LinkLostError: It is not yet, or it was closed and not lost.
         """
         if not self.reason:
             raise LinkLostError(f"{self._name} is not open")
-        opened = self._reopening.poll()
-        if opened is None:
+        outcome: T | Exception | None = None
+        if self._attempt is not None:
+            outcome = self._attempt.take()
+            self._attempt = self._attempt if outcome is None else None
+        elif self._began_ns is None or self._now_ns() - self._began_ns >= RETRY_NS:
+            self._began_ns = self._now_ns()
+            self._attempt = BackgroundTask(self.open, self._close_port)
+        if isinstance(outcome, Exception):
+            self.failure = str(outcome)
+        if outcome is None or isinstance(outcome, Exception):
             raise self.lost()
-        self.reason = ""
-        return opened
+        self.reason = self.failure = ""
+        return outcome
 
     def end(self) -> None:
         """Want no port any more: close what was lost, and whatever is on its way to be opened."""
-        self._reopening.cancel()
+        if self._attempt is not None:
+            self._attempt.abandon()
+            self._attempt = None
         self._close_lost()
-        self.reason = ""
+        self.reason = self.failure = ""
 
     def _close_lost(self) -> None:
         # Each is closed by whoever takes it out: the thread that opens again, or `end`.

@@ -9,7 +9,7 @@ from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 from segway_ecc.firmware_io.links.meter import Meter
 from segway_ecc.firmware_io.links.reopening import Recovery
-from segway_ecc.firmware_io.links.serial_port import cure, open_serial_port
+from segway_ecc.firmware_io.links.serial_port import open_remedy, open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
 
 NowNs = Callable[[], int]
@@ -24,6 +24,7 @@ _MAX_BYTES: Final = 4096
 _BITS_PER_BYTE: Final = 10
 """On the wire: start bit, eight bits, stop bit."""
 _BACKLOG_S: Final = 0.01
+"""Time that a command may wait in the port."""
 _LEAST_BACKLOG: Final = 64
 """Room for the words of one cycle, also where the line is too slow for it."""
 _MOST_BACKLOG: Final = 1024
@@ -100,7 +101,8 @@ class SerialLink:
         self._settings = settings
         self._line = line
         self._now_ns = now_ns
-        self._most_waiting = min(max(_in_time(settings.baudrate), _LEAST_BACKLOG), _MOST_BACKLOG)
+        in_time = round(settings.baudrate / _BITS_PER_BYTE * _BACKLOG_S)
+        self._most_waiting = min(max(in_time, _LEAST_BACKLOG), _MOST_BACKLOG)
         self._port: Port | None = None
         self._unwritten = b""
         self._unwritten_ns = 0
@@ -114,7 +116,7 @@ class SerialLink:
             lambda: open_port(settings),
             operator.methodcaller("close"),
             now_ns,
-            cure="plug it in again",
+            remedy="plug it in again",
         )
 
     @property
@@ -148,7 +150,7 @@ class SerialLink:
             self._use(self._recovery.open())
         except OSError as error:
             raise BusNotFoundError(
-                f"cannot open {self.description}: {_text(error)}; {cure(self._settings, error)}"
+                f"cannot open {self.description}: {_text(error)}; {open_remedy(self._settings, error)}"
             ) from error
 
     def send(self, frame: Frame) -> bool:
@@ -157,15 +159,27 @@ class SerialLink:
         if words is None:
             self._not_carried += 1
             return True
-        if self._port is not None and self._try_to_write(self._port, words):
-            self.counters.sent += 1
-            return True
-        self.counters.send_dropped += 1
-        return False
+        port, was_written = self._port, False
+        if port is not None:
+            try:
+                was_written = self._write(port, words)
+                if self.is_active:
+                    # In the cycle in which this line becomes the owner, its first answer must not wait for the next.
+                    self._ask(port)
+            except OSError as error:
+                self._lose(port, error)
+                was_written = False
+        self.counters.sent += was_written
+        self.counters.send_dropped += not was_written
+        return was_written
 
     def receive(self) -> list[Frame]:
         """Take what has arrived, and ask for more where it is time; see `Link.receive`."""
-        port = self._port or self._regain()
+        port = self._port
+        if port is None:
+            port = self._recovery.regain()
+            self._use(port)
+            self.counters.reopened += 1
         try:
             data = self._read(port)
             self._ask(port)
@@ -204,17 +218,6 @@ class SerialLink:
             self._requests += 1
         self._asked_ns = now_ns
 
-    def _try_to_write(self, port: Port, words: bytes) -> bool:
-        try:
-            was_written = self._write(port, words)
-            if self.is_active:
-                # In the cycle in which this line becomes the owner, its first answer must not wait for the next.
-                self._ask(port)
-        except OSError as error:
-            self._lose(port, error)
-            return False
-        return was_written
-
     def _write(self, port: Port, words: bytes) -> bool:
         """Queue words after what is left of those before; False where there is no room for any of them."""
         if getattr(port, "out_waiting", 0) > self._most_waiting:
@@ -242,17 +245,6 @@ class SerialLink:
     def _lose(self, port: Port, error: OSError) -> None:
         self._recovery.lose(port.close, _text(error))
         self._port = None
-
-    def _regain(self) -> Port:
-        port = self._recovery.regain()
-        self._use(port)
-        self.counters.reopened += 1
-        return port
-
-
-def _in_time(baudrate: int) -> int:
-    """Bytes that the line carries in the time that a command may wait."""
-    return round(baudrate / _BITS_PER_BYTE * _BACKLOG_S)
 
 
 def _text(error: OSError) -> str:

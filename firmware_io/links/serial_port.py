@@ -42,7 +42,7 @@ def open_serial_port(settings: SerialSettings) -> "PySerialPort":
         raise OSError(str(error)) from error
 
 
-def cure(settings: SerialSettings, error: OSError) -> str:
+def open_remedy(settings: SerialSettings, error: OSError) -> str:
     """What to do about a port that could not be opened."""
     match error.errno:
         case errno.EACCES | errno.EPERM:
@@ -68,19 +68,21 @@ class PySerialPort:
     """A port of pyserial that is open and never waits; see `Port`."""
 
     def __init__(self, port: Any) -> None:  # noqa: ANN401 - pyserial has no types
-        """Take over an open port: forget what arrived before, and ask for low latency."""
+        """Take over an open port: discard what arrived before, and ask for low latency."""
         connection = getattr(port, "_socket", None)  # rfc2217:// has no other way to it
         self._port = port
         self._queued = termios.TIOCOUTQ if connection is None else _UNSENT
         self._fileno = _fileno(port if connection is None else connection)
-        self._room = select.poll()
+        self._writable = select.poll()
         if self._fileno is not None:
-            self._room.register(self._fileno, select.POLLOUT)
+            self._writable.register(self._fileno, select.POLLOUT)
         with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
             # FTDI adapters otherwise keep what arrived for up to 16 ms; other ports refuse it or do not know it.
             port.set_low_latency_mode(True)
         if connection is not None:
-            _send_at_once(connection.fileno())
+            # TCP must not wait for more to put into a packet.
+            with socket.socket(fileno=os.dup(connection.fileno())) as copy:
+                copy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         port.reset_input_buffer()
 
     @property
@@ -102,7 +104,7 @@ class PySerialPort:
     def write(self, data: bytes, /) -> int:
         """Queue bytes; how many there was room for."""
         # Where there is no room at all pyserial tries again until there is, also with a time-out of 0.
-        if self._fileno is not None and not self._room.poll(0):
+        if self._fileno is not None and not self._writable.poll(0):
             return 0
         return int(self._port.write(data))
 
@@ -117,9 +119,3 @@ def _fileno(port: Any) -> int | None:  # noqa: ANN401 - pyserial has no types
         return int(port.fileno())
     except io.UnsupportedOperation:
         return None
-
-
-def _send_at_once(fileno: int) -> None:
-    """Do not let TCP wait for more to put into a packet."""
-    with socket.socket(fileno=os.dup(fileno)) as connection:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

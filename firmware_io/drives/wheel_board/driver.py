@@ -85,7 +85,13 @@ class WheelBoard:
         received_ns = frame.received_ns
         self._fresh.mark(frame.arbitration_id, received_ns)
         if isinstance(payload, BoardStatus):
-            self._hear(payload)
+            self._status = payload
+            if payload.state is BoardState.ENABLED:
+                self._enabling.confirm()
+            is_set = abs(payload.watchdog_s - self._watchdog_s) <= _WATCHDOG_RESOLUTION_S
+            if not is_set and self._enabling.phase is Phase.OFF:
+                # The board was switched on after us, or missed the frame.
+                self._set_up()
             self._off_ns = received_ns if payload.state is not BoardState.ENABLED else None
         else:
             self._newest[frame.arbitration_id] = astuple(payload)
@@ -185,11 +191,3 @@ class WheelBoard:
 
     def _set_up(self) -> None:
         self._endpoint.send(FrameId.BOARD_SETUP, BoardSetup(self._watchdog_s))
-
-    def _hear(self, status: BoardStatus) -> None:
-        self._status = status
-        if status.state is BoardState.ENABLED:
-            self._enabling.confirm()
-        if abs(status.watchdog_s - self._watchdog_s) > _WATCHDOG_RESOLUTION_S and self._enabling.phase is Phase.OFF:
-            # The board was switched on after us, or missed the frame.
-            self._set_up()

@@ -81,16 +81,13 @@ class BoardSerialCodec:
             self.refused[cause] += 1
             return None
         sequence, identifier = _HEAD.unpack_from(packet)
-        self._follow(sequence)
+        if self._next_received is not None:
+            self.refused[LOST] += (sequence - self._next_received) % _SEQUENCE
+        self._next_received = (sequence + 1) % _SEQUENCE
         if identifier == REQUEST_ID:
             self.requests += 1
             return None
         return Frame(identifier, packet[_HEAD.size : -_CRC.size], now_ns)
-
-    def _follow(self, sequence: int) -> None:
-        if self._next_received is not None:
-            self.refused[LOST] += (sequence - self._next_received) % _SEQUENCE
-        self._next_received = (sequence + 1) % _SEQUENCE
 
 
 def _fault(packet: bytes) -> Refusal | None:

@@ -8,13 +8,13 @@ from typing import Final
 from segway_ecc.firmware_io.devices import FrameKey, Readings
 from segway_ecc.firmware_io.freshness import Freshness, stale_after_ns
 from segway_ecc.firmware_io.imus.mounting import Vector
-from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, decode
+from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, Message, decode, elapsed_s
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 _NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)
-_HEARD: Final = (
+_USED: Final = (
     *_NEEDED,
     Message.ERROR,
     Message.WARNING,
@@ -87,7 +87,7 @@ class XsensMti:
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """Listen to the sensor on `link`."""
-        self._messages = {settings.key(message): message for message in _HEARD}
+        self._messages = {settings.key(message): message for message in _USED}
         self.listens_to: Collection[FrameKey] = frozenset(self._messages)
         self._link = link
         self._mounting = settings.rotation
@@ -96,7 +96,7 @@ class XsensMti:
         self._counter = GroupCounter(round(settings.period_s * 1e9))
         self._refused: Counter[Refusal] = Counter()
         self._vectors = dict.fromkeys((Message.RATE_OF_TURN, Message.ACCELERATION), Vector(0.0, 0.0, 0.0))
-        self._told: dict[Message, float] = {}
+        self._newest: dict[Message, float] = {}
         self._error: int | None = None
         self._warnings = 0
         self._sample_period_s = 0.0
@@ -118,7 +118,7 @@ class XsensMti:
             self._vectors[message] = self._mounting.to_robot(values)
             self._fresh.mark(message, frame.received_ns)
         else:
-            self._hear(message, values[0], frame.received_ns)
+            self._take_status(message, values[0], frame.received_ns)
         return True
 
     def read(self) -> Readings:
@@ -161,10 +161,10 @@ class XsensMti:
             "warnings": str(self._warnings),
             "sample_period_s": f"{self._sample_period_s:.6f}",
         }
-        if Message.STATUS_WORD in self._told:
-            health["status_word"] = f"0x{int(self._told[Message.STATUS_WORD]):08X}"
-        if Message.TEMPERATURE in self._told:
-            health["temperature_c"] = f"{self._told[Message.TEMPERATURE]:.1f}"
+        if Message.STATUS_WORD in self._newest:
+            health["status_word"] = f"0x{int(self._newest[Message.STATUS_WORD]):08X}"
+        if Message.TEMPERATURE in self._newest:
+            health["temperature_c"] = f"{self._newest[Message.TEMPERATURE]:.1f}"
         return health
 
     def _age(self, message: Message) -> tuple[float, bool]:
@@ -173,22 +173,18 @@ class XsensMti:
         counter_age, counter_fresh = self._fresh.age(Message.GROUP_COUNTER)
         return max(age, counter_age), fresh and counter_fresh
 
-    def _hear(self, message: Message, value: float, received_ns: int) -> None:
+    def _take_status(self, message: Message, value: float, received_ns: int) -> None:
         match message:
             case Message.GROUP_COUNTER:
-                self._count(int(value), received_ns)
+                restarts = self._counter.restarts
+                if self._counter.follow(int(value), received_ns):
+                    self._fresh.mark(Message.GROUP_COUNTER, received_ns)
+                if self._counter.restarts != restarts:
+                    self._error = None  # what it reported before it began anew is over
             case Message.ERROR:
                 self._error = int(value)
             case Message.WARNING:
                 self._warnings += 1
             case Message.SAMPLE_TIME:
-                ticks = int(value - self._told.get(message, value)) % SAMPLE_TIME_TICKS
-                self._sample_period_s = ticks * self._tick_s
-        self._told[message] = value
-
-    def _count(self, count: int, received_ns: int) -> None:
-        restarts = self._counter.restarts
-        if self._counter.follow(count, received_ns):
-            self._fresh.mark(Message.GROUP_COUNTER, received_ns)
-        if self._counter.restarts != restarts:
-            self._error = None  # what it reported before it began anew is over
+                self._sample_period_s = elapsed_s(value, self._newest.get(message, value), self._tick_s)
+        self._newest[message] = value

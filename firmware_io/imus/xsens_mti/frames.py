@@ -170,6 +170,11 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
     return tuple(value * unit for value, unit in zip(raw, units, strict=False))
 
 
+def elapsed_s(newest: float, before: float, tick_s: float) -> float:
+    """Time between two sample times over their wrap, s, with ticks of `tick_s`."""
+    return int(newest - before) % SAMPLE_TIME_TICKS * tick_s
+
+
 def _check(message: Message, raw: Sequence[int]) -> None:
     if not all(value in allowed for value, allowed in zip(raw, _LAYOUTS[message].allowed, strict=True)):
         raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")

@@ -78,8 +78,8 @@ def test_without_heartbeats_such_losses_can_look_like_a_dead_node(guarded: Any) 
     g = guarded("cart-can", beats=False)
     g.arm()
     g.drive(20)
-    lossless, g.guard._ears = g.guard._ears, Lossy(g.guard._ears, 1, share=1.0)
+    lossless, g.guard._receiving = g.guard._receiving, Lossy(g.guard._receiving, 1, share=1.0)
     g.drive(4)
-    g.guard._ears = lossless
+    g.guard._receiving = lossless
 
     assert g.watch.intervened == 1

@@ -1,10 +1,12 @@
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from segway_ecc.firmware_io.links.reopening import RETRY_NS, BackgroundTask, Reopening
+from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.reopening import RETRY_NS, BackgroundTask, Recovery
 
 PATIENCE_S = 20.0
 
@@ -60,15 +62,23 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def reopening(opener: Opener, clock: Clock) -> Reopening[int]:
-    return Reopening(opener.open, opener.closed.append, clock)
+def recovery(opener: Opener, clock: Clock) -> Recovery[int]:
+    return Recovery("bus", opener.open, opener.closed.append, clock)
 
 
-def _poll(reopening: Reopening[int]) -> int:
+def _attempt(recovery: Recovery[int]) -> int | None:
+    """Look for a port that is lost."""
+    recovery.lose(lambda: None, "gone")
+    with contextlib.suppress(LinkLostError):
+        return recovery.regain()
+    return None
+
+
+def _poll(recovery: Recovery[int]) -> int:
     found: list[int] = []
 
     def is_there() -> bool:
-        result = reopening.poll()
+        result = _attempt(recovery)
         found.extend([] if result is None else [result])
         return bool(found)
 
@@ -77,68 +87,68 @@ def _poll(reopening: Reopening[int]) -> int:
 
 
 def test_it_is_opened_in_another_thread_and_handed_over_once(
-    reopening: Reopening[int], opener: Opener, clock: Clock
+    recovery: Recovery[int], opener: Opener, clock: Clock
 ) -> None:
-    assert reopening.poll() is None
-    assert _poll(reopening) == 1
-    assert reopening.poll() is None
+    assert _attempt(recovery) is None
+    assert _poll(recovery) == 1
+    assert _attempt(recovery) is None
     assert opener.threads.isdisjoint({threading.get_ident()})
-    assert (opener.attempts, opener.closed, reopening.failure) == (1, [], "")
+    assert (opener.attempts, opener.closed, recovery.failure) == (1, [], "")
     clock.now_ns += RETRY_NS
-    reopening.cancel()
+    recovery.end()
 
 
-def test_one_attempt_at_a_time_and_nobody_waits_for_it(reopening: Reopening[int], opener: Opener, clock: Clock) -> None:
+def test_one_attempt_at_a_time_and_nobody_waits_for_it(recovery: Recovery[int], opener: Opener, clock: Clock) -> None:
     opener.gate.clear()
     for _ in range(50):
-        assert reopening.poll() is None
+        assert _attempt(recovery) is None
         clock.now_ns += RETRY_NS
     until(lambda: opener.attempts > 0)
     opener.gate.set()
-    assert _poll(reopening) == opener.attempts == 1
+    assert _poll(recovery) == opener.attempts == 1
 
 
-def test_attempts_keep_their_distance(reopening: Reopening[int], opener: Opener, clock: Clock) -> None:
+def test_attempts_keep_their_distance(recovery: Recovery[int], opener: Opener, clock: Clock) -> None:
     opener.failure = OSError("not yet")
     assert RETRY_NS == 100_000_000
-    reopening.poll()
-    until(lambda: reopening.poll() is None and reopening.failure == "not yet")
+    _attempt(recovery)
+    until(lambda: _attempt(recovery) is None and recovery.failure == "not yet")
     clock.now_ns += RETRY_NS - 1
-    assert [reopening.poll() for _ in range(10)] == [None] * 10
-    assert reopening._attempt is None, "an attempt counts from when it is begun, not from when its thread runs"
+    assert [_attempt(recovery) for _ in range(10)] == [None] * 10
+    assert recovery._attempt is None, "an attempt counts from when it is begun, not from when its thread runs"
     assert opener.attempts == 1
 
     opener.failure = None
     clock.now_ns += 1
-    assert _poll(reopening) == opener.attempts == 2
-    assert reopening.failure == "", "it is open again"
+    assert _poll(recovery) == opener.attempts == 2
+    assert recovery.failure == "", "it is open again"
 
 
-def test_what_is_opened_after_the_end_is_closed(reopening: Reopening[int], opener: Opener) -> None:
+def test_what_is_opened_after_the_end_is_closed(recovery: Recovery[int], opener: Opener) -> None:
     opener.gate.clear()
-    reopening.poll()
+    _attempt(recovery)
     until(lambda: opener.attempts == 1)
-    reopening.cancel()
-    reopening.cancel()
+    recovery.end()
+    recovery.end()
     assert opener.closed == []
     opener.gate.set()
     until(lambda: opener.closed == [1])
 
 
-def test_what_was_opened_and_not_fetched_is_closed(reopening: Reopening[int], opener: Opener) -> None:
-    reopening.poll()
+def test_what_was_opened_and_not_fetched_is_closed(recovery: Recovery[int], opener: Opener) -> None:
+    _attempt(recovery)
     until(lambda: opener.opened == [1])
-    reopening.cancel()
+    recovery.end()
     until(lambda: opener.closed == [1])
-    assert reopening.poll() is None
+    assert _attempt(recovery) is None
 
 
-def test_a_failure_is_forgotten_with_the_end(reopening: Reopening[int], opener: Opener) -> None:
+def test_a_failure_is_forgotten_with_the_end(recovery: Recovery[int], opener: Opener) -> None:
     opener.failure = OSError("not yet")
-    reopening.poll()
-    until(lambda: reopening.poll() is None and bool(reopening.failure))
-    reopening.cancel()
-    assert reopening.failure == ""
+    _attempt(recovery)
+    until(lambda: _attempt(recovery) is None and bool(recovery.failure))
+    recovery.end()
+    assert recovery.failure == ""
 
 
 def test_however_end_and_outcome_meet_it_is_closed_exactly_once() -> None:

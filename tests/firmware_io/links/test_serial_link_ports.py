@@ -363,13 +363,13 @@ def test_whatever_is_wrong_with_a_port_is_told_in_one_way(url: str) -> None:
 def test_who_may_not_use_a_port_is_told_the_group_that_may(pty: PtyPort, tmp_path: Path, code: int) -> None:
     group = grp.getgrgid(pty.path.stat().st_gid).gr_name
     error = OSError(code, "Permission denied")
-    assert f"usermod -aG {group} $USER" in serial_port.cure(SerialSettings(port=str(pty.path)), error)
-    assert "usermod -aG dialout $USER" in serial_port.cure(SerialSettings(port=str(tmp_path / "gone")), error)
+    assert f"usermod -aG {group} $USER" in serial_port.open_remedy(SerialSettings(port=str(pty.path)), error)
+    assert "usermod -aG dialout $USER" in serial_port.open_remedy(SerialSettings(port=str(tmp_path / "gone")), error)
 
 
 def test_a_group_without_a_name_is_the_usual_one(pty: PtyPort, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grp, "getgrgid", {}.__getitem__)
-    assert "-aG dialout" in serial_port.cure(SerialSettings(port=str(pty.path)), OSError(errno.EACCES, "no"))
+    assert "-aG dialout" in serial_port.open_remedy(SerialSettings(port=str(pty.path)), OSError(errno.EACCES, "no"))
 
 
 def test_a_port_that_knows_less_can_still_be_used() -> None:
