@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.hardware import Hardware
+from segway_ecc.hil.errors import PlantMismatchError
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
@@ -47,12 +48,19 @@ class DriveWatch:
     """
 
     def __init__(self, robot: SimulatedRobot, injections: Injections) -> None:
-        """Observe `robot`."""
+        """Observe `robot`.
+
+        Raises:
+            PlantMismatchError: The plant does not say where the robot is.
+        """
         self.way: list[Place] = []
         self.last_push_ns = -1
         self.is_pushing = False
         names = robot.output_names
         self._truth = [place for place, name in enumerate(names) if name.startswith("truth.")]
+        lacking = [name for name in ("truth.x", "truth.y") if name not in names]
+        if lacking:
+            raise PlantMismatchError(f"a campaign needs the plant's output {' and '.join(lacking)}: where the robot is")
         self._place = (names.index("truth.x"), names.index("truth.y"))
         self._pitch = names.index("truth.pitch") if "truth.pitch" in names else None
         self.max_tilt = None if self._pitch is None else 0.0
