@@ -40,7 +40,8 @@ def cached(key: str, make: Callable[[Path], None]) -> Path:
     Raises:
         ModelError: The cache cannot be written.
     """
-    entry = _root() / key
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    entry = (given if given.is_absolute() else Path.home() / ".cache") / _PLACE / key
     if entry.is_dir():
         return entry
     try:
@@ -50,22 +51,12 @@ def cached(key: str, make: Callable[[Path], None]) -> Path:
         raise ModelError(f"cannot write to the cache {entry.parent}: {error}; set XDG_CACHE_HOME elsewhere") from error
     try:
         make(draft)
-        _settle(draft, entry)
+        try:
+            draft.rename(entry)
+        except OSError as error:
+            # Another process was first, and its content is the same.
+            if not entry.is_dir():
+                raise ModelError(f"cannot keep {entry} in the cache: {error}") from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return entry
-
-
-def _settle(draft: Path, entry: Path) -> None:
-    try:
-        draft.rename(entry)
-    except OSError as error:
-        # Another process was first, and its content is the same.
-        if not entry.is_dir():
-            raise ModelError(f"cannot keep {entry} in the cache: {error}") from error
-
-
-def _root() -> Path:
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    base = Path(given) if Path(given).is_absolute() else Path.home() / ".cache"
-    return base / _PLACE

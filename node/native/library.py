@@ -1,4 +1,4 @@
-"""A compiled model in its seat: one shared object with our own C interface, loaded once per instance.
+"""A compiled model: one shared object with our own C interface, loaded once per instance.
 
 The interface is the same for every flavour; a shim of ours, compiled with the model or before an FMU, provides it:
 
@@ -13,7 +13,6 @@ The interface is the same for every flavour; a shim of ours, compiled with the m
 A negative return is a failure. `kind` is a `Kind`, `index` the place in the description's order.
 """
 
-import contextlib
 import ctypes
 import enum
 import math
@@ -24,8 +23,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
+from segway_ecc.node.model.model import Model
 from segway_ecc.node.model.variables import Variable, Write
-from segway_ecc.node.native.description import Description
+from segway_ecc.node.native.description import Description, Flavour
 
 
 @enum.unique
@@ -110,14 +110,14 @@ class NativeModel:
 
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Start at time zero; see `Model.initialize`."""
-        self._take(u)
+        self._set_inputs(u)
         self.stopped = False
         self._check(self._library.ecc_initialize(self._u, self._y), "initialize")
         return list(self._shown(self._y))
 
     def step(self, u: Sequence[float]) -> list[float]:
         """Advance one step; see `Model.step`."""
-        self._take(u)
+        self._set_inputs(u)
         status = self._step(*self._arguments)
         if status:
             self._check(status, "step")
@@ -144,7 +144,7 @@ class NativeModel:
         if variable.write is Write.STATIC:
             self._check(self._library.ecc_static(), "run its static equations again")
 
-    def _take(self, u: Sequence[float]) -> None:
+    def _set_inputs(self, u: Sequence[float]) -> None:
         if len(u) != self._inputs:
             raise ModelError(f"model '{self.name}' has {self._inputs} inputs and was given {len(u)}")
         self._fill(self._u, 0, *u)
@@ -156,8 +156,27 @@ class NativeModel:
 
     def _check(self, status: int, what: str) -> None:
         if status < 0:
-            reason = (self._library.ecc_error() or b"it does not say why").decode(errors="replace")
+            reason = (self._library.ecc_error() or b"it gives no reason").decode(errors="replace")
             raise ModelError(f"model '{self.name}' failed to {what}: {reason}")
+
+
+def describe(model: Model) -> Description:
+    """The description of a model; a model of our own in Python describes itself."""
+    if isinstance(model, NativeModel):
+        return model.description
+    kind = type(model)
+    return Description(
+        name=model.name,
+        flavour=Flavour.PYTHON,
+        build=f"{kind.__module__}:{kind.__qualname__}",
+        method=str(getattr(model, "method", "")),
+        step_size=model.step_size,
+        finish_time=None,
+        inputs=tuple(model.inputs),
+        outputs=tuple(model.outputs),
+        parameters=tuple(model.parameters),
+        states=tuple(model.states),
+    )
 
 
 def _load_copy(library: Path) -> ctypes.CDLL:
@@ -169,17 +188,15 @@ def _load_copy(library: Path) -> ctypes.CDLL:
             loaded = ctypes.CDLL(str(copy), mode=ctypes.RTLD_LOCAL)
         except OSError as error:
             raise ModelError(f"cannot load the compiled model {library}: {error}") from error
-    with contextlib.suppress(AttributeError):
-        _declare(loaded)
-        return loaded
-    raise ModelError(f"the compiled model {library} lacks our interface; clear the cache and load it again")
-
-
-def _declare(library: ctypes.CDLL) -> None:
     numbers = ctypes.POINTER(ctypes.c_double)
-    library.ecc_initialize.argtypes = library.ecc_step.argtypes = (numbers, numbers)
-    library.ecc_terminate.argtypes = library.ecc_static.argtypes = library.ecc_error.argtypes = ()
-    library.ecc_read.argtypes = (ctypes.c_int32, ctypes.c_int32)
-    library.ecc_write.argtypes = (ctypes.c_int32, ctypes.c_int32, ctypes.c_double)
-    library.ecc_read.restype = ctypes.c_double
-    library.ecc_error.restype = ctypes.c_char_p
+    try:
+        loaded.ecc_initialize.argtypes = loaded.ecc_step.argtypes = (numbers, numbers)
+        loaded.ecc_terminate.argtypes = loaded.ecc_static.argtypes = loaded.ecc_error.argtypes = ()
+        loaded.ecc_read.argtypes = (ctypes.c_int32, ctypes.c_int32)
+        loaded.ecc_write.argtypes = (ctypes.c_int32, ctypes.c_int32, ctypes.c_double)
+        loaded.ecc_read.restype = ctypes.c_double
+        loaded.ecc_error.restype = ctypes.c_char_p
+    except AttributeError as error:
+        text = f"the compiled model {library} lacks our interface; clear the cache and load it again"
+        raise ModelError(text) from error
+    return loaded

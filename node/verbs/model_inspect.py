@@ -10,8 +10,8 @@ from segway_ecc.node.cli.options import add_json, add_model, print_json, print_t
 from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.locate import locate
-from segway_ecc.node.native.describe import describe
 from segway_ecc.node.native.description import Description
+from segway_ecc.node.native.library import describe
 
 _EFFECT = {
     Write.NOW: "a write takes effect at once",

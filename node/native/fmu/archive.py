@@ -30,39 +30,30 @@ def unpack(path: Path) -> Path:
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"cannot read the FMU {path}: {error.strerror or error}") from error
-    return cached(digest("fmu", content), lambda draft: _extract(path, draft))
+
+    def extract(draft: Path) -> None:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                _extract(archive, path, draft)
+        except _BROKEN as error:
+            raise ModelError(f"FMU {path} is broken: {error}; export or copy it again") from error
+
+    return cached(digest("fmu", content), extract)
 
 
-def _extract(path: Path, folder: Path) -> None:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            targets = [_target(path, folder, entry) for entry in entries]
-            _check_size(path, entries)
-            for entry, target in zip(entries, targets, strict=True):
-                _write(archive, entry, target)
-    except _BROKEN as error:
-        raise ModelError(f"FMU {path} is broken: {error}; export or copy it again") from error
-
-
-def _target(path: Path, folder: Path, entry: zipfile.ZipInfo) -> Path:
+def _extract(archive: zipfile.ZipFile, path: Path, folder: Path) -> None:
     # Some tools on Windows write its separators into the zip file.
-    name = PurePosixPath(entry.filename.replace("\\", "/"))
-    if name.is_absolute() or ".." in name.parts or stat.S_ISLNK(entry.external_attr >> 16):
-        raise ModelError(f"FMU {path} is refused: its entry '{entry.filename}' leads out of the FMU's own folder")
-    return folder / name
-
-
-def _check_size(path: Path, entries: list[zipfile.ZipInfo]) -> None:
-    total = sum(entry.file_size for entry in entries)
+    targets = [(entry, PurePosixPath(entry.filename.replace("\\", "/"))) for entry in archive.infolist()]
+    for entry, name in targets:
+        if name.is_absolute() or ".." in name.parts or stat.S_ISLNK(entry.external_attr >> 16):
+            raise ModelError(f"FMU {path} is refused: its entry '{entry.filename}' leads out of the FMU's own folder")
+    total = sum(entry.file_size for entry, _ in targets)
     if total > LARGEST_BYTES:
         raise ModelError(f"FMU {path} is refused: it unpacks to {total} bytes; at most {LARGEST_BYTES} are taken")
-
-
-def _write(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> None:
-    if entry.filename.endswith(("/", "\\")):
-        target.mkdir(parents=True, exist_ok=True)
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with archive.open(entry) as source, target.open("wb") as sink:
-        shutil.copyfileobj(source, sink)
+    for entry, name in targets:
+        if entry.filename.endswith(("/", "\\")):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            continue
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(entry) as source, (folder / name).open("wb") as sink:
+            shutil.copyfileobj(source, sink)

@@ -7,7 +7,6 @@ import os
 import shutil
 import struct
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -17,9 +16,6 @@ from segway_ecc.node.native.fmu.compile import compile_library, compiler, find_s
 
 _PREFERRED: Final = ("x86_64-linux", "linux64", "aarch64-linux")
 """Folders to look into first where several hold a library for this machine."""
-
-_MACHINE: Final = slice(4, 20)
-"""Where an ELF file says its word length, byte order, kind and machine; the kind, of 2 bytes, is left out below."""
 
 _ELF64: Final = b"\x7fELF\x02\x01"
 """64 bits, little-endian: every machine that the project runs on."""
@@ -42,56 +38,32 @@ def find_library(folder: Path, identifier: str, path: Path) -> Path:
     Raises:
         ModelError: There is neither a library for this machine nor sources, or they do not compile.
     """
-    libraries = sorted((folder / "binaries").glob("*/*"), key=lambda file: file.parent.name not in _PREFERRED)
-    for library in libraries:
-        if library.name == f"{identifier}.so" and _runs_here(library):
+    every = sorted((folder / "binaries").glob("*/*"))
+    for library in sorted(every, key=lambda file: file.parent.name not in _PREFERRED):
+        if library.name == f"{identifier}.so" and _machine(library) == _machine(Path(sys.executable)) != b"":
             _check_whole(library, path)
             return library
     sources = find_sources(folder)
     if not sources.files:
-        raise ModelError(
-            f"FMU {path} cannot run here: {_what_there_is(folder)}; export it for {_here()} or with sources"
+        platforms = sorted({file.parent.name for file in every})
+        found = (
+            f"binaries for {', '.join(platforms)} only, and no C sources"
+            if platforms
+            else "neither binaries nor C sources"
         )
+        machine = os.uname().machine
+        here = "linux64 (x86_64)" if machine == "x86_64" else f"{machine}-linux"
+        raise ModelError(f"FMU {path} cannot run here: it has {found}; export it for {here} or with sources")
     key = digest("fmu sources", folder.name, *compiler())
     built = cached(key, lambda draft: compile_library(sources, draft / f"{identifier}.so", path))
     return built / f"{identifier}.so"
 
 
-def _what_there_is(folder: Path) -> str:
-    platforms = sorted({file.parent.name for file in (folder / "binaries").glob("*/*")})
-    if not platforms:
-        return "it has neither binaries nor C sources"
-    return f"it has binaries for {', '.join(platforms)} only, and no C sources"
-
-
-def _here() -> str:
-    machine = os.uname().machine
-    return "linux64 (x86_64)" if machine == "x86_64" else f"{machine}-linux"
-
-
-def _runs_here(library: Path) -> bool:
-    mine, its = _machine(Path(sys.executable)), _machine(library)
-    return its is not None and its == mine
-
-
-def _machine(file: Path) -> bytes | None:
+def _machine(file: Path) -> bytes:
+    """Word length, byte order and machine of an ELF file; nothing of another."""
     with file.open("rb") as stream:
-        head = stream.read(_MACHINE.stop)
-    if len(head) < _MACHINE.stop or not head.startswith(b"\x7fELF"):
-        return None
-    return head[4:6] + head[18:20]
-
-
-def exported(library: Path) -> frozenset[str]:
-    """Return the names that a library exports; none where it is not 64-bit little-endian ELF."""
-    content = library.read_bytes()
-    if content[:6] != _ELF64:
-        return frozenset()
-    try:
-        return frozenset(_exported(content))
-    except (struct.error, IndexError, ValueError):
-        # The loader is the one to say what is wrong with it.
-        return frozenset()
+        head = stream.read(20)
+    return head[4:6] + head[18:20] if len(head) == 20 and head.startswith(b"\x7fELF") else b""  # noqa: PLR2004 - as read
 
 
 def _check_whole(library: Path, path: Path) -> None:
@@ -109,19 +81,25 @@ def _check_whole(library: Path, path: Path) -> None:
         raise ModelError(f"FMU {path} is broken: its library {library.name} is cut off; export it again")
 
 
-def _exported(content: bytes) -> Iterator[str]:
-    (start,) = struct.unpack_from("<Q", content, 0x28)
-    size, count = struct.unpack_from("<HH", content, 0x3A)
-    sections = [_SECTION.unpack_from(content, start + place * size) for place in range(count)]
-    for _, kind, _, _, offset, length, link, *_ in sections:
-        if kind != _DYNAMIC_SYMBOLS:
-            continue
-        names = sections[link][4]
-        for symbol in _SYMBOL.iter_unpack(content[offset : offset + length]):
-            name, _, _, section = symbol[:4]
-            if section:
-                first = names + name
-                yield content[first : content.index(b"\0", first)].decode(errors="replace")
+def exported(library: Path) -> frozenset[str]:
+    """Return the names that a library exports; none where it is not 64-bit little-endian ELF."""
+    content = library.read_bytes()
+    if content[:6] != _ELF64:
+        return frozenset()
+    found = set()
+    try:
+        (start,) = struct.unpack_from("<Q", content, 0x28)
+        size, count = struct.unpack_from("<HH", content, 0x3A)
+        sections = [_SECTION.unpack_from(content, start + place * size) for place in range(count)]
+        for _, kind, _, _, offset, length, link, *_ in sections:
+            if kind == _DYNAMIC_SYMBOLS:
+                for symbol in _SYMBOL.iter_unpack(content[offset : offset + length]):
+                    first = sections[link][4] + symbol[0]
+                    if symbol[3]:  # its section: it is defined here
+                        found.add(content[first : content.index(b"\0", first)].decode(errors="replace"))
+    except (struct.error, IndexError, ValueError):
+        return frozenset()  # the loader is the one to report what is wrong with it
+    return frozenset(found)
 
 
 def private_copy(library: Path, resources: Path, place: Path) -> Path:

@@ -10,6 +10,7 @@ import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
+from xml.etree import ElementTree as ET
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.cache import cached, digest
@@ -70,36 +71,30 @@ def shim() -> Path:
 def find_sources(folder: Path) -> Sources:
     """Return what an unpacked FMU has to compile; no files where it has none."""
     root = folder / "sources"
-    built = _described(root)
-    if built is not None:
-        return built
+    description = root / "buildDescription.xml"
+    if description.is_file():
+        found = read_xml(description, "buildDescription.xml").find("BuildConfiguration")
+        if found is not None:
+            return _described(root, found)
     files = tuple(sorted(file for file in root.rglob("*.c") if file.is_file()))
-    listed = _listed(folder)
+    model = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
+    listed = [file.get("name", "") for file in model.iterfind("CoSimulation/SourceFiles/File")]
     # 20-sim lists a fixed set of files, whatever the model needs, so its list decides nothing.
     if listed and not any(file.name.endswith("submod.c") for file in files):
         files = tuple(root / name for name in listed if (root / name).is_file())
     return Sources(root, files)
 
 
-def _listed(folder: Path) -> list[str]:
-    root = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
-    return [file.get("name", "") for file in root.iterfind("CoSimulation/SourceFiles/File")]
-
-
-def _described(root: Path) -> Sources | None:
-    description = root / "buildDescription.xml"
-    if not description.is_file():
-        return None
-    found = read_xml(description, "buildDescription.xml").find("BuildConfiguration")
-    if found is None:
-        return None
-    files = [root / file.get("name", "") for file in found.iterfind("SourceFileSet/SourceFile")]
+def _described(root: Path, found: ET.Element) -> Sources:
     definitions = [
         f"{define.get('name')}={define.get('value')}" if define.get("value") else define.get("name", "")
         for define in found.iterfind("SourceFileSet/PreprocessorDefinition")
     ]
-    includes = [root / include.get("name", "") for include in found.iterfind("SourceFileSet/IncludeDirectory")]
-    return Sources(root, tuple(files), tuple(definitions), tuple(includes))
+    files, includes = (
+        tuple(root / element.get("name", "") for element in found.iterfind(f"SourceFileSet/{kind}"))
+        for kind in ("SourceFile", "IncludeDirectory")
+    )
+    return Sources(root, files, tuple(definitions), includes)
 
 
 def compile_library(sources: Sources, target: Path, path: Path) -> None:
@@ -114,25 +109,20 @@ def compile_library(sources: Sources, target: Path, path: Path) -> None:
         ModelError: They do not compile; the text has the compiler's first complaint.
     """
     forwarding = target.parent / "include"
-    folders = {sources.root, *sources.includes, *(header.parent for header in sources.root.rglob("*.h"))}
-    _forward(sources.root, forwarding)
-    searched = [*sorted(folders), forwarding]
-    # 20-sim's sources, and others made like them, put the model's name before each function unless told not to.
-    definitions = [f"-D{name}" for name in ("NO_FUNCTION_PREFIX", *sources.definitions)]
-    options = [*_SHARED, "-w", *definitions, *(f"-I{folder}" for folder in searched)]
-    _run([*options, "-o", str(target), *map(str, sources.files), *_LIBRARIES], f"the sources of FMU {path}")
-
-
-def _forward(root: Path, place: Path) -> None:
-    """Write forwarding headers for names that differ from the file's only in case: the sources come from Windows."""
-    place.mkdir()
-    headers = {header.name.lower(): header for header in root.rglob("*") if header.suffix.lower() == ".h"}
+    forwarding.mkdir()
+    # Headers for names that differ from the file's only in case: the sources come from Windows.
+    headers = {header.name.lower(): header for header in sources.root.rglob("*") if header.suffix.lower() == ".h"}
     exact = {header.name for header in headers.values()}
-    for source in root.rglob("*.[cChH]"):
+    for source in sources.root.rglob("*.[cChH]"):
         for included in _INCLUDED.findall(source.read_bytes()):
             name = included.decode(errors="replace")
             if name not in exact and "/" not in name and name.lower() in headers:
-                (place / name).write_text(f'#include "{headers[name.lower()]}"\n', encoding="utf-8")
+                (forwarding / name).write_text(f'#include "{headers[name.lower()]}"\n', encoding="utf-8")
+    folders = {sources.root, *sources.includes, *(header.parent for header in sources.root.rglob("*.h"))}
+    # 20-sim's sources, and others made like them, put the model's name before each function without this definition.
+    definitions = [f"-D{name}" for name in ("NO_FUNCTION_PREFIX", *sources.definitions)]
+    options = [*_SHARED, "-w", *definitions, *(f"-I{folder}" for folder in [*sorted(folders), forwarding])]
+    _run([*options, "-o", str(target), *map(str, sources.files), *_LIBRARIES], f"the sources of FMU {path}")
 
 
 def _run(arguments: list[str], what: str) -> None:
@@ -142,10 +132,7 @@ def _run(arguments: list[str], what: str) -> None:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ModelError(f"cannot compile {what}: {error}") from error
     if done.returncode != 0:
-        raise ModelError(f"cannot compile {what}: {_complaint(done.stderr.decode(errors='replace'))}")
-
-
-def _complaint(output: str) -> str:
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    telling = [line for line in lines if "error" in line or "undefined reference" in line]
-    return next(iter(telling or lines), "the compiler does not say why")
+        lines = [line.strip() for line in done.stderr.decode(errors="replace").splitlines() if line.strip()]
+        errors = [line for line in lines if "error" in line or "undefined reference" in line]
+        reason = next(iter(errors or lines), "the compiler gives no reason")
+        raise ModelError(f"cannot compile {what}: {reason}")

@@ -1,8 +1,8 @@
-"""From what an FMU says of itself to the description that the runtime shows and the places that the shim uses."""
+"""From an FMU's own description to the one that the runtime shows and the places that the shim uses."""
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -41,7 +41,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
     """Describe an FMU.
 
     Args:
-        facts: What it says of itself.
+        facts: Its own description.
         twenty_sim: What is known of it beyond that, where 20-sim made it.
         step_size: Step to take, s; None for the one that the FMU asks for.
         path: The FMU itself, for messages.
@@ -49,9 +49,20 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
     Raises:
         ModelError: An input or output is not a real number, or no step size is known.
     """
-    _check_ports(facts, path)
-    inputs, outputs = _of(facts, Causality.INPUT), _of(facts, Causality.OUTPUT)
-    parameters = _of(facts, Causality.PARAMETER) + _of(facts, Causality.CALCULATED_PARAMETER)
+    wrong = [
+        f"{variable.causality} '{variable.name}' ({'array of ' if variable.array else ''}{variable.type})"
+        for variable in facts.variables
+        if variable.causality in (Causality.INPUT, Causality.OUTPUT) and not variable.is_real
+    ]
+    if wrong:
+        raise ModelError(
+            f"FMU {path} has ports that are not real numbers: {', '.join(wrong)}; make them real in the model and "
+            "export it again"
+        )
+    reals = [variable for variable in facts.variables if variable.is_real]
+    groups = {causality: [v for v in reals if v.causality is causality] for causality in Causality}
+    inputs, outputs = groups[Causality.INPUT], groups[Causality.OUTPUT]
+    parameters = groups[Causality.PARAMETER] + groups[Causality.CALCULATED_PARAMETER]
     states = _states(facts, twenty_sim)
     followers = tuple(_follower(variable, states, twenty_sim) for variable in parameters)
     step = _step(facts, twenty_sim, step_size, path)
@@ -65,66 +76,34 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
         inputs=tuple(_plain(variable, twenty_sim) for variable in inputs),
         outputs=tuple(_plain(variable, twenty_sim) for variable in outputs),
         parameters=tuple(
-            _parameter(variable, twenty_sim, follows=follower >= 0)
+            _plain(variable, twenty_sim, _tunability(variable, twenty_sim, follows=follower >= 0))
             for variable, follower in zip(parameters, followers, strict=True)
         ),
-        states=tuple(_state(variable, twenty_sim) for variable in states),
+        states=tuple(_plain(variable, twenty_sim, _state_write(variable, twenty_sim)) for variable in states),
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
-    return FmuLayout(
-        description,
-        inputs=_references(inputs),
-        outputs=_references(outputs),
-        parameters=_references(parameters),
-        states=_references(states),
-        followers=followers,
-    )
-
-
-def _references(variables: list[FmuVariable]) -> tuple[int, ...]:
-    return tuple(variable.reference for variable in variables)
-
-
-def _check_ports(facts: Facts, path: Path) -> None:
-    wrong = [
-        f"{variable.causality} '{variable.name}' ({'array of ' if variable.array else ''}{variable.type})"
-        for variable in facts.variables
-        if variable.causality in (Causality.INPUT, Causality.OUTPUT) and not variable.is_real
-    ]
-    if wrong:
-        raise ModelError(
-            f"FMU {path} has ports that are not real numbers: {', '.join(wrong)}; make them real in the model and "
-            "export it again"
-        )
-
-
-def _of(facts: Facts, causality: Causality) -> list[FmuVariable]:
-    return [variable for variable in facts.variables if variable.causality is causality and variable.is_real]
+    ported = (inputs, outputs, parameters, states)
+    places = [tuple(variable.reference for variable in variables) for variables in ported]
+    return FmuLayout(description, places[0], places[1], places[2], places[3], followers)
 
 
 def _states(facts: Facts, twenty_sim: TwentySim | None) -> list[FmuVariable]:
-    names = facts.states if twenty_sim is None else (*facts.states, *twenty_sim.states)
+    """The states; of a vector or matrix its elements."""
     reals = {variable.name: variable for variable in facts.variables if variable.is_real}
+    found = []
     # dict.fromkeys: each once, in the order found.
-    return [reals[name] for found in dict.fromkeys(names) for name in _elements(found, reals)]
-
-
-def _elements(name: str, known: dict[str, FmuVariable]) -> Iterator[str]:
-    """The variables of a name: itself, or its elements where it is a vector or matrix."""
-    if name in known:
-        yield name
-    else:
-        yield from (other for other in known if other.startswith(f"{name}[") and "]" not in other[len(name) : -1])
+    for name in dict.fromkeys(facts.states if twenty_sim is None else (*facts.states, *twenty_sim.states)):
+        elements = (other for other in reals if other.startswith(f"{name}[") and "]" not in other[len(name) : -1])
+        found += [reals[element] for element in ([name] if name in reals else elements)]
+    return found
 
 
 def _step(facts: Facts, twenty_sim: TwentySim | None, given: float | None, path: Path) -> float:
-    # Its own files first: the model description repeats them, if it says anything.
+    # Its own files first: the model description repeats them, if it holds anything.
     own = twenty_sim.step_size if twenty_sim is not None else None
     step = next((step for step in (given, facts.step_size, own) if step is not None), None)
     if step is None:
-        raise ModelError(
-            f"FMU {path} does not say how long its step is: give it, in s, as load_fmu(path, step_size=0.01)"
-        )
+        raise ModelError(f"FMU {path} gives no step size: pass it, in s, as load_fmu(path, step_size=0.01)")
     if not (math.isfinite(step) and step > 0.0):
         raise ModelError(f"a step of {step} s cannot be taken by FMU {path}: give a positive one as step_size")
     return step
@@ -138,17 +117,14 @@ def _follower(parameter: FmuVariable, states: list[FmuVariable], twenty_sim: Twe
     return next((place for place, state in enumerate(states) if parameter.name == f"{state.name}_initial"), -1)
 
 
-def _plain(variable: FmuVariable, twenty_sim: TwentySim | None) -> Variable:
+def _plain(
+    variable: FmuVariable, twenty_sim: TwentySim | None, write: tuple[Write, str] = (Write.NEVER, "")
+) -> Variable:
     unit, value = variable.unit, variable.start
     if twenty_sim is not None:
         unit = unit or twenty_sim.units.get(variable.name, "")
         value = value if value is not None else twenty_sim.values.get(variable.name)
-    return Variable(variable.name, unit or "1", value if value is not None else 0.0)
-
-
-def _parameter(variable: FmuVariable, twenty_sim: TwentySim | None, *, follows: bool) -> Variable:
-    write, why = _tunability(variable, twenty_sim, follows=follows)
-    return replace(_plain(variable, twenty_sim), write=write, why=why)
+    return Variable(variable.name, unit or "1", value if value is not None else 0.0, *write)
 
 
 def _tunability(variable: FmuVariable, twenty_sim: TwentySim | None, *, follows: bool) -> tuple[Write, str]:
@@ -174,27 +150,24 @@ def _twenty_sim_tunability(sections: frozenset[str] | None, twenty_sim: TwentySi
         return Write.NOW, "tunable, and feeds no static equation"
     if twenty_sim.static_symbol is not None:
         return Write.STATIC, "feeds static equations" if sections else "may feed static equations"
-    return _without_static(twenty_sim, known=sections is not None)
-
-
-def _without_static(twenty_sim: TwentySim, *, known: bool) -> tuple[Write, str]:
-    """What a write to a parameter of static equations does where we cannot run them; `known`: it does feed them."""
+    # From here on we cannot run the static equations; without sections it is not known that it feeds them.
     if twenty_sim.updates_itself:
-        return Write.NOW, "tunable: the FMU runs its static equations again by itself"
-    if not known:
-        return Write.NOW, "tunable, unless it feeds static equations, which this FMU does not show"
-    if twenty_sim.globals:
-        return Write.NEVER, "feeds static equations, which this FMU does not let us run again"
-    return Write.RESET, "feeds static equations, which this FMU runs only when it initializes"
+        write = Write.NOW, "tunable: the FMU runs its static equations again by itself"
+    elif sections is None:
+        write = Write.NOW, "tunable, unless it feeds static equations, which this FMU does not show"
+    elif twenty_sim.globals:
+        write = Write.NEVER, "feeds static equations, which this FMU does not let us run again"
+    else:
+        write = Write.RESET, "feeds static equations, which this FMU runs only when it initializes"
+    return write
 
 
-def _state(variable: FmuVariable, twenty_sim: TwentySim | None) -> Variable:
-    plain = _plain(variable, twenty_sim)
+def _state_write(variable: FmuVariable, twenty_sim: TwentySim | None) -> tuple[Write, str]:
     if twenty_sim is not None:
-        return replace(plain, write=Write.NOW, why="20-sim's FMUs take a state at any time")
+        return Write.NOW, "20-sim's FMUs take a state at any time"
     if variable.initial == "exact":
-        return replace(plain, write=Write.RESET, why="the FMU takes its start value when it initializes")
-    return replace(plain, write=Write.NEVER, why="the FMU calculates it")
+        return Write.RESET, "the FMU takes its start value when it initializes"
+    return Write.NEVER, "the FMU calculates it"
 
 
 def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterator[str]:
@@ -205,15 +178,13 @@ def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterat
     ]
     if left_out:
         yield f"parameters that are not real numbers keep their values and are not shown: {', '.join(left_out)}"
-    if twenty_sim is not None and twenty_sim.globals:
+    if twenty_sim is None:
+        if not facts.variable_steps and facts.step_size not in (None, step):
+            asked = facts.step_size
+            yield f"the FMU asks for steps of {asked} s and is given {step} s, which it does not promise to take"
+        return
+    if twenty_sim.globals:
         yield "outputs at time zero belong to the FMU's own inputs: it computes them before it takes any"
-    if twenty_sim is None and not facts.variable_steps and facts.step_size not in (None, step):
-        yield f"the FMU asks for steps of {facts.step_size} s and is given {step} s, which it does not promise to take"
-    own = None if twenty_sim is None else twenty_sim.step_size or facts.step_size
-    if own is not None and not _is_multiple(step, own):
+    own = twenty_sim.step_size or facts.step_size
+    if own is not None and not (step >= 0.5 * own and math.isclose(step, round(step / own) * own, rel_tol=_ROUNDING)):
         yield f"the model's own step is {own} s: a step of {step} s is no multiple of it, so its time runs ahead"
-
-
-def _is_multiple(step: float, own: float) -> bool:
-    times = round(step / own)
-    return times >= 1 and math.isclose(step, times * own, rel_tol=_ROUNDING)

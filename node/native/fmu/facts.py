@@ -1,11 +1,11 @@
-"""What an FMU's modelDescription.xml says, in one shape for FMI 2.0 and 3.0.
+"""What an FMU's modelDescription.xml holds, in one shape for FMI 2.0 and 3.0.
 
 Sources: FMI 2.0.4, sections 2.2 and 4.3.1; FMI 3.0.1, sections 2.4 and 4.4.
 """
 
 import enum
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
@@ -15,6 +15,8 @@ from segway_ecc.node.native.fmu.xml import flag, number, read_xml
 
 DESCRIPTION: Final = "modelDescription.xml"
 _LARGEST_REFERENCE: Final = 2**32 - 1
+_REAL: Final = ("Real", "Float64")
+"""Elements of numbers in double precision, in FMI 2.0 and 3.0."""
 
 
 @enum.unique
@@ -61,7 +63,7 @@ class FmuVariable:
     @property
     def is_real(self) -> bool:
         """Whether it is one number in double precision."""
-        return self.type in ("Real", "Float64") and not self.array
+        return self.type in _REAL and not self.array
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,7 @@ class Facts:
         name: The model's name.
         identifier: Base name of its libraries.
         token: Its guid or instantiationToken.
-        tool: What generated it, as it says itself.
+        tool: What generated it, as it states.
         step_size: Step that the file asks for, s; None where it asks for none.
         stop_time: End of its experiment, s; None where there is none.
         variables: All its variables, in the file's order.
@@ -101,13 +103,20 @@ def read_facts(folder: Path, path: Path) -> Facts:
         path: The FMU itself, for messages.
 
     Raises:
-        ModelError: The description is missing or wrong, or of a kind of FMU that cannot run here; the text says which.
+        ModelError: The description is missing or wrong, or of a kind of FMU that cannot run here; the text names it.
     """
     if not (folder / DESCRIPTION).is_file():
         raise ModelError(f"{path} is no FMU: it has no {DESCRIPTION}")
     where = f"{DESCRIPTION} of FMU {path}"
     root = read_xml(folder / DESCRIPTION, where)
-    version = _version(root, path)
+    major = root.get("fmiVersion", "").split(".")[0]
+    if root.tag != "fmiModelDescription" or not major:
+        raise ModelError(f"{path} is no FMU: its {DESCRIPTION} does not begin with fmiModelDescription and its version")
+    if major not in ("2", "3"):
+        raise ModelError(
+            f"FMU {path} is FMI {root.get('fmiVersion')}; FMI 2.0 and 3.0 are taken: export it again as one of them"
+        )
+    version = int(major)
     interface = _co_simulation(root, path)
     experiment = root.find("DefaultExperiment")
     asked = {} if experiment is None else experiment.attrib
@@ -124,16 +133,6 @@ def read_facts(folder: Path, path: Path) -> Facts:
         states=tuple(_states(root, variables)),
         variable_steps=flag(interface, "canHandleVariableCommunicationStepSize"),
     )
-
-
-def _version(root: ET.Element, path: Path) -> int:
-    version = root.get("fmiVersion", "")
-    if root.tag != "fmiModelDescription" or not version:
-        raise ModelError(f"{path} is no FMU: its {DESCRIPTION} does not begin with fmiModelDescription and its version")
-    major = version.split(".")[0]
-    if major not in ("2", "3"):
-        raise ModelError(f"FMU {path} is FMI {version}; FMI 2.0 and 3.0 are taken: export it again as one of them")
-    return int(major)
 
 
 def _co_simulation(root: ET.Element, path: Path) -> ET.Element:
@@ -156,52 +155,34 @@ def _co_simulation(root: ET.Element, path: Path) -> ET.Element:
 
 
 def _variables(root: ET.Element, where: str, version: int) -> Iterator[FmuVariable]:
+    # The unit of a type stands on it in FMI 3.0, on its child in FMI 2.0.
     units = {
-        definition.get("name", ""): unit
+        definition.get("name"): next((unit for each in (definition, *definition) if (unit := each.get("unit"))), "")
         for definition in root.iterfind("TypeDefinitions/*")
-        for unit in (_own_unit(definition),)
     }
     for element in root.iterfind("ModelVariables/*"):
-        variable, declared = _variable(element, where, version)
-        if variable.unit:
-            yield variable
-        else:
-            yield replace(variable, unit=units.get(declared, ""))
-
-
-def _own_unit(element: ET.Element) -> str:
-    """Unit of a type definition: on it in FMI 3.0, on its child in FMI 2.0."""
-    return element.get("unit") or next((child.get("unit", "") for child in element), "")
-
-
-def _variable(element: ET.Element, where: str, version: int) -> tuple[FmuVariable, str]:
-    name = element.get("name", "")
-    what = f"variable '{name}' in {where}"
-    typed = element
-    if version == 2:  # noqa: PLR2004 - the standard's number
-        typed = next((child for child in element if child.tag != "Annotations"), element)
-    real = typed.tag in ("Real", "Float64")
-    array = element.find("Dimension") is not None
-    variable = FmuVariable(
-        name=name,
-        reference=_natural(element.get("valueReference"), f"valueReference of {what}"),
-        causality=_causality(element, what),
-        variability=element.get("variability", "continuous" if real else "discrete"),
-        initial=element.get("initial", ""),
-        type=typed.tag,
-        unit=typed.get("unit", ""),
-        start=number(typed.get("start"), f"start of {what}") if real and not array else None,
-        derivative=_natural(typed.get("derivative"), f"derivative of {what}") if typed.get("derivative") else None,
-        array=array,
-    )
-    return variable, typed.get("declaredType", "")
-
-
-def _causality(element: ET.Element, what: str) -> Causality:
-    given = element.get("causality", Causality.LOCAL)
-    if given not in tuple(Causality):
-        raise ModelError(f"causality of {what} is '{given}', which the standard does not know: export it again")
-    return Causality(given)
+        what = f"variable '{element.get('name', '')}' in {where}"
+        typed = element
+        if version == 2:  # noqa: PLR2004 - the standard's number
+            typed = next((child for child in element if child.tag != "Annotations"), element)
+        causality = element.get("causality", Causality.LOCAL)
+        if causality not in tuple(Causality):
+            raise ModelError(f"causality of {what} is '{causality}', which the standard does not know: export it again")
+        real = typed.tag in _REAL
+        array = element.find("Dimension") is not None
+        derivative = typed.get("derivative")
+        yield FmuVariable(
+            name=element.get("name", ""),
+            reference=_natural(element.get("valueReference"), f"valueReference of {what}"),
+            causality=Causality(causality),
+            variability=element.get("variability", "continuous" if real else "discrete"),
+            initial=element.get("initial", ""),
+            type=typed.tag,
+            unit=typed.get("unit") or units.get(typed.get("declaredType"), ""),
+            start=number(typed.get("start"), f"start of {what}") if real and not array else None,
+            derivative=_natural(derivative, f"derivative of {what}") if derivative else None,
+            array=array,
+        )
 
 
 def _natural(text: str | None, what: str) -> int:

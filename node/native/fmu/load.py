@@ -58,7 +58,7 @@ class _FmuPlan(ctypes.Structure):
 
 
 class FmuModel(NativeModel):
-    """An FMU in its seat.
+    """An FMU.
 
     Each instance loads a copy of the FMU's library of its own, so two of them share nothing, even where the FMU keeps
     its values in globals. Every `initialize` loads it anew. A parameter keeps what was written to it when the model is
@@ -68,7 +68,7 @@ class FmuModel(NativeModel):
     def __init__(
         self, layout: FmuLayout, library: Path, facts: Facts, twenty_sim: TwentySim | None, resources: Path
     ) -> None:
-        """Load a private copy of an FMU's library into a seat of its own.
+        """Load a private copy of an FMU's library into a folder of its own.
 
         Raises:
             ModelError: The library cannot be loaded, or lacks a function.
@@ -80,7 +80,11 @@ class FmuModel(NativeModel):
         self._release = weakref.finalize(self, copy.release)
         copy.plan = _plan(layout, facts, twenty_sim)
         copy.plan.library = str(private_copy(library, resources, place)).encode()
-        copy.plan.resources = _resources(facts, resources)
+        # A URI in FMI 2.0 (section 2.1.5), a path with a separator at its end in FMI 3.0 (section 2.3.1).
+        if facts.version == 2:  # noqa: PLR2004 - the standard's number
+            copy.plan.resources = resources.as_uri().encode()
+        elif resources.is_dir():
+            copy.plan.resources = f"{resources}/".encode()
         self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_FmuPlan),)
         self._check(self._library.ecc_fmu_open(ctypes.byref(copy.plan)), "load")
 
@@ -113,7 +117,7 @@ def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
         step_size: Length of one step, s; None for the one that the FMU asks for.
 
     Raises:
-        ModelError: It cannot run here; the text says why and what to do.
+        ModelError: It cannot run here; the text gives the reason and what to do.
     """
     folder = unpack(path)
     facts = read_facts(folder, path)
@@ -132,16 +136,17 @@ def _plan(layout: FmuLayout, facts: Facts, twenty_sim: TwentySim | None) -> _Fmu
         prefix=f"{facts.identifier}_".encode(),
         name=(facts.name or facts.identifier).encode(),
         token=facts.token.encode(),
-        starting_symbol=_symbol(twenty_sim.starting_symbol if twenty_sim else None),
-        static_symbol=_symbol(twenty_sim.static_symbol if twenty_sim else None),
-        stop_symbol=_symbol(twenty_sim.stop_symbol if twenty_sim else None),
         step=description.step_size,
         stop=math.inf if twenty_sim is None else _FOREVER,
         version=facts.version,
         followers=(ctypes.c_int32 * len(layout.followers))(*layout.followers),
     )
-    for place, symbol in enumerate(twenty_sim.restart_symbols if twenty_sim else ()):
-        plan.restart_symbols[place] = symbol.encode()
+    if twenty_sim is not None:
+        for name in ("starting_symbol", "static_symbol", "stop_symbol"):
+            if (symbol := getattr(twenty_sim, name)) is not None:
+                setattr(plan, name, symbol.encode())
+        for place, symbol in enumerate(twenty_sim.restart_symbols):
+            plan.restart_symbols[place] = symbol.encode()
     plan.groups[Kind.INPUT] = _group(layout.inputs, description.inputs)
     plan.groups[Kind.OUTPUT] = _group(layout.outputs, description.outputs)
     plan.groups[Kind.PARAMETER] = _group(layout.parameters, description.parameters)
@@ -159,14 +164,3 @@ def _group(references: Sequence[int], variables: Sequence[Variable]) -> _Group:
         written=(ctypes.c_uint8 * count)(),
         live=(ctypes.c_uint8 * count)(*live),
     )
-
-
-def _symbol(name: str | None) -> bytes | None:
-    return None if name is None else name.encode()
-
-
-def _resources(facts: Facts, folder: Path) -> bytes | None:
-    # A URI in FMI 2.0 (section 2.1.5), a path with a separator at its end in FMI 3.0 (section 2.3.1).
-    if facts.version == 2:  # noqa: PLR2004 - the standard's number
-        return folder.as_uri().encode()
-    return f"{folder}/".encode() if folder.is_dir() else None

@@ -5,7 +5,6 @@ Sources: the open export template of Controllab (fmi-export-20sim), which shows 
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -25,6 +24,8 @@ _METHOD: Final = re.compile(r"\b[A-Z]\w*?(Discrete|Euler|RungeKutta2|RungeKutta4
 _DECLARATION: Final = re.compile(r"^\s*<\?xml[^>]*\?>")
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _UNIT: Final = re.compile(r"\s*\{[^{}]*\}$")
+_CODE: Final = ("model.c", "submod.c", "Functions.c")
+"""How the names of files with equations end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +40,8 @@ class TwentySim:
         static_symbol: The function that runs its static equations; None where it does not export one.
         stop_symbol: The flag by which the model stops itself; None where it does not export one.
         updates_itself: It runs its static equations by itself after a parameter is written.
-        step_size: Step of its experiment, s; None where it does not say.
-        method: Integration method, under 20-sim's name; empty where it does not say.
+        step_size: Step of its experiment, s; None where it gives none.
+        method: Integration method, under 20-sim's name; empty where it gives none.
         states: Names of its states, with `.` for the hierarchy.
         units: Units by name.
         values: Values at the start by name, in those units.
@@ -66,75 +67,60 @@ def read_twenty_sim(folder: Path, tool: str, symbols: frozenset[str]) -> TwentyS
 
     Args:
         folder: Where it is unpacked.
-        tool: What generated it, as it says itself.
+        tool: What generated it, as it states.
         symbols: The names that its library exports.
 
     Raises:
         ModelError: One of 20-sim's XML files in it is not well-formed.
     """
-    configuration, tokens = _configuration(folder), _tokens(folder)
-    if configuration is None and "MODEL_CONFIGURATION" in tokens:
-        configuration = _embedded(tokens["MODEL_CONFIGURATION"])
-    if configuration is None and "20-sim" not in tool.lower():
+    files = {file.name.lower(): file for file in sorted(folder.rglob("*.xml"), reverse=True)}
+    tokens = _read_tokens(files.get("tokens.xml"))
+    configuration = None
+    if file := files.get("modelconfiguration.xml"):
+        configuration = read_xml(file, file.name)
+    elif "MODEL_CONFIGURATION" in tokens:
+        # Its own declaration of an encoding went out of date when the text was put into another file.
+        text = _DECLARATION.sub("", tokens["MODEL_CONFIGURATION"])
+        configuration = parse_xml(text.encode(), "the model configuration in tokens.xml")
+    elif "20-sim" not in tool.lower():
         return None
-    code = _code(folder)
+    # Comments may be in any of two encodings; both keep ASCII, and latin-1 reads every byte.
+    sources = (file.read_bytes() for file in sorted((folder / "sources").rglob("*.c")) if file.name.endswith(_CODE))
+    code = "\n".join(map(_decoded, sources)).replace("\r\n", "\n")
     in_globals = any(symbol.endswith("MEMORY") for symbol in symbols)
+    restart = [symbol for section in SECTIONS if (symbol := _ending(symbols, f"Calculate{section}")) is not None]
+    states, units, values = _read_variables(configuration)
+    method = _METHOD.search(code)
     return TwentySim(
         globals=in_globals,
-        restart_symbols=_restart(symbols) if in_globals else (),
+        restart_symbols=tuple(restart) if in_globals and len(restart) == len(SECTIONS) else (),
         starting_symbol=_ending(symbols, "_initialize"),
         static_symbol=_ending(symbols, "CalculateStatic"),
         stop_symbol=_ending(symbols, "stop_simulation"),
         updates_itself="parameters_updated" in code,
         step_size=_step_size(folder, configuration, tokens),
-        method=_method(code, tokens),
-        states=tuple(_states(configuration)),
-        units=dict(_units(configuration)),
-        values=dict(_values(configuration)),
+        method=method[1] if method else tokens.get("INTEGRATION_METHOD_NAME", ""),
+        states=tuple(states),
+        units=units,
+        values=values,
         sections=_sections(code, tokens),
     )
-
-
-def _embedded(text: str) -> ET.Element:
-    # Its own declaration of an encoding went out of date when the text was put into another file.
-    return parse_xml(_DECLARATION.sub("", text).encode(), "the model configuration in tokens.xml")
 
 
 def _ending(symbols: frozenset[str], ending: str) -> str | None:
     return min((symbol for symbol in symbols if symbol.endswith(ending)), key=len, default=None)
 
 
-def _restart(symbols: frozenset[str]) -> tuple[str, ...]:
-    found = [symbol for section in SECTIONS if (symbol := _ending(symbols, f"Calculate{section}")) is not None]
-    return tuple(found) if len(found) == len(SECTIONS) else ()
-
-
-def _named(folder: Path, name: str) -> Path | None:
-    return next((file for file in sorted(folder.rglob("*.xml")) if file.name.lower() == name), None)
-
-
-def _configuration(folder: Path) -> ET.Element | None:
-    file = _named(folder, "modelconfiguration.xml")
-    return None if file is None else read_xml(file, file.name)
-
-
-def _tokens(folder: Path) -> dict[str, str]:
-    file = _named(folder, "tokens.xml")
+def _read_tokens(file: Path | None) -> dict[str, str]:
     if file is None:
         return {}
-    return {token.get("name", ""): _inside(token) for token in read_xml(file, file.name).iterfind("token")}
-
-
-def _inside(token: ET.Element) -> str:
-    """A token's text; one that holds XML may hold it as elements."""
-    return "".join([token.text or "", *(ET.tostring(child, encoding="unicode") for child in token)]).strip()
-
-
-def _code(folder: Path) -> str:
-    # Comments may be in any of two encodings; both keep ASCII, and latin-1 reads every byte.
-    files = sorted((folder / "sources").rglob("*.c"))
-    own = (file for file in files if file.name.endswith(("model.c", "submod.c", "Functions.c")))
-    return "\n".join(_decoded(file.read_bytes()) for file in own).replace("\r\n", "\n")
+    # A token that holds XML may hold it as elements.
+    return {
+        token.get("name", ""): "".join(
+            [token.text or "", *(ET.tostring(child, encoding="unicode") for child in token)]
+        ).strip()
+        for token in read_xml(file, file.name).iterfind("token")
+    }
 
 
 def _decoded(content: bytes) -> str:
@@ -145,56 +131,34 @@ def _decoded(content: bytes) -> str:
 
 
 def _step_size(folder: Path, configuration: ET.Element | None, tokens: dict[str, str]) -> float | None:
-    given = None if configuration is None else configuration.findtext("run/stepSize")
-    annotated = next(_annotated(read_xml(folder / "modelDescription.xml", "modelDescription.xml")), None)
-    return number(given or annotated or tokens.get("TIME_STEP_SIZE"), "the step size in 20-sim's own files")
-
-
-def _annotated(root: ET.Element) -> Iterator[str]:
+    found = [] if configuration is None else [configuration.findtext("run/stepSize")]
+    root = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
     for tool in root.iterfind("VendorAnnotations/Tool"):
         if "20-sim" in tool.get("name", "").lower():
-            yield from (step for element in tool.iter() if (step := element.get("stepSize", "")))
-            yield from (element.text or "" for element in tool.iter("stepSize"))
+            found += [element.get("stepSize") for element in tool.iter()]
+            found += [element.text for element in tool.iter("stepSize")]
+    step = next(filter(None, found), tokens.get("TIME_STEP_SIZE"))
+    return number(step, "the step size in 20-sim's own files")
 
 
-def _method(code: str, tokens: dict[str, str]) -> str:
-    found = _METHOD.search(code)
-    return found.group(1) if found else tokens.get("INTEGRATION_METHOD_NAME", "")
-
-
-def _variables(configuration: ET.Element | None) -> Iterator[tuple[str, ET.Element]]:
-    if configuration is not None:
-        for variable in configuration.iterfind("modelVariables/modelVariable"):
-            yield dotted(variable.findtext("name", "")), variable
-
-
-def _states(configuration: ET.Element | None) -> Iterator[str]:
-    for name, variable in _variables(configuration):
-        stored = variable.findtext("storage/name", "")
-        if variable.findtext("kind", "") == "state" or stored.endswith("_s"):
-            yield name
-
-
-def _units(configuration: ET.Element | None) -> Iterator[tuple[str, str]]:
-    for name, variable in _variables(configuration):
-        unit = (variable.findtext("unit") or variable.findtext("unit/symbol") or "").strip()
-        if unit:
-            yield name, unit
-
-
-def _values(configuration: ET.Element | None) -> Iterator[tuple[str, float]]:
-    for name, variable in _variables(configuration):
-        text = variable.findtext("value", "").strip()
+def _read_variables(configuration: ET.Element | None) -> tuple[list[str], dict[str, str], dict[str, float]]:
+    """Names of the states, units by name and values by name."""
+    states, units, values = list[str](), dict[str, str](), dict[str, float]()
+    for variable in () if configuration is None else configuration.iterfind("modelVariables/modelVariable"):
+        name = dotted(variable.findtext("name", ""))
+        if variable.findtext("kind", "") == "state" or variable.findtext("storage/name", "").endswith("_s"):
+            states.append(name)
+        if unit := (variable.findtext("unit") or variable.findtext("unit/symbol") or "").strip():
+            units[name] = unit
         # A vector's values stand in one text, which no state of one element needs.
-        if _NUMBER.fullmatch(text):
-            yield name, float(text)
+        if _NUMBER.fullmatch(text := variable.findtext("value", "").strip()):
+            values[name] = float(text)
+    return states, units, values
 
 
 def _sections(code: str, tokens: dict[str, str]) -> dict[str, frozenset[str]]:
     bodies = dict(_SECTION.findall(code)) or {
-        section: tokens[f"{section.upper()}_EQUATIONS"]
-        for section in SECTIONS
-        if f"{section.upper()}_EQUATIONS" in tokens
+        section: tokens[token] for section in SECTIONS if (token := f"{section.upper()}_EQUATIONS") in tokens
     }
     if not bodies:
         return {}

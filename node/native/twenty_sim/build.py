@@ -60,16 +60,6 @@ def build(parts: Parts, shim: Shim) -> Built:
     Raises:
         ModelError: There is no compiler, a file or function is missing, or the code does not compile.
     """
-    plan = _plan(parts, shim)
-    compilers = {cpp: _compiler(cpp=cpp) for cpp in {plan.cpp, *(_is_cpp(unit) for unit in plan.units)}}
-    named = [part for name, content in sorted(plan.files.items()) for part in (os.fsencode(name), content)]
-    flags = " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *plan.includes))
-    key = digest(*named, flags, *(_identity(path) for _, path in sorted(compilers.items())))
-    entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
-    return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
-
-
-def _plan(parts: Parts, shim: Shim) -> _BuildPlan:
     folder = parts.folder
     ending = "cpp" if parts.is_cpp else "c"
     files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
@@ -77,8 +67,16 @@ def _plan(parts: Parts, shim: Shim) -> _BuildPlan:
     files |= {f"supplied/{name}": text.encode() for name, text in supplied_headers(folder).items()}
     files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
-    includes = [f"-I{TREE}/{place}" for place in folder.include_folders]
-    return _BuildPlan(folder, files, units, [*includes, "-Isupplied", "-I."], parts.is_cpp)
+    includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
+    plan = _BuildPlan(folder, files, units, includes, parts.is_cpp)
+    compilers = {cpp: _compiler(cpp=cpp) for cpp in {plan.cpp, *(_is_cpp(unit) for unit in units)}}
+    # What tells one version of a compiler from another without running it.
+    real = [compilers[cpp].resolve() for cpp in sorted(compilers)]
+    identities = [f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in real]
+    named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]
+    key = digest(*named, " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *includes)), *identities)
+    entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
+    return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
 
 
 def _is_cpp(name: str) -> bool:
@@ -86,31 +84,22 @@ def _is_cpp(name: str) -> bool:
 
 
 def _compiler(*, cpp: bool) -> Path:
-    names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
-    for name in names:
-        if found := shutil.which(name):
-            return Path(found)
-    language = "C++" if cpp else "C"
-    package = "g++" if cpp else "gcc"
-    raise ModelError(f"there is no {language} compiler to compile the model with: sudo apt install {package} libc6-dev")
-
-
-def _identity(compiler: Path) -> str:
-    """What tells one version of a compiler from another without running it."""
-    real = compiler.resolve()
-    status = real.stat()
-    return f"{real.name} {status.st_size} {status.st_mtime_ns}"
+    found = next(filter(None, map(shutil.which, ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang"))), None)
+    if found is None:
+        language, package = ("C++", "g++") if cpp else ("C", "gcc")
+        raise ModelError(
+            f"there is no {language} compiler to compile the model with: sudo apt install {package} libc6-dev"
+        )
+    return Path(found)
 
 
 def _make(plan: _BuildPlan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:
-    work = draft / "work"
+    work, log = draft / "work", draft.parent / f"{key}.log"
     for name, content in plan.files.items():
         file = work / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-    log = draft.parent / f"{key}.log"
-    output = ""
-    objects = []
+    output, objects = "", list[str]()
     for index, unit in enumerate(plan.units):
         cpp = _is_cpp(unit)
         own = _SHIM_CPP if cpp and unit.startswith("shim/") else ()
@@ -124,34 +113,34 @@ def _make(plan: _BuildPlan, compilers: Mapping[bool, Path], draft: Path, key: st
 
 
 def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _BuildPlan) -> str:
-    """Run a compiler and return what it says.
+    """Run a compiler and return its output.
 
     Raises:
-        ModelError: It fails; everything that was said is then in the log.
+        ModelError: It fails; all output is then in the log.
     """
     environment = os.environ | {"LC_ALL": "C"}
     try:
         done = subprocess.run(command, cwd=work, env=environment, capture_output=True, check=False)  # noqa: S603 - a compiler
     except OSError as error:
         raise ModelError(f"cannot run the compiler {command[0]}: {error}") from error
-    said = (done.stdout + done.stderr).decode(errors="replace")
+    output = (done.stdout + done.stderr).decode(errors="replace")
     if done.returncode:
-        log.write_text(f"{before}{said}", encoding="utf-8")
-        raise ModelError(f"{_failure(plan, said)}; the whole output is in {log}")
-    return said
+        log.write_text(f"{before}{output}", encoding="utf-8")
+        raise ModelError(f"{_failure(plan, output)}; the whole output is in {log}")
+    return output
 
 
-def _failure(plan: _BuildPlan, said: str) -> str:
+def _failure(plan: _BuildPlan, output: str) -> str:
     path = plan.folder.path
-    missing = dict.fromkeys(re.findall(r"undefined reference to [`'](.+?)'", said))
+    missing = dict.fromkeys(re.findall(r"undefined reference to [`'](.+?)'", output))
     if missing:
         own = any(part in name for name in missing for part in _OWN_FUNCTIONS)
         what = "copy the rest of 20-sim's files too" if own else "add the source of the library it is in"
         return f"the model in {path} calls {', '.join(missing)}, which no file there defines: {what}"
-    header = re.search(rf"^{TREE}/(\S[^:\n]*):\d+.*fatal error: (.+?): No such file", said, re.MULTILINE)
+    header = re.search(rf"^{TREE}/(\S[^:\n]*):\d+.*fatal error: (.+?): No such file", output, re.MULTILINE)
     if header:
         return f"{header[1]} in {path} includes {header[2]}, which is not there: add it"
-    lines = [line for line in said.splitlines() if "error" in line] or said.splitlines() or ["it says nothing"]
+    lines = [line for line in output.splitlines() if "error" in line] or output.splitlines() or ["it prints nothing"]
     return f"the model in {path} does not compile: {lines[0].removeprefix(f'{TREE}/')}"
 
 
@@ -160,15 +149,10 @@ def _warnings(output: str, folder: Folder) -> list[str]:
     own = re.findall(rf"^{TREE}/([^:\n]+):\d+.*warning: #warning (.*?)(?: \[-W.*)?$", output, re.MULTILINE)
     guessed = re.findall(rf"^{TREE}/([^:\n]+):\d+.*: implicit declaration of function '(\w+)'", output, re.MULTILINE)
     results = {name: found.result for source in folder.sources for name, found in source.functions.items()}
-    return list(
-        dict.fromkeys(
-            [
-                *(f"{file}: {text.strip().strip(chr(34))}" for file, text in own),
-                *(
-                    f"{file} calls {name} without declaring it, so that C takes its result for a whole number"
-                    for file, name in guessed
-                    if results.get(name, "int") not in ("int", "void")
-                ),
-            ]
-        )
-    )
+    found = [f"{file}: {text.strip().strip(chr(34))}" for file, text in own]
+    found += [
+        f"{file} calls {name} without declaring it, so that C takes its result for a whole number"
+        for file, name in guessed
+        if results.get(name, "int") not in ("int", "void")
+    ]
+    return list(dict.fromkeys(found))

@@ -33,7 +33,13 @@ class Function:
         self.result = match["result"]
         self.arguments = " ".join(match["arguments"].split())
         self.start = match.end()
-        self.body = code[self.start : _closing(code, self.start)]
+        depth, end = 1, len(code)
+        for brace in re.compile(r"[{}]").finditer(code, self.start):
+            depth += 1 if brace[0] == "{" else -1
+            if depth == 0:
+                end = brace.start()
+                break
+        self.body = code[self.start : end]
         self.text = text[self.start : self.start + len(self.body)]
 
 
@@ -74,12 +80,3 @@ def assignments(text: str, code: str, target: str) -> Iterator[tuple[int, str, s
     pattern = re.compile(rf"(?<![\w.]){re.escape(target)}\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")
     for match in pattern.finditer(code):
         yield int(match[1]), text[match.start(2) : match.end(2)].strip(), comment_at(text, match.end())
-
-
-def _closing(code: str, start: int) -> int:
-    depth = 1
-    for match in re.compile(r"[{}]").finditer(code, start):
-        depth += 1 if match[0] == "{" else -1
-        if depth == 0:
-            return match.start()
-    return len(code)

@@ -25,18 +25,15 @@ def read_data(parts: Parts) -> dict[str, bytes]:
     for source in parts.folder.sources:
         for written in call.findall(code_of(source.text, keep_strings=True)):
             name = re.split(r"[\\/]+", written)[-1]
-            found[name] = _content(parts, source.name, name)
+            place = parts.folder.data.get(name.lower())
+            if place is None:
+                where = f"{source.name} in {parts.folder.path}"
+                raise ModelError(f"{where} reads {name}, which is not in the folder: add it")
+            try:
+                found[name] = place.read_bytes()
+            except OSError as error:
+                raise ModelError(f"cannot read {place}, which {source.name} reads: {error}") from error
     return found
-
-
-def _content(parts: Parts, reader: str, name: str) -> bytes:
-    place = parts.folder.data.get(name.lower())
-    if place is None:
-        raise ModelError(f"{reader} in {parts.folder.path} reads {name}, which is not in the folder: add it")
-    try:
-        return place.read_bytes()
-    except OSError as error:
-        raise ModelError(f"cannot read {place}, which {reader} reads: {error}") from error
 
 
 def embedded(data: Mapping[str, bytes]) -> list[str]:

@@ -1,17 +1,16 @@
 """Headers that a folder lacks, made on our side of the include path.
 
-Folders come from file systems that tell no capitals from small letters, are moved about, and are copied in part. What
+Folders come from file systems that ignore case, are moved about, and are copied in part. What
 is there under another spelling or in another place is forwarded to; what only declares functions that the code may
 never call is left empty, and what it calls all the same is then named by the linker.
 """
 
 import posixpath
 import re
-from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.node.native.twenty_sim.c_text import code_of
-from segway_ecc.node.native.twenty_sim.files import Folder, SourceFile
+from segway_ecc.node.native.twenty_sim.files import Folder
 
 TREE: Final = "model"
 """Where the user's files lie in the folder that is compiled."""
@@ -24,33 +23,23 @@ def supplied_headers(folder: Folder) -> dict[str, str]:
     files = {file.name for file in folder.headers}
     found: dict[str, str] = {}
     for source in (*folder.sources, *folder.headers):
-        for name in _unresolved(folder, source, files):
-            text = _forward(folder, name) or _stand_in(folder, name)
-            if text:
-                found.setdefault(name, text)
+        places = [posixpath.dirname(source.name), *folder.include_folders]
+        for match in _INCLUDE.finditer(code_of(source.text, keep_strings=True)):
+            name = match[2].replace("\\", "/").strip()
+            is_there = any(posixpath.normpath(posixpath.join(place, name)) in files for place in places)
+            if not is_there and (text := _stand_in(folder, posixpath.basename(name).lower())):
+                found.setdefault(match[2].strip(), text)
     return found
 
 
-def _unresolved(folder: Folder, source: SourceFile, files: set[str]) -> Iterator[str]:
-    places = [posixpath.dirname(source.name), *folder.include_folders]
-    for match in _INCLUDE.finditer(code_of(source.text, keep_strings=True)):
-        name = match[2].replace("\\", "/").strip()
-        if not any(posixpath.normpath(posixpath.join(place, name)) in files for place in places):
-            yield match[2].strip()
-
-
-def _forward(folder: Folder, name: str) -> str:
-    wanted = posixpath.basename(name.replace("\\", "/")).lower()
+def _stand_in(folder: Folder, wanted: str) -> str:
+    """A header that forwards to one whose name differs in case or place, or declares nothing; else nothing."""
     same = [file.name for file in folder.headers if posixpath.basename(file.name).lower() == wanted]
-    return f'#include "{TREE}/{min(same, key=len)}"\n' if same else ""
-
-
-def _stand_in(folder: Folder, name: str) -> str:
-    small = posixpath.basename(name).lower()
-    if not any(part in small for part in _MAY_BE_EMPTY):
+    if same:
+        return f'#include "{TREE}/{min(same, key=len)}"\n'
+    if not any(part in wanted for part in _MAY_BE_EMPTY):
         return ""
-    text = "/* Not in the folder; supplied empty by segway-ecc. */\n"
-    return text + _matrix(folder) if "matrix" in small else text
+    return "/* Not in the folder; supplied empty by segway-ecc. */\n" + (_matrix(folder) if "matrix" in wanted else "")
 
 
 def _matrix(folder: Folder) -> str:

@@ -1,14 +1,14 @@
 """The description of a 20-sim model, put together from its code, its comments and its XML."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.twenty_sim.names import Label, Table, choose, label_of, unique
-from segway_ecc.node.native.twenty_sim.parts import METHODS, Element, Parts, find_method, number, setting
+from segway_ecc.node.native.twenty_sim.parts import METHODS, Parts, find_method, number, setting
 from segway_ecc.node.native.twenty_sim.ports import Ports
 from segway_ecc.node.native.twenty_sim.writes import Effect, parameter_effects, state_effects
 
@@ -22,24 +22,31 @@ def describe_model(
 
     Args:
         parts: The parts of its code.
-        table: What the XML beside it says.
+        table: The XML beside it.
         ports: Its ports.
         method: The integration method, where the files do not name it.
         step_size: The step in s, where the files do not give it.
 
     Raises:
-        ModelError: The method or the step cannot be known; the text says what to pass.
+        ModelError: The method or the step cannot be known; the text names what to pass.
     """
     warnings = [*table.warnings, *ports.warnings]
     elements = {"parameter": parts.elements("P"), "state": parts.elements("s")}
     labels = {
         "input": choose("input", [port.label for port in ports.inputs], table, warnings),
         "output": choose("output", [port.label for port in ports.outputs], table, warnings),
-        **{kind: choose(kind, _coded(found), table, warnings) for kind, found in elements.items()},
+        **{
+            kind: choose(kind, [label_of(element.comment) for element in found], table, warnings)
+            for kind, found in elements.items()
+        },
     }
     names = unique(labels, warnings)
-    initial = _initial_values(parts)
-    starts = {kind: [_start(element, initial) for element in found] for kind, found in elements.items()}
+    initial = {
+        f"{parts.prefix}I[{index}]": value
+        for index, element in enumerate(parts.elements("I"))
+        if (value := number(element.value)) is not None
+    }
+    starts = {kind: [number(each.value, initial) or 0.0 for each in found] for kind, found in elements.items()}
     effects = {
         "parameter": parameter_effects(parts, len(elements["parameter"])),
         "state": state_effects(parts, len(elements["state"])),
@@ -62,19 +69,6 @@ def describe_model(
         variables["state"],
         tuple(warnings),
     )
-
-
-def _coded(elements: Sequence[Element]) -> list[Label]:
-    return [label_of(element.comment) for element in elements]
-
-
-def _initial_values(parts: Parts) -> dict[str, float]:
-    values = ((i, number(element.value)) for i, element in enumerate(parts.elements("I")))
-    return {f"{parts.prefix}I[{i}]": value for i, value in values if value is not None}
-
-
-def _start(element: Element, initial: Mapping[str, float]) -> float:
-    return number(element.value, initial) or 0.0
 
 
 def _variables(
@@ -100,7 +94,7 @@ def _method(parts: Parts, given: str | None) -> str:
         # Without states there is nothing to integrate.
         return ""
     raise ModelError(
-        f"{parts.folder.path} does not say how it integrates (xxinteg and xxsubmod are missing): "
+        f"{parts.folder.path} names no integration method (xxinteg and xxsubmod are missing): "
         + _ASK.format(f"method=, one of {', '.join(METHODS)}")
     )
 
@@ -113,10 +107,10 @@ def _step_size(parts: Parts, table: Table, given: float | None, warnings: list[s
         )
     step = given if found is None else found
     if step is None:
-        raise ModelError(f"{parts.folder.path} does not say how long a step is: " + _ASK.format("step_size= in s"))
+        raise ModelError(f"{parts.folder.path} gives no step size: " + _ASK.format("step_size= in s"))
     if step <= 0.0:
         raise ModelError(f"{parts.folder.path} has a step of {step:g} s, and a step must be longer than zero")
     listed = re.fullmatch(r"\s*([-+.\deE]+)\s*", table.tokens.get("TIME_STEP_SIZE", ""))
-    if listed and (said := number(listed[1])) is not None and said != step:
-        warnings.append(f"{table.file} says a step of {said:g} s and the code has {step:g} s: the code is followed")
+    if listed and (other := number(listed[1])) is not None and other != step:
+        warnings.append(f"{table.file} gives a step of {other:g} s and the code has {step:g} s: the code is followed")
     return step

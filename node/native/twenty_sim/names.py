@@ -5,9 +5,10 @@ Formats: a comment `PID1\kp {V}` behind the line that sets an array's element; `
 where each variable has a name, a unit, and a storage of name and index. The code decides: the XML may be older.
 """
 
+import itertools
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,10 +29,10 @@ class Label:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What the XML files say.
+    """The content of the XML files.
 
     Attributes:
-        file: The file that says it, for messages.
+        file: The file that holds it, for messages.
         tokens: The text of each token.
         labels: Names and units per kind, in order.
         warnings: Files that cannot be read.
@@ -63,7 +64,10 @@ def read_tables(files: Sequence[SourceFile]) -> Table:
         if found or stored:
             file = file or source.name
         tokens |= found
-        labels |= {kind: _labels(found, token) for kind, token in TOKEN_KINDS.items() if _names(found, token)}
+        for kind, token in TOKEN_KINDS.items():
+            if names := _names(found, token):
+                units = [line.strip() for line in found.get(f"{token}_UNITS", "").split("\n")]
+                labels[kind] = list(map(Label, names, [*units, *[""] * (len(names) - len(units))]))
         labels |= stored
     return Table(file, tokens, labels, tuple(warnings))
 
@@ -73,8 +77,8 @@ def choose(kind: str, coded: Sequence[Label], table: Table, warnings: list[str])
 
     Args:
         kind: "input", "output", "parameter" or "state".
-        coded: What the comments in the code say; as many as there are elements.
-        table: What the XML says.
+        coded: The comments in the code; as many as there are elements.
+        table: The XML.
         warnings: Gains a line where the XML is not of this code.
     """
     listed = table.labels.get(kind, ())
@@ -103,34 +107,16 @@ def unique(names: Mapping[str, Sequence[Label]], warnings: list[str]) -> dict[st
     for kind, labels in names.items():
         result[kind] = []
         for index, label in enumerate(labels):
-            name = next(name for name in _candidates(kind, index, label.name) if name not in taken)
+            plain = f"{kind}[{index}]"
+            given = [label.name, f"{label.name} ({kind})"] if label.name else []
+            numbered = (f"{plain} ({number})" for number in itertools.count(2))
+            name = next(name for name in itertools.chain(given, [plain], numbered) if name not in taken)
             if name != label.name:
-                warnings.append(f"{kind} {index} has {_trouble(label.name)}: it is called '{name}' here")
+                trouble = f"the name '{label.name}' of another variable" if label.name else "no name in the code"
+                warnings.append(f"{kind} {index} has {trouble}: it is called '{name}' here")
             taken.add(name)
             result[kind].append(name)
     return result
-
-
-def _trouble(name: str) -> str:
-    return f"the name '{name}' of another variable" if name else "no name in the code"
-
-
-def _candidates(kind: str, index: int, name: str) -> Iterator[str]:
-    if name:
-        yield name
-        yield f"{name} ({kind})"
-    yield f"{kind}[{index}]"
-    number = 2
-    while True:
-        yield f"{kind}[{index}] ({number})"
-        number += 1
-
-
-def _labels(tokens: Mapping[str, str], token: str) -> list[Label]:
-    names = _names(tokens, token)
-    units = [line.strip() for line in tokens.get(f"{token}_UNITS", "").split("\n")]
-    units += [""] * (len(names) - len(units))
-    return [Label(name, unit) for name, unit in zip(names, units, strict=False)]
 
 
 def _names(tokens: Mapping[str, str], token: str) -> list[str]:

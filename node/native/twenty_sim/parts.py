@@ -99,18 +99,32 @@ def find_parts(folder: Folder) -> Parts:
     Raises:
         ModelError: There is no model among the files, there are several, or one cannot be followed.
     """
-    model = _model_file(folder)
-    name = next(name for name in model.functions if _role(name) == "CalculateDynamic")
-    owner = name.rpartition("::")[0]
-    roles = _roles(folder, owner)
-    types = _types([*folder.headers, *folder.sources])
+    models = [each for each in folder.sources if any(_role(name) == "CalculateDynamic" for name in each.functions)]
+    if not models:
+        raise ModelError(f"{folder.path} holds no model: none of its C or C++ files has dynamic equations")
+    if len(models) > 1:
+        names = ", ".join(source.name for source in models)
+        raise ModelError(f"{folder.path} holds {len(models)} models ({names}): give the folder of one of them")
+    model = models[0]
+    owner = next(name for name in model.functions if _role(name) == "CalculateDynamic").rpartition("::")[0]
+    roles: dict[str, Function] = {}
+    for source in folder.sources:
+        for name, function in source.functions.items():
+            if name.rpartition("::")[0] == owner and (role := _role(name)):
+                roles.setdefault(role, function)
+    is_whole = {"InitializeSubmodel", "CalculateSubmodel"} <= roles.keys()
+    typedef = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
+    every = (*folder.headers, *folder.sources)
+    types = {match[2]: match[1].strip() for file in every for match in typedef.finditer(file.code)}
+    fields = next((file.fields for file in folder.sources if file.fields.get("build")), {})
+    build = f"20-sim {fields['build']}" if fields else ""
     prefix = _prefix(folder, model)
     return Parts(
         folder,
-        _flavour(owner, roles),
+        Flavour.CPP_CLASS if owner else Flavour.C_SUBMODEL if is_whole else Flavour.C_PARTIAL,
         model,
         owner or model.fields.get("subm") or model.fields.get("model") or folder.path.resolve().name,
-        _build(folder),
+        f"{build}, {fields['date']}" if fields.get("date") else build,
         prefix,
         _real(types),
         roles,
@@ -156,16 +170,6 @@ def find_method(parts: Parts) -> str:
     return ""
 
 
-def _model_file(folder: Folder) -> SourceFile:
-    found = [source for source in folder.sources if any(_role(name) == "CalculateDynamic" for name in source.functions)]
-    if not found:
-        raise ModelError(f"{folder.path} holds no model: none of its C or C++ files has dynamic equations")
-    if len(found) > 1:
-        names = ", ".join(source.name for source in found)
-        raise ModelError(f"{folder.path} holds {len(found)} models ({names}): give the folder of one of them")
-    return found[0]
-
-
 _ROLES: Final = (
     *(f"Calculate{section}" for section in SECTIONS),
     *("InitializeSubmodel", "CalculateSubmodel", "TerminateSubmodel", "ModelInitialize", "ModelTerminate"),
@@ -183,27 +187,6 @@ def _role(name: str) -> str:
     if not owner and (match := _METHOD_ROLE.search(name)):
         return match[0]
     return next((role for role in _ROLES if role in plain), "")
-
-
-def _roles(folder: Folder, owner: str) -> dict[str, Function]:
-    found: dict[str, Function] = {}
-    for source in folder.sources:
-        for name, function in source.functions.items():
-            if name.rpartition("::")[0] == owner and (role := _role(name)):
-                found.setdefault(role, function)
-    return found
-
-
-def _flavour(owner: str, roles: Mapping[str, Function]) -> Flavour:
-    if owner:
-        return Flavour.CPP_CLASS
-    whole = {"InitializeSubmodel", "CalculateSubmodel"} <= roles.keys()
-    return Flavour.C_SUBMODEL if whole else Flavour.C_PARTIAL
-
-
-def _types(files: Iterable[SourceFile]) -> dict[str, str]:
-    pattern = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
-    return {match[2]: match[1].strip() for file in files for match in pattern.finditer(file.code)}
 
 
 def _real(types: Mapping[str, str]) -> str:
@@ -232,9 +215,3 @@ def _symbols(sources: Iterable[SourceFile], prefix: str) -> dict[str, Symbol]:
         for match in pattern.finditer(source.code)
         if match[1] not in ("extern", "static", "return")
     }
-
-
-def _build(folder: Folder) -> str:
-    fields = next((file.fields for file in folder.sources if file.fields.get("build")), {})
-    build = f"20-sim {fields['build']}" if fields else ""
-    return f"{build}, {fields['date']}" if fields.get("date") else build

@@ -6,7 +6,6 @@ that is set and whose name has no `\`, which only ports of the submodel lack; 20
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,8 +14,8 @@ from segway_ecc.node.native.twenty_sim.c_text import code_of, comment_at
 from segway_ecc.node.native.twenty_sim.names import Label, Table, label_of
 from segway_ecc.node.native.twenty_sim.parts import Parts
 
-_INPUT: Final = re.compile(r"([^;{}=]+)=\s*u\s*\[\s*(\d+)\s*\]\s*;")
-_OUTPUT: Final = re.compile(r"(?<!\w)y\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")
+_INPUT: Final = re.compile(r"(?P<place>[^;{}=]+)=\s*u\s*\[\s*(?P<index>\d+)\s*\]\s*;")
+_OUTPUT: Final = re.compile(r"(?<!\w)y\s*\[\s*(?P<index>\d+)\s*\]\s*=(?!=)(?P<place>[^;]*);")
 _COPYING: Final = ("CopyInputsToVariables", "CopyVariablesToOutputs", "InitializeSubmodel", "CalculateSubmodel")
 _EQUATION: Final = re.compile(r"/\*\s*([^=*;]+?)\s*=(?:(?!\*/).)*\*/\s*(\w+)\s*\[\s*(\d+)\s*\]\s*=")
 _COPY: Final = re.compile(
@@ -55,26 +54,19 @@ def find_ports(parts: Parts, table: Table) -> Ports:
 
 
 def _copied(texts: list[str]) -> Ports:
-    inputs: dict[int, Port] = {}
-    outputs: dict[int, Port] = {}
+    found: dict[str, dict[int, Port]] = {"u": {}, "y": {}}
     for text in texts:
         code = code_of(text)
-        for match in _INPUT.finditer(code):
-            inputs.setdefault(int(match[2]), _port(match[1], text, match.end()))
-        for match in _OUTPUT.finditer(code):
-            outputs.setdefault(int(match[1]), _port(match[2], text, match.end()))
-    return Ports(_in_order("u", inputs), _in_order("y", outputs))
-
-
-def _port(place: str, text: str, end: int) -> Port:
-    return Port(place.strip(), label_of(comment_at(text, end)))
-
-
-def _in_order(array: str, ports: dict[int, Port]) -> tuple[Port, ...]:
-    if sorted(ports) != list(range(len(ports))):
-        gap = next(index for index in range(len(ports)) if index not in ports)
-        raise ModelError(f"the code copies {len(ports)} elements of {array} and leaves out {array}[{gap}]")
-    return tuple(ports[index] for index in range(len(ports)))
+        for array, pattern in (("u", _INPUT), ("y", _OUTPUT)):
+            for match in pattern.finditer(code):
+                port = Port(match["place"].strip(), label_of(comment_at(text, match.end())))
+                found[array].setdefault(int(match["index"]), port)
+    for array, ports in found.items():
+        gap = next((index for index in range(len(ports)) if index not in ports), None)
+        if gap is not None:
+            raise ModelError(f"the code copies {len(ports)} elements of {array} and leaves out {array}[{gap}]")
+    inputs, outputs = (tuple(ports[index] for index in sorted(ports)) for ports in found.values())
+    return Ports(inputs, outputs)
 
 
 def _guessed(parts: Parts) -> Ports:
@@ -86,7 +78,7 @@ def _guessed(parts: Parts) -> Ports:
     inputs = sorted(every - assigned)
     outputs = [index for index in sorted(assigned) if (name := names.get(index, "")) and "\\" not in name]
     warning = (
-        f"{parts.model.name} does not say what its ports are (xxsubmod and tokens.xml are missing): "
+        f"{parts.model.name} does not name its ports (xxsubmod and tokens.xml are missing): "
         f"inputs are taken to be {_listed(names, inputs)} and outputs {_listed(names, outputs)}"
     )
     return Ports(
@@ -106,13 +98,5 @@ def _variable_names(parts: Parts, array: str) -> dict[int, str]:
     for match in re.finditer(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL):
         if listed := re.findall(r'"((?:\\.|[^"\\])*)"', match[1]):
             return {index: name.replace("\\\\", "\\") for index, name in enumerate(listed)}
-    return dict(_above_equations(text, array))
-
-
-def _above_equations(text: str, array: str) -> Iterator[tuple[int, str]]:
-    for match in _COPY.finditer(text):
-        if match[2] == array:
-            yield int(match[3]), match[1]
-    for match in _EQUATION.finditer(text):
-        if match[2] == array:
-            yield int(match[3]), match[1]
+    found = (match for pattern in (_COPY, _EQUATION) for match in pattern.finditer(text))
+    return {int(match[3]): match[1] for match in found if match[2] == array}

@@ -41,8 +41,20 @@ def parameter_effects(parts: Parts, count: int) -> list[Effect]:
 
 def state_effects(parts: Parts, count: int) -> list[Effect]:
     """Return the effect of a write for each state, in order."""
-    still = set(_constant_rates(parts))
-    return [_state(use, still=index in still) for index, use in enumerate(_uses(parts, "s", count))]
+    pattern = re.compile(rf"(?<![\w.]){re.escape(parts.prefix)}R\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")
+    rates: dict[int, set[str]] = {}
+    for body in parts.sections().values():
+        for match in pattern.finditer(body):
+            rates.setdefault(int(match[1]), set()).add(match[2].strip())
+    effects = []
+    for index, uses in enumerate(_uses(parts, "s", count)):
+        if computed := [section for section in uses.set if section in _RUNNING]:
+            effects.append(Effect(Write.NEVER, f"the {_and(computed)} equations set it themselves"))
+        elif index in rates and rates[index] <= {"0.0", "0"}:
+            effects.append(Effect(Write.NOW, "its rate is zero, so it keeps what is written"))
+        else:
+            effects.append(Effect(Write.NOW, "a state; the model moves on from what is written"))
+    return effects
 
 
 def _parameter(uses: _Uses) -> Effect:
@@ -58,15 +70,6 @@ def _parameter(uses: _Uses) -> Effect:
     if uses.read:
         return Effect(Write.RESET, "read by the initial equations only")
     return Effect(Write.NEVER, "no equation reads it: it has no effect, or its value is compiled in as a number")
-
-
-def _state(uses: _Uses, *, still: bool) -> Effect:
-    computed = [section for section in uses.set if section in _RUNNING]
-    if computed:
-        return Effect(Write.NEVER, f"the {_and(computed)} equations set it themselves")
-    if still:
-        return Effect(Write.NOW, "its rate is zero, so it keeps what is written")
-    return Effect(Write.NOW, "a state; the model moves on from what is written")
 
 
 def _uses(parts: Parts, letter: str, count: int) -> list[_Uses]:
@@ -110,15 +113,6 @@ def _matrices(parts: Parts, letter: str, count: int) -> dict[int, range]:
         index, first = int(match[1]), int(match[2] or 0)
         found[index] = range(first, min(count, first + rows.get(index, count) * columns.get(index, 1)))
     return found
-
-
-def _constant_rates(parts: Parts) -> Iterator[int]:
-    pattern = re.compile(rf"(?<![\w.]){re.escape(parts.prefix)}R\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);")
-    rates: dict[int, set[str]] = {}
-    for body in parts.sections().values():
-        for match in pattern.finditer(body):
-            rates.setdefault(int(match[1]), set()).add(match[2].strip())
-    yield from (index for index, values in rates.items() if values <= {"0.0", "0"})
 
 
 def _and(sections: tuple[str, ...] | list[str]) -> str:

@@ -72,7 +72,7 @@ def refusals() -> Iterator[object]:
         "other": ('<?xml version="1.0"?><html/>', "is no FMU: its modelDescription.xml does not begin with"),
         "step": (
             description(OTHER, step=False),
-            r"does not say how long its step is: give it, in s, as load_fmu\(path, step_",
+            r"gives no step size: pass it, in s, as load_fmu\(path, step_",
         ),
         "zero": (description(OTHER).replace('"0.01"', '"0"'), r"a step of 0\.0 s cannot be taken"),
         "reference": (

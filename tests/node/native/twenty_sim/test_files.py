@@ -117,7 +117,7 @@ def test_other_shapes_are_refused_by_name(tmp_path: Path, file: str, what: str) 
 
 
 def test_a_folder_that_20_sim_did_not_write_is_refused(tmp_path: Path) -> None:
-    text = "holds no code that 20-sim generated: no file says so in its header comment$"
+    text = "holds no code that 20-sim generated: no file has its header comment$"
     with pytest.raises(ModelError, match=text):
         read_folder(write(tmp_path, {"xxmodel.c": "int x;"}))
 

@@ -67,7 +67,7 @@ def test_a_partial_copy_has_its_ports_guessed_and_says_so(make: Maker) -> None:
     assert [v.name for v in found.outputs] == ["out"]
     (warning,) = found.warnings
     assert warning == (
-        "xxmodel.c does not say what its ports are (xxsubmod and tokens.xml are missing): "
+        "xxmodel.c does not name its ports (xxsubmod and tokens.xml are missing): "
         "inputs are taken to be 'in', 'position' and outputs 'out'"
     )
 
@@ -96,7 +96,7 @@ def test_a_partial_copy_without_a_table_of_names_takes_them_from_above_its_equat
 def test_the_method_or_step_that_a_partial_copy_lacks_has_to_be_given(make: Maker, tmp_path: Path) -> None:
     path = shutil.copytree(make.partial(models.TANK).path, tmp_path / "partial")
     text = (
-        r"does not say how it integrates \(xxinteg and xxsubmod are missing\): "
+        r"names no integration method \(xxinteg and xxsubmod are missing\): "
         "pass method=, one of Discrete, Euler, RungeKutta2, RungeKutta4 to load_model$"
     )
     with pytest.raises(ModelError, match=text):
@@ -106,9 +106,19 @@ def test_the_method_or_step_that_a_partial_copy_lacks_has_to_be_given(make: Make
     file = path / "xxmodel.c"
     lines = file.read_text(encoding="utf-8").splitlines()
     file.write_text("\n".join(line for line in lines if "step_size = " not in line), encoding="utf-8")
-    with pytest.raises(ModelError, match=r"does not say how long a step is: pass step_size= in s to load_model$"):
+    with pytest.raises(ModelError, match=r"gives no step size: pass step_size= in s to load_model$"):
         describe(path, "Euler")
     assert describe(path, "Euler", 0.02).step_size == 0.02
+
+
+@pytest.mark.parametrize("step_size", [0.0, -0.01])
+def test_a_step_size_that_is_not_positive_is_refused(make: Maker, tmp_path: Path, step_size: float) -> None:
+    path = shutil.copytree(make.partial(models.TANK).path, tmp_path / "partial")
+    file = path / "xxmodel.c"
+    lines = file.read_text(encoding="utf-8").splitlines()
+    file.write_text("\n".join(line for line in lines if "step_size = " not in line), encoding="utf-8")
+    with pytest.raises(ModelError, match=rf"has a step of {step_size:g} s, and a step must be longer than zero$"):
+        describe(path, "Euler", step_size)
 
 
 def test_what_the_code_says_cannot_be_overruled(make: Maker) -> None:
@@ -132,7 +142,7 @@ def test_older_xml_is_told_and_the_code_is_followed(make: Maker) -> None:
     assert [v.name for v in found.parameters] == [r"Setpoint\C", r"Controller\K", r"Tank\area"]
     assert found.warnings == (
         r"tokens.xml calls parameter 'Tank\area' of the code 'Tank\surface': the code is followed",
-        "tokens.xml says a step of 10.0755 s and the code has 0.01 s: the code is followed",
+        "tokens.xml gives a step of 10.0755 s and the code has 0.01 s: the code is followed",
     )
 
 
