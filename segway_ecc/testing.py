@@ -12,6 +12,8 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from msgspec.structs import replace
+
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.clock import NS_PER_S
@@ -240,7 +242,7 @@ class KeepingRecorder:
 
     def write(self, record: CycleRecord) -> None:
         """Keep a cycle, with copies of what may change."""
-        self.records.append(record._replace(u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands)))
+        self.records.append(replace(record, u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands)))
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Keep diagnostics."""

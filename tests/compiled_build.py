@@ -20,7 +20,7 @@ from segway_ecc.node.cycle import cycle
 from segway_ecc.node.models.segway_estimate import Estimate
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 from segway_ecc.node.models.segway_phases import PhaseProgress
-from segway_ecc.node.safety.limits import limit, not_finite
+from segway_ecc.node.safety.limiter import limit, not_finite
 from tests.compiled_modules import COMPILED
 
 

@@ -131,7 +131,7 @@ PHASES: Final = ("exchange", "ros", "decide", "equations", "limit", "record")
 """The parts of a cycle, in their order."""
 
 
-class CycleRecord(NamedTuple):
+class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     """Everything about one cycle.
 
     Durations are in ns and in the order of `PHASES`; the other sequences are in the order of the

@@ -5,7 +5,6 @@ import gc
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -16,42 +15,13 @@ from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.service import NotifySocket, Service
 from segway_ecc.node.cycle.state_log import StateLog
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.cycle.timing import Summary
+from segway_ecc.node.cycle.timing import LoopCounters, Summary
 from segway_ecc.node.safety.modes import Modes
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
 _DIAGNOSTICS_PERIOD_S: Final = 1.0
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(slots=True)
-class LoopCounters:
-    """How the deadlines were met.
-
-    Every deadline since the first is either a cycle or skipped: `cycles + skipped` deadlines have passed.
-
-    Attributes:
-        cycles: Cycles run.
-        late: Cycles that started more than a tenth of a period after their deadline.
-        overrun: Cycles that ended after the next deadline.
-        skipped: Deadlines that passed without a cycle, because one before them took too long.
-        started_ns: When the first cycle started, monotonic.
-        last_ns: When the newest cycle started, monotonic.
-    """
-
-    cycles: int = 0
-    late: int = 0
-    overrun: int = 0
-    skipped: int = 0
-    started_ns: int = 0
-    last_ns: int = 0
-
-    @property
-    def mean_rate_hz(self) -> float:
-        """Cycles per second from the first start to the newest; zero before the second cycle."""
-        elapsed_ns = self.last_ns - self.started_ns
-        return (self.cycles - 1) * NS_PER_S / elapsed_ns if elapsed_ns else 0.0
 
 
 class Loop:
@@ -63,7 +33,7 @@ class Loop:
     Attributes:
         counters: How the deadlines were met.
         stop_reason: Why the loop ended, once it has.
-        service: Who is told that the loop runs and lives; at first nobody.
+        service: Reports readiness and the watchdog's keep-alive to the service manager; at first to nobody.
     """
 
     def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
@@ -114,26 +84,24 @@ class Loop:
         """
         with contextlib.ExitStack() as exits:
             # Left in reverse: zero first, then the final equations, then everything is closed.
-            exits.callback(self._tell_the_rest)
+            exits.callback(self._log_events)
             exits.callback(self._recorder.close)
             exits.callback(self._stage.close)
             exits.callback(self._cycle.hardware.close)
             self._cycle.start()
-            _logger.info("%s runs at %g Hz", self._what(), NS_PER_S / self._period_ns)
+            link = self._cycle.hardware.health.get("link")
+            where = f" on {link}" if link else ""
+            _logger.info("robot '%s'%s runs at %g Hz", self._robot_name, where, NS_PER_S / self._period_ns)
             exits.callback(self._cycle.terminate)
             exits.callback(self.service.stopping)
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
                 self._run(cycles)
 
-    def _tell_the_rest(self) -> None:
-        """Tell what happened too late to be told in the slack of a cycle."""
+    def _log_events(self) -> None:
+        """Log what happened too late for the slack of a cycle."""
         while self._cycle.events:
             self._state_log.log_event(self._cycle.events)
-
-    def _what(self) -> str:
-        link = self._cycle.hardware.health.get("link")
-        return f"robot '{self._robot_name}'" + (f" on {link}" if link else "")
 
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns
@@ -142,9 +110,13 @@ class Loop:
         while self.stop_reason is None:
             clock.sleep_until_ns(deadline_ns)
             lateness_ns = clock.now_ns() - deadline_ns
-            self._count_start(deadline_ns, lateness_ns)
+            counters.last_ns = deadline_ns + lateness_ns
+            counters.started_ns = counters.started_ns or counters.last_ns
+            counters.late += lateness_ns > self._late_ns
             if self._cycle.schedule.is_idle(counters.cycles):
-                self._follow_wall_clock(deadline_ns)
+                wall_ns, uncertain_ns = self._wall_at(deadline_ns)
+                if uncertain_ns < self._late_ns:
+                    self._cycle.time_base.follow(counters.cycles, wall_ns)
             self._cycle.run(counters.cycles, lateness_ns)
             counters.cycles += 1
             if counters.cycles == cycles:
@@ -163,17 +135,6 @@ class Loop:
         before_ns = self._clock.now_ns()
         wall_ns = self._clock.wall_ns()
         return wall_ns - (before_ns - deadline_ns), self._clock.now_ns() - before_ns
-
-    def _follow_wall_clock(self, deadline_ns: int) -> None:
-        wall_ns, uncertain_ns = self._wall_at(deadline_ns)
-        if uncertain_ns < self._late_ns:
-            self._cycle.time_base.follow(self.counters.cycles, wall_ns)
-
-    def _count_start(self, deadline_ns: int, lateness_ns: int) -> None:
-        self.counters.last_ns = deadline_ns + lateness_ns
-        self.counters.started_ns = self.counters.started_ns or self.counters.last_ns
-        if lateness_ns > self._late_ns:
-            self.counters.late += 1
 
     def _lost_ns(self, deadline_ns: int) -> int:
         """Whole periods that have passed since the next deadline, which are skipped."""
@@ -206,8 +167,11 @@ class Loop:
     def _do_piece(self) -> bool:
         """Do one piece of this second's work; False when it is done."""
         if self._diagnostics.is_pending:
-            if self._diagnostics.work():
-                self._deliver()
+            if self._diagnostics.work():  # complete: delivered to everybody, one after the other
+                stamp_ns, statuses = self._cycle.time_base.stamp_ns(self.counters.cycles), self._diagnostics.statuses
+                self._deliveries.append(partial(self.service.report, statuses, self.counters))
+                self._deliveries.append(partial(self._stage.publish_diagnostics, stamp_ns, statuses))
+                self._deliveries.append(partial(self._recorder.write_diagnostics, stamp_ns, statuses))
             return True
         if self._deliveries:
             self._deliveries.popleft()()
@@ -216,13 +180,6 @@ class Loop:
         if collected:
             gc.collect(1)
         return collected
-
-    def _deliver(self) -> None:
-        """Have the diagnostics told to everybody, one after the other."""
-        stamp_ns, statuses = self._cycle.time_base.stamp_ns(self.counters.cycles), self._diagnostics.statuses
-        self._deliveries.append(partial(self.service.report, statuses, self.counters))
-        self._deliveries.append(partial(self._stage.publish_diagnostics, stamp_ns, statuses))
-        self._deliveries.append(partial(self._recorder.write_diagnostics, stamp_ns, statuses))
 
 
 @contextlib.contextmanager

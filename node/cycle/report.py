@@ -11,14 +11,14 @@ from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.time_base import TimeBase
-from segway_ecc.node.cycle.timing import Histogram, Summary
+from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary
 from segway_ecc.node.safety.modes import Mode
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 """How bad a mode is; any other is fine."""
 
 MODE_SUFFIX: Final = ": mode"
-"""How the name of the status ends that tells the robot's mode; its values: `mode`, `reason`, each `check.<name>`."""
+"""End of the name of the status of the mode; its values: `mode`, `reason`, and a `check.<name>` per pre-arm check."""
 
 
 _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
@@ -31,24 +31,11 @@ class Observed(Protocol):
     schedule: SetpointSchedule
     time_base: TimeBase
     hardware: Hardware
-    sensors: Sensors
+    sensors: Sensors | None
 
     @property
     def histograms(self) -> dict[str, Histogram]:
         """How late each cycle started, and the durations of its phases and of the whole of it, by name."""
-
-
-class Deadlines(Protocol):
-    """What the report reads of a loop."""
-
-    cycles: int
-    late: int
-    overrun: int
-    skipped: int
-
-    @property
-    def mean_rate_hz(self) -> float:
-        """Cycles per second achieved."""
 
 
 class DiagnosticReport:
@@ -58,11 +45,11 @@ class DiagnosticReport:
         statuses: The newest complete set.
     """
 
-    def __init__(self, cycle: Observed, deadlines: Deadlines, period_ns: int, robot_name: str) -> None:
+    def __init__(self, cycle: Observed, counters: LoopCounters, period_ns: int, robot_name: str) -> None:
         """Report on a cycle and its loop."""
         self.statuses: Sequence[DiagnosticStatus] = ()
         self._cycle = cycle
-        self._deadlines = deadlines
+        self._counters = counters
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
@@ -75,9 +62,10 @@ class DiagnosticReport:
         if self._pending:
             return
         self._gathered = []
-        self._pending += [partial(self._summarize, *named) for named in self._cycle.histograms.items()]
-        parts: Sequence[Callable[[], DiagnosticStatus]] = (self._mode, self._timing, self._setpoints, self._hardware)
-        self._pending += [partial(self._gather, part) for part in parts]
+        for name, histogram in self._cycle.histograms.items():
+            self._pending.append(partial(self._summarize, name, histogram))
+        for part in (self._mode, self._timing, self._setpoints, self._hardware):
+            self._pending.append(partial(self._gather, part))
 
     @property
     def is_pending(self) -> bool:
@@ -106,19 +94,19 @@ class DiagnosticReport:
         return DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
 
     def _timing(self) -> DiagnosticStatus:
-        deadlines = self._deadlines
-        missed = self._new("deadlines", deadlines.late + deadlines.skipped)
+        counters = self._counters
+        missed = self._new("deadlines", counters.late + counters.skipped)
         values = {
-            "rate_hz": f"{deadlines.mean_rate_hz:.4f}",
+            "rate_hz": f"{counters.mean_rate_hz:.4f}",
             "wanted_rate_hz": f"{self._wanted_hz:g}",
-            "cycles": str(deadlines.cycles),
-            "late": str(deadlines.late),
-            "overrun": str(deadlines.overrun),
-            "skipped": str(deadlines.skipped),
+            "cycles": str(counters.cycles),
+            "late": str(counters.late),
+            "overrun": str(counters.overrun),
+            "skipped": str(counters.skipped),
             "time_base_realigned": str(self._cycle.time_base.realigned),
             **{name: summary.as_text() for name, summary in self._summaries.items()},
         }
-        message = f"{missed} late or skipped since the last report" if missed else f"{deadlines.mean_rate_hz:.2f} Hz"
+        message = f"{missed} late or skipped since the last report" if missed else f"{counters.mean_rate_hz:.2f} Hz"
         return DiagnosticStatus(Level.WARN if missed else Level.OK, f"{self._robot_name}: timing", message, values)
 
     def _setpoints(self) -> DiagnosticStatus:
@@ -145,8 +133,10 @@ class DiagnosticReport:
 
     def _ages(self) -> dict[str, str]:
         """How old each signal was at the newest exchange."""
-        names, ages = self._cycle.hardware.signals, self._cycle.sensors.ages
-        return {f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in zip(names, ages, strict=False)}
+        if self._cycle.sensors is None:
+            return {}
+        ages = zip(self._cycle.hardware.signals, self._cycle.sensors.ages, strict=False)
+        return {f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}
 
     def _new(self, what: str, count: int) -> int:
         """How much a count grew since the last set."""

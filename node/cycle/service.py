@@ -1,16 +1,18 @@
-"""What the node tells the service manager: that it is ready, how it is, and that it lives while it meets its deadlines.
+"""The node as the service manager sees it: readiness, status, and the watchdog's keep-alive while deadlines are met.
 
 The protocol is that of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. Nothing here waits or raises,
-and nothing is told where the node was not started as a service.
+and nothing is sent where the node was not started as a service.
 """
 
+import contextlib
 import json
 import os
 import socket
 from collections.abc import Mapping, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.timing import LoopCounters
 from segway_ecc.node.safety.deadlines import LATE_FRACTION
 from segway_ecc.node.safety.modes import ACTIVE
 
@@ -29,20 +31,12 @@ _MOST_LETTERS: Final = 160
 _MOST_BLOCKED: Final = 5
 
 
-class Deadlines(Protocol):
-    """What is read of a loop's counters."""
-
-    cycles: int
-    late: int
-    skipped: int
-
-
 class NotifySocket:
     """The way to the service manager; silent where there is none.
 
     Attributes:
         dropped: Datagrams that did not get through.
-        is_named: Whether there is anybody to be told.
+        is_named: Whether there is a service manager.
     """
 
     def __init__(self, address: str) -> None:
@@ -88,21 +82,21 @@ class Service:
 
     It is ready after a second in which it met its deadlines, and feeds the watchdog after each quarter of the
     watchdog's time-out in which it did. A cycle that starts later than half a period, or not at all, has missed its
-    deadline; one in ten may. Time is counted in deadlines, so that only a loop that runs can tell that it does.
+    deadline; one in ten may. Time is counted in deadlines, so that only a loop that runs reports that it does.
 
     Attributes:
         is_one: Whether this process was started as a service.
     """
 
     def __init__(self, notify: NotifySocket, period_ns: int, watchdog_ns: int | None = None) -> None:
-        """Tell `notify` of a loop of this period, ns; no watchdog is fed where its time-out is None."""
+        """Report to `notify` on a loop of this period, ns; no watchdog is fed where its time-out is None."""
         self.is_one = notify.is_named
         self._notify = notify
         self._period_ns = period_ns
         self._late_ns = round(LATE_FRACTION * period_ns)
         self._is_ready = False
         self._skipped = 0
-        self._told = (0, 0)
+        self._reported = (0, 0)
         self._ready = _Stretch(READY_AFTER_NS, period_ns)
         self._watchdog = None if watchdog_ns is None else _Stretch(watchdog_ns // _FEEDS_IN_TIMEOUT, period_ns)
 
@@ -121,20 +115,20 @@ class Service:
         if self._watchdog is not None and self._watchdog.add(1 + new, missed):
             self._notify.send("WATCHDOG=1")
         if not self._is_ready and self._ready.add(1 + new, missed):
-            self._is_ready = self._notify.send("READY=1")  # what did not get through is told a second later
+            self._is_ready = self._notify.send("READY=1")  # what did not get through is sent a second later
 
-    def report(self, statuses: Sequence[DiagnosticStatus], loop: Deadlines) -> None:
-        """Tell how the robot is: the first of its diagnostics, its mode with the checklist, and the loop's counters."""
+    def report(self, statuses: Sequence[DiagnosticStatus], loop: LoopCounters) -> None:
+        """Send the status: the first of the diagnostics, which is the mode with the checks, and the loop's counters."""
         if not self.is_one or not statuses:
             return
         cycles, deadlines = loop.cycles, loop.cycles + loop.skipped
-        passed = deadlines - self._told[1]
-        rate_hz = (cycles - self._told[0]) / (passed * self._period_ns * 1e-9) if passed else 0.0
-        self._told = cycles, deadlines
+        passed = deadlines - self._reported[1]
+        rate_hz = (cycles - self._reported[0]) / (passed * self._period_ns * 1e-9) if passed else 0.0
+        self._reported = cycles, deadlines
         self._notify.send(f"STATUS={status_text(statuses[0].values, rate_hz, loop.late, loop.skipped)}")
 
     def stopping(self) -> None:
-        """Tell that the node is on its way out."""
+        """Report that the node is on its way out."""
         self._notify.send("STOPPING=1")
 
 
@@ -142,7 +136,7 @@ def status_text(mode: Mapping[str, str], rate_hz: float, late: int, skipped: int
     """The status as one line of JSON.
 
     Args:
-        mode: The values of the diagnostics' status of the mode: `mode`, `reason`, and `check.NAME` for each item.
+        mode: The values of the mode's diagnostic status: `mode`, `reason`, and `check.NAME` for each pre-arm check.
         rate_hz: Cycles per second since the last report.
         late: Cycles that started late since the start.
         skipped: Deadlines skipped since the start.
@@ -167,21 +161,15 @@ def _short(text: str) -> str:
 
 
 def service_of(environment: Mapping[str, str], period_ns: int) -> Service:
-    """The service that this process is, as its environment says.
+    """The service that this process is, by its environment.
 
     Args:
         environment: NOTIFY_SOCKET, and WATCHDOG_USEC and WATCHDOG_PID (sd_watchdog_enabled(3)).
         period_ns: Of the loop, ns.
     """
-    return Service(NotifySocket(environment.get(NOTIFY_SOCKET, "")), period_ns, _watchdog_ns(environment))
-
-
-def _watchdog_ns(environment: Mapping[str, str]) -> int | None:
-    """The watchdog's time-out; None where there is none, or it is another process'."""
-    if environment.get(WATCHDOG_PID, str(os.getpid())) != str(os.getpid()):
-        return None
-    try:
-        timeout_us = int(environment.get(WATCHDOG_USEC, "0"))
-    except ValueError:
-        return None
-    return timeout_us * _NS_PER_US if timeout_us > 0 else None
+    timeout_us = 0
+    if environment.get(WATCHDOG_PID, str(os.getpid())) == str(os.getpid()):  # else it is another process' watchdog
+        with contextlib.suppress(ValueError):
+            timeout_us = int(environment.get(WATCHDOG_USEC, "0"))
+    watchdog_ns = timeout_us * _NS_PER_US if timeout_us > 0 else None
+    return Service(NotifySocket(environment.get(NOTIFY_SOCKET, "")), period_ns, watchdog_ns)

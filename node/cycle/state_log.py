@@ -1,4 +1,4 @@
-"""What people are told while the loop runs: changes of mode, and what keeps the robot from arming."""
+"""What people read while the loop runs: changes of mode, refusals to arm, and events."""
 
 import logging
 from collections import deque
@@ -12,17 +12,17 @@ _logger = logging.getLogger(__name__)
 
 
 class StateLog:
-    """Tells what is new, at most once a second, so that no flicker can flood the log; the newest is told."""
+    """Logs the newest state where it has changed, at most once a second: no flicker floods the log."""
 
     def __init__(self, clock: Clock) -> None:
-        """Tell on a clock."""
+        """Take time from a clock."""
         self._clock = clock
         self._logged: tuple[Mode, bool, str] | None = None
         self._logged_ns: int | None = None
 
-    def log_state(self, modes: Modes, obstacle: str | None) -> None:
-        """Tell the mode and what keeps the robot from arming, where they have changed."""
-        new = modes.mode, obstacle is None, modes.reason if obstacle is None else obstacle
+    def log_state(self, modes: Modes, arming_refusal: str | None) -> None:
+        """Log the mode with its reason, or why the robot that arms itself cannot arm."""
+        new = modes.mode, arming_refusal is None, modes.reason if arming_refusal is None else arming_refusal
         if new == self._logged:
             return
         now_ns = self._clock.now_ns()
@@ -33,6 +33,6 @@ class StateLog:
         _logger.info("%s: %s" if can_arm else "%s, cannot arm: %s", mode, why)
 
     def log_event(self, events: deque[str]) -> None:
-        """Tell the oldest of what happened, if anything has."""
+        """Log the oldest event, if there is any."""
         if events:
             _logger.warning(events.popleft())

@@ -11,26 +11,26 @@ from segway_ecc.node.safety.station import StationWatch, Watch, sit_down_values
 
 SITS_DOWN: Final = f"{STATION_LOST}: the robot sits down"
 _ECHOED: Final = 4
-"""How many stations are told that they are heard."""
+"""How many stations get their heartbeats back."""
 _ECHOED_FOR_NS: Final = 1_000_000_000
 _TURN_NS: Final = 100_000_000
-"""For how long one of several stations is told before the next."""
+"""For how long one of several stations is echoed before the next."""
 
 
 class Echo(NamedTuple):
-    """A heartbeat as it is echoed, and when it was heard, monotonic, ns."""
+    """A heartbeat as it is echoed, and when it was received, monotonic, ns."""
 
     heartbeat: Heartbeat
-    heard_ns: int
+    received_ns: int
 
 
 class Supervision:
-    """Hears heartbeats; sits the robot down and disarms it when they have ended for long."""
+    """Receives heartbeats; sits the robot down and disarms it when they have been missing for long."""
 
     def __init__(
         self, settings: StationSettings | None, set_names: Sequence[str], arming: ArmingManager, period_ns: int
     ) -> None:
-        """Watch as the robot file says; None only hears.
+        """Watch by the robot file's settings; None only echoes.
 
         Raises:
             UnknownNameError: What is to be set is not among `set_names`.
@@ -41,36 +41,39 @@ class Supervision:
         self._watch = StationWatch(settings, period_ns)
         self._seen = Watch.ALONE
 
-    def hear(self, heartbeats: Sequence[Heartbeat], now_ns: int) -> None:
+    def receive_heartbeats(self, heartbeats: Sequence[Heartbeat], now_ns: int) -> None:
         """Take the heartbeats of a cycle."""
         for heartbeat in heartbeats:
             self._echoes.pop(heartbeat.station, None)
             if len(self._echoes) == _ECHOED:
-                del self._echoes[next(iter(self._echoes))]  # the one that was heard the longest ago
+                del self._echoes[next(iter(self._echoes))]  # the one that was received the longest ago
             self._echoes[heartbeat.station] = Echo(heartbeat, now_ns)
 
     def echo(self, now_ns: int) -> Echo | None:
-        """The newest heartbeat of a station, of each in turn that was heard lately; None where none was ever heard."""
+        """The newest heartbeat of a station, of each in turn that sent one lately; None before the first."""
         if not self._echoes:
             return None
         echoes = list(self._echoes.values())
-        lately = [echo for echo in echoes if now_ns - echo.heard_ns <= _ECHOED_FOR_NS] or echoes[-1:]
+        lately = [echo for echo in echoes if now_ns - echo.received_ns <= _ECHOED_FOR_NS] or echoes[-1:]
         turn = now_ns // _TURN_NS
         return sorted(lately)[turn % len(lately)]
 
     def look(
-        self, cycle: int, set_values: MutableSequence[float], events: MutableSequence[str], *, is_heard: bool
+        self, cycle: int, set_values: MutableSequence[float], events: MutableSequence[str], *, has_heartbeat: bool
     ) -> bool:
         """Whether the station that watched over the robot is lost; what follows from it is done.
 
         Args:
             cycle: The number of the cycle.
             set_values: The robot's set values; written in each cycle of sitting down, so that nobody else makes it
-                stand up before a station is heard again.
-            events: Where it is told.
-            is_heard: Whether a heartbeat came in this cycle.
+                stand up before a station is back.
+            events: Where it is logged.
+            has_heartbeat: Whether a heartbeat came in this cycle.
         """
-        before, self._seen = self._seen, self._watch.look(cycle, is_heard=is_heard, is_live=self._arming.is_live)
+        before, self._seen = (
+            self._seen,
+            self._watch.look(cycle, has_heartbeat=has_heartbeat, is_live=self._arming.is_live),
+        )
         if self._seen >= Watch.SIT_DOWN and self._sit_down:
             for place, value in self._sit_down:
                 set_values[place] = value

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from segway_ecc.node.cycle.clock import NS_PER_S
+
 _SUB_BITS: Final = 5
 _SUB_BUCKETS: Final = 1 << _SUB_BITS
 _MAX_BITS: Final = 40
@@ -29,6 +31,35 @@ class Summary:
             f"p50 {self.p50_s * 1e6:.1f} us, p99 {self.p99_s * 1e6:.1f} us, "
             f"p99.9 {self.p999_s * 1e6:.1f} us, max {self.max_s * 1e6:.1f} us"
         )
+
+
+@dataclass(slots=True)
+class LoopCounters:
+    """How the deadlines were met.
+
+    Every deadline since the first is either a cycle or skipped: `cycles + skipped` deadlines have passed.
+
+    Attributes:
+        cycles: Cycles run.
+        late: Cycles that started more than a tenth of a period after their deadline.
+        overrun: Cycles that ended after the next deadline.
+        skipped: Deadlines that passed without a cycle, because one before them took too long.
+        started_ns: When the first cycle started, monotonic.
+        last_ns: When the newest cycle started, monotonic.
+    """
+
+    cycles: int = 0
+    late: int = 0
+    overrun: int = 0
+    skipped: int = 0
+    started_ns: int = 0
+    last_ns: int = 0
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Cycles per second from the first start to the newest; zero before the second cycle."""
+        elapsed_ns = self.last_ns - self.started_ns
+        return (self.cycles - 1) * NS_PER_S / elapsed_ns if elapsed_ns else 0.0
 
 
 class Histogram:

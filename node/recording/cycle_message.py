@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
+from msgspec.structs import astuple
+
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -71,7 +73,7 @@ class CycleMessage:
     def pack(self, record: CycleRecord, events: int) -> bytes:
         """A cycle as a message; so many pieces of text belong to it."""
         cycle, stamp_ns, mode, lateness_ns, sensors, setpoint, u, y, commands, published, durations_ns, start_ns, *_ = (
-            record
+            astuple(record)
         )
         return self._pack(
             _PREFIX,

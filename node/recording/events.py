@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import msgspec
+from msgspec.structs import replace
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer, Inbox, Request
@@ -80,7 +81,7 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
     except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
         raise RecordingError(f"what the log tells of cycle {record.cycle} is not understood: {error}") from error
     sensors = msgspec.structs.replace(record.sensors, faults=tuple(faults), events=tuple(events))
-    return record._replace(sensors=sensors, inbox=inbox, answers=answers, initial=initial)
+    return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial)
 
 
 def _pieces(record: CycleRecord) -> Iterator[Piece]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+from msgspec.structs import replace
 
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
@@ -138,7 +139,7 @@ class _Keeper(NoRecorder):
 
     def write(self, record: CycleRecord) -> None:
         """Keep it, with copies of what may change."""
-        self.record = record._replace(u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))
+        self.record = replace(record, u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))
 
 
 def _robot(run: RecordedRun, recorded: Recorded, source: str | None) -> Robot:

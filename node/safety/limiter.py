@@ -1,8 +1,27 @@
-"""How far a command may go, and how fast it may get there."""
+"""The last look at commands before they leave: finite, within their limits, and no faster than their slew rate."""
 
 from collections.abc import Sequence
+from math import isfinite
 
-from segway_ecc.node.safety.limits import limit
+
+def not_finite(values: Sequence[float]) -> int | None:
+    """The index of the first value that is not finite, if any."""
+    if isfinite(sum(values)):  # in nearly every cycle: a sum is finite only where all of its terms are
+        return None
+    for index, value in enumerate(values):
+        if not isfinite(value):
+            return index
+    return None
+
+
+def limit(commands: Sequence[float], limits: Sequence[float]) -> tuple[float, ...]:
+    """Clamp each finite command to plus or minus its limit, in the command's unit."""
+    return tuple(
+        [
+            value if -bound <= value <= bound else min(max(value, -bound), bound)
+            for value, bound in zip(commands, limits, strict=True)
+        ]
+    )
 
 
 def slew(commands: Sequence[float], previous: Sequence[float], step: float) -> tuple[float, ...]:

@@ -99,34 +99,25 @@ class SafetyMonitor:
     def checklist(
         self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
     ) -> Sequence[PreArmCheck]:
-        """Go through the checklist, where the robot has one; `real_time` is whether the loop has that priority."""
-        settings = self._settings.checklist
-        if settings is None or len(values) < len(self._signals):  # none was taken yet
+        """The pre-arm checks, where the robot has any; `real_time` is whether the loop has real-time priority."""
+        if self._settings.checklist is None:
             return ()
-        return pre_arm_checks(settings, self._settings.supply, self._measure(values, ages, valid, real_time=real_time))
-
-    def _measure(
-        self, values: Sequence[float], ages: Sequence[float], valid: Sequence[bool], *, real_time: bool | None
-    ) -> PreArmMeasurements:
-        names, needs = list(self._signals), self.needs
+        names, needs, supply = list(self._signals), self.needs, self._supply
         stale = [names[index] for index in needs if not valid[index]]
-        return PreArmMeasurements(
+        measured = PreArmMeasurements(
             wanted_hz=self._rate.wanted_hz,
             rate_hz=self._rate.rate_hz,
             newest_age_s=min([ages[index] for index in needs], default=None),
-            is_heard=len(stale) < len(needs),
+            has_fresh=len(stale) < len(needs),
             stale=stale,
             faults=self.faults,
             still_s=self._still.periods * self._period_s if self._still else None,
             tilt=self._tilt.estimate.tilt if self._tilt else None,
             wheels=[values[index] for index in self._wheels],
-            supply_v=self._supply_v(values, valid),
+            supply_v=values[supply] if supply is not None and valid[supply] else None,
             real_time=real_time,
         )
-
-    def _supply_v(self, values: Sequence[float], valid: Sequence[bool]) -> float | None:
-        index = self._supply
-        return None if index is None or not valid[index] else values[index]
+        return pre_arm_checks(self._settings.checklist, self._settings.supply, measured)
 
     def _advance(self, deadline_ns: int) -> int:
         """How many periods this deadline is after the last one."""

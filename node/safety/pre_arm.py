@@ -13,7 +13,7 @@ class PreArmMeasurements(Value, frozen=True):
         wanted_hz: The rate that the loop should have.
         rate_hz: The rate of the last second.
         newest_age_s: Age of the newest of the values that are needed, s.
-        is_heard: Whether any of them is fresh enough to be used.
+        has_fresh: Whether any of them is fresh enough to be used.
         stale: The signals that are needed and too old.
         faults: What the checks of the sensors and deadlines say.
         still_s: For how long the IMU has been still, s; None only where there is no IMU.
@@ -26,7 +26,7 @@ class PreArmMeasurements(Value, frozen=True):
     wanted_hz: float
     rate_hz: float | None = None
     newest_age_s: float | None = None
-    is_heard: bool = False
+    has_fresh: bool = False
     stale: Sequence[str] = ()
     faults: Sequence[str] = ()
     still_s: float | None = None
@@ -115,7 +115,7 @@ def _telemetry(measured: PreArmMeasurements) -> PreArmCheck | None:
         "telemetry",
         f"the newest value is {age * 1e3:.1f} ms old",
         "look at the bus, its bit rate and termination, and the drives' supply",
-        passed=measured.is_heard,
+        passed=measured.has_fresh,
     )
 
 

@@ -14,7 +14,7 @@ class Watch(enum.IntEnum):
     ALONE = enum.auto()
     """No base station watches over the robot: nothing follows from silence."""
     PRESENT = enum.auto()
-    """One does, and was heard lately."""
+    """One does, and sent a heartbeat lately."""
     LOST = enum.auto()
     """It fell silent: the robot holds."""
     SIT_DOWN = enum.auto()
@@ -26,12 +26,12 @@ class Watch(enum.IntEnum):
 class StationWatch:
     """Counts the cycles since a heartbeat.
 
-    Whoever was heard within the time-out before the robot armed, or at any time since, watches over it until it is
-    disarmed. A robot that nobody watches over runs alone.
+    A station whose heartbeat came within the time-out before the robot armed, or at any time since, watches over it
+    until it is disarmed. A robot that nobody watches over runs alone.
     """
 
     def __init__(self, settings: StationSettings | None, period_ns: int) -> None:
-        """Watch as the robot file says; None watches nothing."""
+        """Watch by the robot file's settings; None watches nothing."""
         self._steps: tuple[tuple[int, Watch], ...] = ()
         if settings is not None:
             steps = (
@@ -40,29 +40,29 @@ class StationWatch:
                 (settings.disarm_after_s, Watch.DISARM),
             )
             self._steps = tuple((round(after_s * 1e9 / period_ns), what) for after_s, what in steps if after_s)
-        self._heard_at: int | None = None
+        self._beat_at: int | None = None
 
-    def look(self, cycle: int, *, is_heard: bool, is_live: bool) -> Watch:
+    def look(self, cycle: int, *, has_heartbeat: bool, is_live: bool) -> Watch:
         """Take note of a cycle.
 
         Args:
             cycle: Its number.
-            is_heard: Whether a heartbeat, of any station, came in it.
+            has_heartbeat: Whether a heartbeat, of any station, came in it.
             is_live: Whether the robot is armed, or on the way there.
         """
         if not self._steps:
             return Watch.ALONE
-        if is_heard:
-            self._heard_at = cycle
-        if self._heard_at is None:
+        if has_heartbeat:
+            self._beat_at = cycle
+        if self._beat_at is None:
             return Watch.ALONE
-        silent_for, watch = cycle - self._heard_at, Watch.PRESENT
+        silent_for, watch = cycle - self._beat_at, Watch.PRESENT
         for after, what in self._steps:
             if silent_for <= after:
                 break
             watch = what
         if watch is not Watch.PRESENT and not is_live:
-            self._heard_at = None
+            self._beat_at = None
             return Watch.ALONE
         return watch
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -11,8 +12,11 @@ from hypothesis import strategies as st
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.model.methods import Method
+from segway_ecc.node.model.sectioned import SectionedModel
+from segway_ecc.node.model.variables import Variable
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode
-from segway_ecc.testing import Bench
+from segway_ecc.testing import Bench, RecordingHardware
 
 FAST = Setpoint(2.0, 1.0)
 FRESH = Sensors((0.0,), (0.001,), (True,))
@@ -244,3 +248,72 @@ def test_nothing_but_zero_is_ever_sent_unless_armed_or_holding(
         if record.mode not in ACTIVE:
             assert record.commands == (0.0,)
         assert left == record.commands
+
+
+def test_stale_measurement_reaches_the_stage_as_nan(bench: Bench) -> None:
+    stale(bench, SimpleNamespace(), 3)
+    bench.loop.run(cycles=5)
+    reported, recorded = ([values[-1] for values in found] for found in zip(*published(bench), strict=True))
+    assert [math.isnan(value) for value in reported] == [False, False, False, True, False]
+    assert [math.isnan(value) for value in recorded] == [False, False, False, True, False]
+
+
+def published(bench: Bench) -> list[tuple[Sequence[float], Sequence[float]]]:
+    pairs = zip(bench.stage.reports, bench.recorder.records, strict=True)
+    return [(report.values, record.published) for report, record in pairs]
+
+
+@pytest.mark.parametrize("immediately", [False, True])
+def test_link_events_of_every_exchange_are_logged_once(
+    make_bench: Callable[..., Bench],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    *,
+    immediately: bool,
+) -> None:
+    bench = make_bench(actuate_immediately=immediately)
+    exchanges: list[str] = []
+
+    def exchange(commands: Sequence[float] | None) -> Sensors:
+        del commands
+        exchanges.append(f"exchange {len(exchanges)} changed lines")
+        return msgspec.structs.replace(FRESH, events=(exchanges[-1],))
+
+    monkeypatch.setattr(bench.hardware, "exchange", exchange)
+    bench.loop.run(cycles=3)
+    assert len(exchanges) == (7 if immediately else 4)  # one before the first cycle
+    assert [text for text in caplog.messages if "changed lines" in text] == exchanges
+
+
+class Integrator(SectionedModel):
+    """Sums its input: what is not finite stays so until the model is initialized."""
+
+    name = "integrator"
+    step_size = 0.01
+    method = Method.DISCRETE
+    inputs = (Variable("Speed", "rad/s"),)
+    states = (Variable("Sum", "rad"),)
+    outputs = (Variable("Voltage", "V"),)
+
+    def input(self, u: Sequence[float]) -> None:
+        (self.speed,) = u
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:
+        del t
+        return (s[0] + self.speed,)
+
+    def output(self) -> Sequence[float]:
+        return self.s
+
+
+def test_model_that_gave_nan_is_initialized_when_the_fault_is_cleared() -> None:
+    hardware = RecordingHardware({"left.velocity": "rad/s"}, {"left.voltage": "V"}, (30.0,))
+    bench = Bench(Integrator(), hardware, {"Speed": "left.velocity", "Voltage": "left.voltage"})
+    bench.clock.events[2] = lambda: setattr(hardware, "measured", Sensors((math.nan,), (0.001,), (True,)))
+    bench.clock.events[3] = lambda: setattr(hardware, "measured", FRESH)
+    bench.stage.ask(5, Action.CLEAR_FAULT)
+    bench.stage.ask(6, Action.ARM)
+    bench.loop.run(cycles=9)
+    assert modes(bench)[1:] == [Mode.ARMED, *[Mode.FAULT] * 3, Mode.DISARMED, *[Mode.ARMED] * 3]
+    outputs = [record.y[0] for record in bench.recorder.records]
+    assert [math.isnan(value) for value in outputs] == [False, False, True, True, True, *[False] * 4]

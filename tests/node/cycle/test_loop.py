@@ -6,9 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from segway_ecc.node.cycle.loop import LoopCounters
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import Level
+from segway_ecc.node.cycle.timing import LoopCounters
 from segway_ecc.node.model.sectioned import SectionedModel
 from segway_ecc.testing import START_NS, WALL_START_NS, Bench, RecordingHardware
 

@@ -9,7 +9,7 @@ from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.time_base import TimeBase
-from segway_ecc.node.cycle.timing import Histogram
+from segway_ecc.node.cycle.timing import Histogram, LoopCounters
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.testing import RecordingHardware
 
@@ -19,7 +19,7 @@ PERIOD = 10_000_000
 @dataclass
 class Observed:
     hardware: Hardware
-    sensors: Sensors = field(default_factory=Sensors)
+    sensors: Sensors | None = field(default_factory=Sensors)
     arming: ArmingManager = field(init=False)
     schedule: SetpointSchedule = field(default_factory=lambda: SetpointSchedule(5, 3, 20))
     time_base: TimeBase = field(default_factory=lambda: TimeBase(PERIOD))
@@ -29,15 +29,6 @@ class Observed:
 
     def __post_init__(self) -> None:
         self.arming = ArmingManager(self.hardware, self.schedule, arm_at_start=False)
-
-
-@dataclass
-class Deadlines:
-    cycles: int = 100
-    late: int = 0
-    overrun: int = 0
-    skipped: int = 0
-    mean_rate_hz: float = 99.98765
 
 
 @pytest.fixture
@@ -51,13 +42,13 @@ def observed(hardware: RecordingHardware) -> Observed:
 
 
 @pytest.fixture
-def deadlines() -> Deadlines:
-    return Deadlines()
+def counters() -> LoopCounters:
+    return LoopCounters(cycles=100, started_ns=1, last_ns=990_122_281)  # 99.98765 Hz
 
 
 @pytest.fixture
-def report(observed: Observed, deadlines: Deadlines) -> DiagnosticReport:
-    return DiagnosticReport(observed, deadlines, PERIOD, "cart")
+def report(observed: Observed, counters: LoopCounters) -> DiagnosticReport:
+    return DiagnosticReport(observed, counters, PERIOD, "cart")
 
 
 def gather(report: DiagnosticReport) -> Mapping[str, DiagnosticStatus]:
@@ -119,9 +110,9 @@ def test_the_mode_is_told_with_its_reason_and_weight(observed: Observed, report:
 
 
 def test_timing_holds_the_counters_and_every_histogram(
-    observed: Observed, deadlines: Deadlines, report: DiagnosticReport
+    observed: Observed, counters: LoopCounters, report: DiagnosticReport
 ) -> None:
-    deadlines.late, deadlines.overrun, deadlines.skipped = 3, 2, 1
+    counters.late, counters.overrun, counters.skipped = 3, 2, 1
     observed.time_base.follow(0, PERIOD)
     observed.histograms["lateness"].add(60)
     observed.histograms["ros"].add(20_000)
@@ -142,11 +133,11 @@ def test_timing_holds_the_counters_and_every_histogram(
 
 
 def test_only_what_was_missed_since_the_last_report_is_a_warning(
-    deadlines: Deadlines, report: DiagnosticReport
+    counters: LoopCounters, report: DiagnosticReport
 ) -> None:
     told = []
     for late, skipped in ((0, 0), (3, 0), (3, 0), (4, 5)):
-        deadlines.late, deadlines.skipped = late, skipped
+        counters.late, counters.skipped = late, skipped
         status = gather(report)["cart: timing"]
         told.append((status.level, status.message))
     assert told == [
@@ -206,7 +197,7 @@ def test_the_age_of_every_signal_is_told() -> None:
     hardware = RecordingHardware({"left.angle": "rad", "left.velocity": "rad/s"}, {}, ())
     hardware.health = {"link": "can0"}
     observed = Observed(hardware, Sensors((1.0, 2.0), (0.0042, float("inf")), (True, False)))
-    status = gather(DiagnosticReport(observed, Deadlines(), PERIOD, "cart"))["cart: hardware"]
+    status = gather(DiagnosticReport(observed, LoopCounters(), PERIOD, "cart"))["cart: hardware"]
     assert status.values["age.left.angle"] == "4.2 ms"
     assert status.values["age.left.velocity"] == "inf ms"
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.cycle.loop import LoopCounters
 from segway_ecc.node.cycle.service import NotifySocket, Service, service_of, status_text
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
+from segway_ecc.node.cycle.timing import LoopCounters
 from segway_ecc.node.model.methods import Method
 from segway_ecc.node.model.sectioned import SectionedModel
 from segway_ecc.node.model.variables import Variable

@@ -1,3 +1,4 @@
+import math
 from collections.abc import Mapping
 
 import pytest
@@ -66,6 +67,14 @@ def test_values_take_the_way_of_the_wiring(hardware: RecordingHardware) -> None:
         "left.velocity": 7.0,
         "right.velocity": 8.0,
     }
+
+
+def test_stale_signals_are_published_as_nan(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING)
+    sensors = Sensors((7.0, 8.0), (0.0312, 0.0), (False, True))
+    odometry, left, right = wiring.publish(sensors, [0.0, 1.0, 2.0, 3.0])
+    assert (odometry, right) == (2.0, 8.0)
+    assert math.isnan(left)
 
 
 def test_what_is_published_keeps_its_order_whatever_that_of_the_file(hardware: RecordingHardware) -> None:

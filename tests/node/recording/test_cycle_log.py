@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from msgspec.structs import replace
 
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
@@ -70,7 +71,7 @@ def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
     path = tmp_path / "run.mcap"
     log = CycleLog(path, layout)
     log.write(record(0))
-    log.write(record(1)._replace(answers=[HardwareAnswer("arm", ("too hot",))]))
+    log.write(replace(record(1), answers=[HardwareAnswer("arm", ("too hot",))]))
     log.close()
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -111,7 +112,7 @@ def test_an_imu_is_on_its_topic_where_there_is_one(
     fields = {name: getattr(layout, name) for name in layout.__struct_fields__}
     log = CycleLog(path, CycleLayout(**fields | {"published": (*layout.published, *signals)}))
     plain = record(3)
-    log.write(plain._replace(published=(*plain.published, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0)))
+    log.write(replace(plain, published=(*plain.published, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0)))
     log.close()
     types, messages = read(path)
     (imu,) = [message for _, message in messages["/imu/data"]]
@@ -133,7 +134,7 @@ def test_a_robot_that_publishes_neither_pose_nor_joints_has_no_such_topics(
     path = tmp_path / "run.mcap"
     bare = CycleLayout(**{name: getattr(layout, name) for name in layout.__struct_fields__} | {"published": ()})
     log = CycleLog(path, bare)
-    log.write(record(0)._replace(published=()))
+    log.write(replace(record(0), published=()))
     log.close()
     types, _ = read(path)
 

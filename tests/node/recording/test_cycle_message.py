@@ -8,6 +8,7 @@ import msgspec
 from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_ros2._dynamic import generate_dynamic
+from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
@@ -48,7 +49,7 @@ def test_a_robot_without_hardware_has_no_empty_parts(
     bare = msgspec.structs.replace(layout, sensors=(), commands=(), inputs=())
     sensors = record(0).sensors
     log = CycleLog(tmp_path / "run.mcap", bare)
-    log.write(record(0)._replace(sensors=type(sensors)(), commands=(), u=()))
+    log.write(replace(record(0), sensors=type(sensors)(), commands=(), u=()))
     log.close()
     with (tmp_path / "run.mcap").open("rb") as stream:
         (schema,) = [found for found, channel, _ in make_reader(stream).iter_messages(["/cycle"]) if channel]

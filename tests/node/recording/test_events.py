@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import (
@@ -43,17 +44,17 @@ INBOX = Inbox(
 def again(record: CycleRecord) -> CycleRecord:
     blank = msgspec.structs.replace(record.sensors, faults=(), events=())
     return restore_events(
-        record._replace(sensors=blank, inbox=None, answers=(), initial=None), encode_events(events_of(record))
+        replace(record, sensors=blank, inbox=None, answers=(), initial=None), encode_events(events_of(record))
     )
 
 
 def test_a_cycle_in_which_nothing_happened_has_no_pieces() -> None:
     assert events_of(QUIET) == ()
-    assert events_of(QUIET._replace(inbox=Inbox())) == ()
+    assert events_of(replace(QUIET, inbox=Inbox())) == ()
 
 
 def test_everything_that_can_arrive_survives() -> None:
-    found = again(QUIET._replace(inbox=INBOX)).inbox
+    found = again(replace(QUIET, inbox=INBOX)).inbox
 
     assert found is not None
     # Whatever the inbox learns to hold has to be in INBOX too.
@@ -69,7 +70,8 @@ def test_everything_that_can_arrive_survives() -> None:
 
 def test_faults_events_answers_and_the_first_snapshot_survive() -> None:
     initial = Sensors((0.5, 0.0), (math.inf, 0.1), (False, True), ("hot",), ready=False, events=("up",))
-    record = QUIET._replace(
+    record = replace(
+        QUIET,
         sensors=Sensors(faults=("left: \u00fcber", "right"), events=("line 2",)),
         answers=[HardwareAnswer("obstacles", ()), HardwareAnswer("arm", ("a", "b"))],
         initial=initial,
@@ -84,7 +86,7 @@ def test_faults_events_answers_and_the_first_snapshot_survive() -> None:
 @given(st.lists(st.tuples(numbers, numbers, st.none() | st.integers(0, 2**62)), min_size=1, max_size=5))
 def test_setpoints_survive_bit_for_bit(drawn: list[tuple[float, float, int | None]]) -> None:
     setpoints = [StampedSetpoint(Setpoint(v, w), stamp) for v, w, stamp in drawn]
-    found = again(QUIET._replace(inbox=Inbox(setpoints=setpoints))).inbox
+    found = again(replace(QUIET, inbox=Inbox(setpoints=setpoints))).inbox
 
     assert found is not None
     assert [repr(setpoint) for setpoint in found.setpoints] == [repr(setpoint) for setpoint in setpoints]

@@ -16,6 +16,7 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from msgspec.structs import replace
 
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
@@ -201,7 +202,7 @@ def test_a_cycle_in_which_much_happens_arrives_whole(
     recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
 ) -> None:
     inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(1.0, 2.0), stamp) for stamp in range(500)])
-    recorder.write(record(0)._replace(inbox=inbox))
+    recorder.write(replace(record(0), inbox=inbox))
     recorder.write(record(1))
     recorder.close()
     messages = [(topic, message.data) for topic, message in Salvage(path).messages()]
@@ -326,7 +327,7 @@ def test_a_robot_with_many_ports_is_recorded(
     names = tuple(f"port{n}" for n in range(2000))
     recorder = ProcessRecorder(tmp_path / "run.mcap", msgspec.structs.replace(layout, inputs=names))
     for cycle in range(3):
-        recorder.write(record(cycle)._replace(u=[0.1] * len(names)))
+        recorder.write(replace(record(cycle), u=[0.1] * len(names)))
     recorder.close()
 
     assert recorder.dropped == 0

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
@@ -49,7 +50,7 @@ def small_log(tmp_path: Path, layout: CycleLayout, record: Callable[[int], Cycle
     """One of a robot that measures and publishes nothing, which is read thousands of times in a few seconds."""
     bare = msgspec.structs.replace(layout, sensors=(), commands=(), inputs=(), published=())
     records = [
-        record(cycle)._replace(sensors=Sensors(), commands=(), u=(), published=()) for cycle in range(2 * SMALL_EVERY)
+        replace(record(cycle), sensors=Sensors(), commands=(), u=(), published=()) for cycle in range(2 * SMALL_EVERY)
     ]
     return written(tmp_path / "run.mcap", bare, records, SMALL_EVERY)
 

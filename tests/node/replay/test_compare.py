@@ -5,6 +5,7 @@ import struct
 from collections.abc import Callable
 
 import pytest
+from msgspec.structs import replace
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
@@ -51,18 +52,18 @@ def test_numbers_are_the_same_bit_for_bit(a: tuple[float, ...], b: tuple[float, 
 
 
 def test_identical_cycles_have_no_differences() -> None:
-    assert list(differences(LAYOUT, RECORD, RECORD._replace(durations_ns=(9,) * 5))) == []
+    assert list(differences(LAYOUT, RECORD, replace(RECORD, durations_ns=(9,) * 5))) == []
 
 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda r: r._replace(commands=(4.0, 5.25)), ("command right.voltage", "5.0", "5.25")),
-        (lambda r: r._replace(u=(1.5,)), ("model input In", "1.0", "1.5")),
-        (lambda r: r._replace(y=(math.nan, 3.0)), ("model output A", "2.0", "nan")),
-        (lambda r: r._replace(setpoint=Setpoint(0.5, 0.1)), ("set-point angular_velocity", "0.0", "0.1")),
-        (lambda r: r._replace(published=(7.0,)), ("published odometry.x", "6.0", "7.0")),
-        (lambda r: r._replace(mode=Mode.HOLD), ("mode", "ARMED", "HOLD")),
+        (lambda r: replace(r, commands=(4.0, 5.25)), ("command right.voltage", "5.0", "5.25")),
+        (lambda r: replace(r, u=(1.5,)), ("model input In", "1.0", "1.5")),
+        (lambda r: replace(r, y=(math.nan, 3.0)), ("model output A", "2.0", "nan")),
+        (lambda r: replace(r, setpoint=Setpoint(0.5, 0.1)), ("set-point angular_velocity", "0.0", "0.1")),
+        (lambda r: replace(r, published=(7.0,)), ("published odometry.x", "6.0", "7.0")),
+        (lambda r: replace(r, mode=Mode.HOLD), ("mode", "ARMED", "HOLD")),
     ],
 )
 def test_every_part_is_compared(change: Callable[[CycleRecord], CycleRecord], expected: tuple[str, str, str]) -> None:
@@ -70,7 +71,7 @@ def test_every_part_is_compared(change: Callable[[CycleRecord], CycleRecord], ex
 
 
 def test_commands_come_first_and_all_that_differs_is_told() -> None:
-    other = RECORD._replace(y=(0.0, 0.0), commands=(0.0, 5.0), mode=Mode.FAULT)
+    other = replace(RECORD, y=(0.0, 0.0), commands=(0.0, 5.0), mode=Mode.FAULT)
 
     assert [port for port, _, _ in differences(LAYOUT, RECORD, other)] == [
         "command left.voltage",

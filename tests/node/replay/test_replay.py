@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.lockstep import LockstepRig
@@ -63,7 +64,7 @@ def test_a_parameter_that_was_written_while_it_ran_is_written_again(path: Path, 
     assert (outcome.cycles, outcome.difference) == (CYCLES, None)
 
     forget = run(
-        path, {30: written}, change=lambda record: record._replace(inbox=None) if record.cycle == 30 else record
+        path, {30: written}, change=lambda record: replace(record, inbox=None) if record.cycle == 30 else record
     )
     difference = replay(forget).difference
     assert difference is not None
@@ -75,7 +76,7 @@ def test_the_first_cycle_and_port_that_differ_are_told_with_the_cycles_around(pa
         if record.cycle < 40:
             return record
         y = (math.nextafter(record.y[0], math.inf), *record.y[1:])
-        return record._replace(y=y)
+        return replace(record, y=y)
 
     outcome = replay(run(path, change=disturb))
 
@@ -89,7 +90,7 @@ def test_the_first_cycle_and_port_that_differ_are_told_with_the_cycles_around(pa
 
 def test_another_mode_is_told(path: Path, run: Run) -> None:
     def disturb(record: CycleRecord) -> CycleRecord:
-        return record._replace(mode=Mode.HOLD) if record.cycle == 7 else record
+        return replace(record, mode=Mode.HOLD) if record.cycle == 7 else record
 
     difference = replay(run(path, change=disturb)).difference
 

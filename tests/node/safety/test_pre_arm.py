@@ -17,7 +17,7 @@ GOOD = PreArmMeasurements(
     wanted_hz=200.0,
     rate_hz=199.98,
     newest_age_s=0.004,
-    is_heard=True,
+    has_fresh=True,
     still_s=0.5,
     tilt=0.1,
     wheels=(0.1, -0.2),
@@ -54,7 +54,7 @@ REFUSALS: dict[str, tuple[PreArmMeasurements, str]] = {
     "fast": (replace(GOOD, rate_hz=210.1), f"rate: 210.10 Hz of 200 Hz over the last second; {MEND_RATE}"),
     "young": (replace(GOOD, rate_hz=None), "rate: not measured for a second yet; wait"),
     "silent": (
-        replace(GOOD, newest_age_s=0.0151, is_heard=False),
+        replace(GOOD, newest_age_s=0.0151, has_fresh=False),
         f"telemetry: the newest value is 15.1 ms old; {MEND_BUS}",
     ),
     "stale": (
@@ -142,7 +142,7 @@ def test_what_the_robot_does_not_have_is_left_out(items: Callable[[], dict[str, 
 def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
     blank = PreArmMeasurements(wanted_hz=100.0)
     assert (blank.still_s, blank.tilt, blank.real_time) == (None, None, None)
-    assert not blank.is_heard
+    assert not blank.has_fresh
     assert failed_checks(list(run(replace(blank, still_s=0.0)).values()))[1:] == [
         f"imu_still: still for 0.00 s of 0.5 s; {MEND_STILL}",
         "tilt: not measured; see that the IMU sends",

@@ -17,9 +17,9 @@ class Watched:
         self.watch = StationWatch(settings, period_ns)
         self.cycle = 100
 
-    def look(self, *, is_heard: bool = False, is_live: bool = True) -> Watch:
+    def look(self, *, has_heartbeat: bool = False, is_live: bool = True) -> Watch:
         self.cycle += 1
-        return self.watch.look(self.cycle, is_heard=is_heard, is_live=is_live)
+        return self.watch.look(self.cycle, has_heartbeat=has_heartbeat, is_live=is_live)
 
     def silence(self, cycles: int, *, is_live: bool = True) -> list[Watch]:
         return [self.look(is_live=is_live) for _ in range(cycles)]
@@ -27,14 +27,14 @@ class Watched:
 
 def test_silence_leads_from_step_to_step_after_the_times_of_the_file() -> None:
     watched = Watched()
-    assert watched.look(is_heard=True) is Watch.PRESENT
+    assert watched.look(has_heartbeat=True) is Watch.PRESENT
     present, lost, sitting = [Watch.PRESENT] * 50, [Watch.LOST] * 50, [Watch.SIT_DOWN] * 100
     assert watched.silence(300) == [*present, *lost, *sitting, *[Watch.DISARM] * 100]
 
 
 def test_the_times_are_those_of_the_file_at_another_rate() -> None:
     watched = Watched(period_ns=5_000_000)
-    watched.look(is_heard=True)
+    watched.look(has_heartbeat=True)
     found = watched.silence(500)
     assert [found.index(what) for what in (Watch.LOST, Watch.SIT_DOWN, Watch.DISARM)] == [100, 200, 400]
 
@@ -42,9 +42,9 @@ def test_the_times_are_those_of_the_file_at_another_rate() -> None:
 @pytest.mark.parametrize("silent_for", [60, 150, 250])
 def test_one_heartbeat_ends_it(silent_for: int) -> None:
     watched = Watched()
-    watched.look(is_heard=True)
+    watched.look(has_heartbeat=True)
     assert watched.silence(silent_for)[-1] > Watch.PRESENT
-    assert watched.look(is_heard=True) is Watch.PRESENT
+    assert watched.look(has_heartbeat=True) is Watch.PRESENT
     assert watched.silence(50) == [Watch.PRESENT] * 50
     assert watched.look() is Watch.LOST
 
@@ -56,28 +56,28 @@ def test_a_robot_that_nobody_watches_over_runs_alone() -> None:
 
 def test_a_robot_whose_file_says_nothing_of_it_runs_alone_whoever_is_heard() -> None:
     watched = Watched(None)
-    assert watched.look(is_heard=True) is Watch.ALONE
+    assert watched.look(has_heartbeat=True) is Watch.ALONE
     assert set(watched.silence(1000)) == {Watch.ALONE}
 
 
 def test_a_station_that_was_gone_before_the_robot_armed_does_not_watch_over_it() -> None:
     watched = Watched()
-    watched.look(is_heard=True, is_live=False)
+    watched.look(has_heartbeat=True, is_live=False)
     assert watched.silence(51, is_live=False)[-2:] == [Watch.PRESENT, Watch.ALONE]
     assert set(watched.silence(1000)) == {Watch.ALONE}
-    assert watched.look(is_heard=True) is Watch.PRESENT, "it may still come"
+    assert watched.look(has_heartbeat=True) is Watch.PRESENT, "it may still come"
 
 
 def test_a_station_that_armed_the_robot_and_was_never_heard_again_is_lost() -> None:
     watched = Watched()
-    watched.look(is_heard=True, is_live=False)
+    watched.look(has_heartbeat=True, is_live=False)
     watched.silence(40, is_live=False)
     assert watched.silence(11) == [*[Watch.PRESENT] * 10, Watch.LOST]
 
 
 def test_who_is_disarmed_is_not_watched_over_any_more() -> None:
     watched = Watched()
-    watched.look(is_heard=True)
+    watched.look(has_heartbeat=True)
     assert watched.silence(60)[-1] is Watch.LOST
     assert watched.look(is_live=False) is Watch.ALONE
     assert set(watched.silence(1000)) == {Watch.ALONE}
@@ -96,7 +96,7 @@ def test_who_is_disarmed_is_not_watched_over_any_more() -> None:
 )
 def test_a_step_that_the_file_leaves_out_is_never_taken(settings: StationSettings, steps: list[Watch]) -> None:
     watched = Watched(settings)
-    watched.look(is_heard=True)
+    watched.look(has_heartbeat=True)
     assert list(dict.fromkeys(watched.silence(10_000))) == steps
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
@@ -46,7 +47,7 @@ def rewritten(log: Path, change: Callable[[CycleRecord], CycleRecord | None]) ->
 
 
 def pushed(record: CycleRecord) -> CycleRecord:
-    return record._replace(commands=(record.commands[0] + 0.5, record.commands[1])) if record.cycle == 50 else record
+    return replace(record, commands=(record.commands[0] + 0.5, record.commands[1])) if record.cycle == 50 else record
 
 
 def test_a_log_from_the_field_is_identical(segway_ecc: Run, log: Path) -> None:
