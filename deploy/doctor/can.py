@@ -16,6 +16,7 @@ _QUEUE: Final = range(8, 65)
 """Frames: two cycles of commands to two drives fit, and what is left over when a cable is cut is soon gone."""
 _GOOD_QUEUE: Final = 16
 _RESTART_MS: Final = 100
+_SIMULATED: Final = "it reaches simulated drives on this machine only"
 _UNKNOWN: Final = "not reported by the driver"
 
 
@@ -23,7 +24,11 @@ def check_can(machine: System, workload: Workload) -> Iterator[Finding]:
     """The robot's interface; where no robot is named, every one that there is."""
     present = socketcan_interfaces(machine.path(_NETWORK))
     if workload.robot is None:
-        yield from _every_interface(machine, present)
+        for name in present:
+            yield from _interface(machine, name, None)
+        if not present:
+            remedy = "connect an adapter, and see that its driver is loaded: sudo dmesg | grep -i can"
+            yield warning("CAN interface", "there is none", "a robot with drives on CAN cannot run here", remedy)
         return
     if workload.hardware is None:
         yield good("CAN interface", "this robot is all model and needs none")
@@ -31,44 +36,23 @@ def check_can(machine: System, workload: Workload) -> Iterator[Finding]:
     can = workload.hardware.can
     name = next(iter(present), "can0") if can.channel == "auto" else can.channel
     if not workload.needs_socketcan:
+        found = f"{can.interface} {can.channel}, which is no interface of the kernel"
         is_local = can.interface in {"local", "virtual"}
-        yield warning(
-            "CAN interface",
-            f"{can.interface} {can.channel}, which is no interface of the kernel",
-            "it reaches simulated drives on this machine only"
-            if is_local
-            else "its bit rate, state and restart are not known here",
-            "in the robot file: hardware.can.interface: socketcan",
-        )
+        effect = _SIMULATED if is_local else "its bit rate, state and restart are not known here"
+        yield warning("CAN interface", found, effect, "in the robot file: hardware.can.interface: socketcan")
     elif name in present:
         yield from _interface(machine, name, can.bitrate)
     else:
         there = f"there is {', '.join(present)}" if present else "this machine has no CAN interface"
-        yield bad(
-            f"CAN {name}",
-            f"not there; {there}",
-            "the drives are out of reach",
-            f"connect the adapter, then: {set_up(name, can.bitrate)}; "
-            "or correct hardware.can.channel in the robot file",
-        )
+        command = f"connect the adapter, then: {set_up(name, can.bitrate)}"
+        remedy = f"{command}; or correct hardware.can.channel in the robot file"
+        yield bad(f"CAN {name}", f"not there; {there}", "the drives are out of reach", remedy)
 
 
 def set_up(name: str, bitrate: int | None) -> str:
     """The command that sets an interface up."""
     settings = f"txqueuelen {_GOOD_QUEUE} type can bitrate {bitrate or 500_000} restart-ms {_RESTART_MS}"
     return f"sudo ip link set {name} down; sudo ip link set {name} up {settings}"
-
-
-def _every_interface(machine: System, present: list[str]) -> Iterator[Finding]:
-    if not present:
-        yield warning(
-            "CAN interface",
-            "there is none",
-            "a robot with drives on CAN cannot run here",
-            "connect an adapter, and see that its driver is loaded: sudo dmesg | grep -i can",
-        )
-    for name in present:
-        yield from _interface(machine, name, None)
 
 
 def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Finding]:
@@ -90,14 +74,17 @@ def _interface(machine: System, name: str, bitrate: int | None) -> Iterator[Find
         yield good(title, text)
     if state.kind != "vcan":
         yield from _controller(title, state, bitrate, set_up(name, bitrate))
-        yield _queue(name, int(machine.read(f"{_NETWORK}/{name}/tx_queue_len") or "0"))
+        length = int(machine.read(f"{_NETWORK}/{name}/tx_queue_len") or "0")
+        effect = (
+            "a burst of commands does not fit, and frames are refused"
+            if length < _QUEUE.start
+            else "frames that nobody acknowledged pile up, and go out late when the cable is back"
+        )
+        remedy = f"sudo ip link set {name} txqueuelen {_GOOD_QUEUE}"
+        yield graded(f"{title} queue", f"{length} frames", effect, remedy, fits=length in _QUEUE)
         return
-    yield warning(
-        f"{title} kind",
-        "virtual (vcan)",
-        "it reaches simulated drives on this machine only",
-        "name the real interface in the robot file: hardware.can.channel: can0",
-    )
+    remedy = "name the real interface in the robot file: hardware.can.channel: can0"
+    yield warning(f"{title} kind", "virtual (vcan)", _SIMULATED, remedy)
 
 
 def _controller(title: str, state: InterfaceState, wanted: int | None, command: str) -> Iterator[Finding]:
@@ -123,13 +110,3 @@ def _controller(title: str, state: InterfaceState, wanted: int | None, command: 
         f"{command}; for good: RestartSec=100ms in section [CAN] of its file in /etc/systemd/network",
         fits=bool(state.restart_ms),
     )
-
-
-def _queue(name: str, length: int) -> Finding:
-    effect = (
-        "a burst of commands does not fit, and frames are refused"
-        if length < _QUEUE.start
-        else "frames that nobody acknowledged pile up, and go out late when the cable is back"
-    )
-    remedy = f"sudo ip link set {name} txqueuelen {_GOOD_QUEUE}"
-    return graded(f"CAN {name} queue", f"{length} frames", effect, remedy, fits=length in _QUEUE)

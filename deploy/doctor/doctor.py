@@ -3,16 +3,13 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from segway_ecc.deploy.doctor.board import check_board
+from segway_ecc.deploy.doctor.board import check_board, check_disk
 from segway_ecc.deploy.doctor.can import check_can
-from segway_ecc.deploy.doctor.disk import check_disk
-from segway_ecc.deploy.doctor.drives import check_drives
+from segway_ecc.deploy.doctor.drives import check_drives, check_serial
 from segway_ecc.deploy.doctor.finding import Finding, bad
-from segway_ecc.deploy.doctor.idle import check_idle
 from segway_ecc.deploy.doctor.kernel import check_kernel, check_python
-from segway_ecc.deploy.doctor.privileges import check_privileges
+from segway_ecc.deploy.doctor.privileges import check_idle, check_privileges
 from segway_ecc.deploy.doctor.ros import check_ros
-from segway_ecc.deploy.doctor.serial import check_serial
 from segway_ecc.deploy.doctor.services import check_services
 from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.deploy.doctor.timing import check_clock, check_timing

@@ -1,5 +1,6 @@
-"""What the kernel lets us do: real-time scheduling and locked memory."""
+"""What the kernel lets us do: real-time scheduling, locked memory, and keeping processors out of deep idle states."""
 
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -7,7 +8,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, graded, warning
 from segway_ecc.deploy.doctor.services import NODE, properties
 from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
-from segway_ecc.node.cycle.real_time import PRIORITY
+from segway_ecc.node.cycle.real_time import IDLE_LATENCY, PRIORITY
 
 _TRY: Final = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
 _CAP_IPC_LOCK: Final = 1 << 14
@@ -16,6 +17,19 @@ _MIB: Final = 1024 * 1024
 _FIFO: Final = {"1", "fifo"}
 _UNIT: Final = ("CPUSchedulingPolicy", "LimitMEMLOCK", "AmbientCapabilities", "User")
 _LIMITS_FILE: Final = "/etc/security/limits.d/segway-ecc.conf"
+_IDLE: Final = "processor idle states"
+_IDLE_FILE: Final = str(IDLE_LATENCY)
+_IDLE_UNIT: Final = ("User", "SupplementaryGroups", "DevicePolicy", "DeviceAllow")
+_OPEN_POLICIES: Final = {"", "auto"}
+_IDLE_EFFECT: Final = "after each wait the processor wakes up slowly and with cold caches: cycles take longer"
+RULE: Final = 'SUBSYSTEM=="misc", KERNEL=="cpu_dma_latency", GROUP="segway", MODE="0660"'
+"""As deploy/udev/70-segway-latency.rules has it."""
+_IDLE_ALLOW: Final = (
+    f"echo '{RULE}' | sudo tee /etc/udev/rules.d/70-segway-latency.rules; "
+    f"sudo udevadm control --reload; sudo udevadm trigger {_IDLE_FILE}"
+)
+_GROUP_WRITES: Final = 0o020
+_ALL_WRITE: Final = 0o002
 
 
 def check_privileges(machine: System, workload: Workload) -> Iterator[Finding]:
@@ -85,3 +99,40 @@ def _first_word(machine: System, path: str, start: str) -> str:
     """The first word after `start` of the line that begins so; empty where there is none."""
     lines = (machine.read(path) or "").splitlines()
     return next((line.removeprefix(start).split()[0] for line in lines if line.startswith(start)), "")
+
+
+def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
+    """The unit's user where there is a unit, since the service is another user than this one."""
+    unit = properties(machine, NODE, _IDLE_UNIT)
+    if not machine.path(_IDLE_FILE).exists():
+        yield good(_IDLE, f"this kernel has no {_IDLE_FILE}")
+    elif unit:
+        yield _for_unit(machine, unit)
+    elif os.access(machine.path(_IDLE_FILE), os.W_OK):
+        yield good(_IDLE, f"this user may write {_IDLE_FILE}")
+    else:
+        remedy = f"{_IDLE_ALLOW}; sudo usermod -aG segway $USER, then log in again"
+        yield warning(_IDLE, f"{_IDLE_FILE} is not writable for this user", _IDLE_EFFECT, remedy)
+
+
+def _for_unit(machine: System, unit: Mapping[str, str]) -> Finding:
+    user, state = unit.get("User", ""), machine.path(_IDLE_FILE).stat()
+    is_group_s = bool(state.st_mode & _GROUP_WRITES) and state.st_gid in _groups(machine, user, unit)
+    if user not in {"", "root"} and not state.st_mode & _ALL_WRITE and not is_group_s:
+        return warning(_IDLE, f"{_IDLE_FILE} is not writable for the user of {NODE}", _IDLE_EFFECT, _IDLE_ALLOW)
+    if unit.get("DevicePolicy", "") not in _OPEN_POLICIES and _IDLE_FILE not in unit.get("DeviceAllow", "").split():
+        remedy = f"DeviceAllow={_IDLE_FILE} w by: sudo systemctl edit {NODE}"
+        return warning(_IDLE, f"the unit of {NODE} does not allow it {_IDLE_FILE}", _IDLE_EFFECT, remedy)
+    return good(_IDLE, f"{NODE} may write {_IDLE_FILE}")
+
+
+def _groups(machine: System, user: str, unit: Mapping[str, str]) -> set[int]:
+    """The numbers of a user's groups (passwd(5), group(5)), and of those that the unit adds."""
+    users, groups = (
+        [fields for line in (machine.read(path) or "").splitlines() if len(fields := line.split(":")) == count]
+        for path, count in (("/etc/passwd", 7), ("/etc/group", 4))
+    )
+    added = unit.get("SupplementaryGroups", "").split()
+    own = {fields[3] for fields in users if fields[0] == user}
+    more = {fields[2] for fields in groups if fields[0] in added or user in fields[3].split(",")}
+    return {int(number) for number in own | more if number.isdecimal()}

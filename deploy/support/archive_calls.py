@@ -88,26 +88,24 @@ class ArchiveCalls:
             thread.join(_ANSWER_S)
 
     def _run(self) -> None:
+        failure: Exception = NobodyListensError("the station ends")
         try:
             with ros_node("station_archive", "", self._ros_arguments) as node:
                 exchange = _Exchange(node)
                 with self._lock:
                     self._wake = exchange.wake
                 while not self._is_ending:
-                    exchange.begin(self._taken())
-                    exchange.step()
+                    exchange.step(self._taken())
                 with self._lock:
                     self._wake = None
                 exchange.fail("the station ends")
         except Exception as error:  # noqa: BLE001 - whoever asks gets it
             failure = error if isinstance(error, NodeError) else NobodyListensError(f"ROS failed: {error}")
-            for call in self._taken():
-                call.answer.set_exception(failure)
         finally:
             with self._lock:
                 self._wake = None
             for call in self._taken():
-                call.answer.set_exception(NobodyListensError("the station ends"))
+                call.answer.set_exception(failure)
 
     def _taken(self) -> list[_Call]:
         with self._lock:
@@ -137,13 +135,10 @@ class _Exchange:
         self._sent: list[tuple[_Call, RosObject, RosObject]] = []
         self.wake = node.create_guard_condition(lambda: None)
 
-    def begin(self, calls: Sequence[_Call]) -> None:
-        self._unsent += calls
-
-    def step(self) -> None:
+    def step(self, calls: Sequence[_Call]) -> None:
         """Send what can be sent, receive what has come, and give up what has taken too long."""
         now_s = time.monotonic()
-        unsent, self._unsent = self._unsent, []
+        unsent, self._unsent = [*self._unsent, *calls], []
         for call in unsent:
             client = self._client(call.robot)
             until_s = max(self._begun_s + _FOUND_WITHIN_S, call.asked_s + _KNOWN_WITHIN_S)

@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 
 from segway_ecc.deploy.support.bundle import Collected, Part
 from segway_ecc.deploy.support.parts.files import audit_log, newest_logs, robot_file
-from segway_ecc.deploy.support.parts.machine import can_interfaces, disks, journal, real_time
-from segway_ecc.deploy.support.parts.versions import variables, versions
+from segway_ecc.deploy.support.parts.machine import can_interfaces, disks, journal, real_time, variables, versions
 
 MOST_LOG_BYTES: Final = 200 * 1024 * 1024
 

@@ -69,8 +69,7 @@ class Update:
 
     def _try_release(self, transaction: Transaction) -> Transaction:
         before = show()
-        why_not = before.why_not_safe()
-        if why_not is not None:
+        if (why_not := before.why_not_safe()) is not None:
             raise AgentRefusedError(why_not)
         self._phase(transaction, "switch")
         try:
@@ -82,7 +81,19 @@ class Update:
             return dataclasses.replace(transaction, outcome=outcomes.HEALTHY, phase="trial")
         if transaction.previous is None:
             return dataclasses.replace(transaction, outcome=outcomes.NO_WAY_BACK, reason=reason)
-        return self._go_back(transaction, transaction.previous, reason)
+        failed = dataclasses.replace(transaction, reason=reason)
+        # Somebody may have armed a robot whose trial then failed: it is not restarted under them. A node that does not
+        # report its mode is not waited for: it would keep the robot in its trial for ever.
+        if _is_armed():
+            self._reporter.step("waiting until the robot is disarmed")
+        while _is_armed():
+            time.sleep(self._rules.every_s)
+        self._phase(failed, "back")
+        self._store.switch(transaction.previous)
+        problem = restart(self._rules.restart)
+        if problem is not None:
+            reason = f"{reason}; and after going back: {problem}"
+        return dataclasses.replace(failed, phase="back", outcome=outcomes.WENT_BACK, reason=reason)
 
     def _trial_failure(self, transaction: Transaction, before: Service) -> str | None:
         """Why the release is not healthy, or None."""
@@ -95,21 +106,6 @@ class Update:
         rate_hz = manifest.rate_hz if manifest is not None else None
         trial = Trial(self._rules.trial_s, self._rules.start_s, rate_hz, before)
         return None if watched(trial, self._rules.every_s) else trial.reason
-
-    def _go_back(self, transaction: Transaction, previous: str, reason: str) -> Transaction:
-        failed = dataclasses.replace(transaction, reason=reason)
-        # Somebody may have armed a robot whose trial then failed: it is not restarted under them. A node that does not
-        # report its mode is not waited for: it would keep the robot in its trial for ever.
-        if _is_armed():
-            self._reporter.step("waiting until the robot is disarmed")
-        while _is_armed():
-            time.sleep(self._rules.every_s)
-        self._phase(failed, "back")
-        self._store.switch(previous)
-        problem = restart(self._rules.restart)
-        if problem is not None:
-            reason = f"{reason}; and after going back: {problem}"
-        return dataclasses.replace(failed, phase="back", outcome=outcomes.WENT_BACK, reason=reason)
 
     def _phase(self, transaction: Transaction, phase: str) -> None:
         self._journal.write(dataclasses.replace(transaction, phase=phase))

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from segway_ecc.deploy.doctor.disk import check_disk
+from segway_ecc.deploy.doctor.board import check_disk
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
 from segway_ecc.deploy.doctor.system import WriteSpeed
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload

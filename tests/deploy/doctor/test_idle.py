@@ -5,7 +5,7 @@ from importlib import resources
 import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.idle import RULE, check_idle
+from segway_ecc.deploy.doctor.privileges import RULE, check_idle
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 FILE = "/dev/cpu_dma_latency"
