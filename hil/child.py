@@ -17,7 +17,7 @@ _PR_SET_PDEATHSIG: Final = 1
 def end_with(parent: int) -> None:
     """Be killed when the thread that started this process ends; `parent` is that thread's process.
 
-    Killed, and not asked to end: a process that is stopped (SIGSTOP) hears of nothing else.
+    Killed, and not asked to end: a process that is stopped (SIGSTOP) handles no other signal.
 
     Raises:
         OSError: The kernel does not do it.

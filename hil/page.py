@@ -28,7 +28,7 @@ def section(title: str, content: str) -> str:
 
 
 def wide(label: str, content: str) -> str:
-    """Content, as HTML, that scrolls by itself where the screen is narrow; screen readers say its label."""
+    """Content, as HTML, that scrolls by itself where the screen is narrow; the label is for screen readers."""
     return f'<div class="wide" role="region" aria-label="{escape(label)}" tabindex="0">\n{content}</div>\n'
 
 
@@ -36,3 +36,19 @@ def pairs(texts: Mapping[str, str]) -> str:
     """Names and texts as an HTML list, one pair a line."""
     items = "".join(f"<dt>{escape(name)}</dt>\n<dd>{escape(text)}</dd>\n" for name, text in texts.items())
     return f"<dl>\n{items}</dl>\n"
+
+
+def figure(caption: str, content: str) -> str:
+    """A figure, as HTML, with its caption below."""
+    return f"<figure>\n{wide(caption, content)}<figcaption>{escape(caption)}</figcaption>\n</figure>\n"
+
+
+def table(label: str, head: Iterable[str], rows: Iterable[str]) -> str:
+    """A table that scrolls by itself; `rows` are HTML, see `table_row`."""
+    names = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
+    return wide(label, f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{''.join(rows)}</tbody>\n</table>\n")
+
+
+def table_row(cells: Iterable[str]) -> str:
+    """A row of plain cells, as HTML."""
+    return f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in cells)}</tr>\n"

@@ -42,11 +42,11 @@ class Command:
             messages: Where its standard error goes.
             environment: Added to this process' own.
             module: What is run, where it is something around our command.
-            listens: Whether it is told lines, with `ask`.
+            listens: Whether it takes commands, with `ask`.
         """
         self._arguments = list(arguments)
         self._messages = messages
-        self._heard = b""
+        self._received = b""
         with messages.open("wb") as errors:
             self.process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
                 [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module, *arguments],
@@ -71,7 +71,7 @@ class Command:
         return msgspec.json.decode(output, type=dict[str, Any])
 
     def ask(self, line: str, timeout_s: float) -> str:
-        """Tell a command that listens a line, and return the line that it answers.
+        """Send a line to a command that listens, and return the line that it answers.
 
         Raises:
             ProcessFailedError: It ended, or did not answer in time.
@@ -82,14 +82,14 @@ class Command:
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(f"{line}\n".encode())
             self.process.stdin.flush()
-        while b"\n" not in self._heard:
+        while b"\n" not in self._received:
             left = max(deadline - time.monotonic(), 0.0)
             ready = select.select([self.process.stdout], [], [], left)[0]
-            said = os.read(self.process.stdout.fileno(), 4096) if ready else b""
-            if not said:
+            data = os.read(self.process.stdout.fileno(), 4096) if ready else b""
+            if not data:
                 raise ProcessFailedError(self._failure(f"did not answer '{line}'"))
-            self._heard += said
-        answer, _, self._heard = self._heard.partition(b"\n")
+            self._received += data
+        answer, _, self._received = self._received.partition(b"\n")
         return answer.decode()
 
     def end(self) -> None:
@@ -104,7 +104,7 @@ class Command:
 
     def _failure(self, what: str) -> str:
         lines = self._messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
-        return f"'segway-ecc {' '.join(self._arguments)}' {what}: {' | '.join(lines) or 'it said nothing'}"
+        return f"'segway-ecc {' '.join(self._arguments)}' {what}: {' | '.join(lines) or 'no message'}"
 
 
 @contextlib.contextmanager

@@ -7,6 +7,12 @@ from segway_ecc.firmware_io.links.interface_state import read_interface_state
 from segway_ecc.hil.bench.rig import Bus
 
 
+def virtual_interface() -> str | None:
+    """The first virtual CAN interface of this machine that is up."""
+    states = {name: read_interface_state(name) for name in socketcan_interfaces()}
+    return next((name for name, state in states.items() if state.kind == "vcan" and state.is_up), None)
+
+
 def choose_bus(channel: str | None, plant_channel: str | None) -> Bus:
     """The bus of the comparison.
 
@@ -18,9 +24,8 @@ def choose_bus(channel: str | None, plant_channel: str | None) -> Bus:
     """
     if channel is not None:
         return Bus("socketcan", channel, plant_channel or channel)
-    for name in socketcan_interfaces():
-        state = read_interface_state(name)
-        if state.kind == "vcan" and state.is_up:
-            return Bus("socketcan", name, name)
+    name = virtual_interface()
+    if name is not None:
+        return Bus("socketcan", name, name)
     name = f"bench_{os.getpid()}"
     return Bus("local", name, name)

@@ -30,7 +30,7 @@ class ProgramResult:
         share: CPU time of the process and its children for each second; 1 is a whole core. The median of the runs.
         memory: What they held, the most of the runs.
         start_s: From its start to its first command; the median, None where it sends none.
-        fault: Why it gave up in one of its runs, so that its cost tells nothing; None where it did not.
+        fault: Why it gave up in one of its runs, so that its cost is not comparable; None where it did not.
     """
 
     cycles: Cycles
@@ -47,12 +47,12 @@ class ComparisonSetup:
     Attributes:
         bus: Where the programs meet the plant.
         conditions: What they all have.
-        tell: Called with what is about to run.
+        report: Called with what is about to run.
     """
 
     bus: Bus
     conditions: Conditions
-    tell: Callable[[str], None]
+    report: Callable[[str], None]
 
 
 def compare(
@@ -78,24 +78,24 @@ def compare(
     runs: dict[Contestant, list[ProgramRun]] = {one: [] for one in who}
     with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
         place = BenchSite(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
-        heard = listening(NAMESPACE) if setup.conditions.is_heard else contextlib.nullcontext()
-        with plant(place) as seen, heard:
+        subscriber = listening(NAMESPACE) if setup.conditions.is_subscribed else contextlib.nullcontext()
+        with plant(place) as seen, subscriber:
             for repeat in range(repeats):
                 for one in reversed(who) if repeat % 2 else who:
-                    setup.tell(f"{one} at {rate_hz:g} Hz, {duration_s:g} s ({repeat + 1} of {repeats})")
+                    setup.report(f"{one} at {rate_hz:g} Hz, {duration_s:g} s ({repeat + 1} of {repeats})")
                     ran = run_contestant(one, place, duration_s)
                     kept = ran.samples.rename(ran.samples.with_suffix(f".{repeat}"))
                     runs[one].append(replace(ran, samples=kept))
-        setup.tell(f"the plant: {seen}")
+        setup.report(f"the plant: {seen}")
         return {one: _result(ran, period_ns) for one, ran in runs.items()}
 
 
 def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
     warm_up = round(_WARM_UP_S * NS_PER_S / period_ns)
     cycles = cycles_of([read_samples(run.samples) for run in runs], period_ns, warm_up)
-    told = [run.told for run in runs if run.told is not None]
-    if told:
-        cycles = replace(cycles, phases=_our_phases(told[-1]))
+    reports = [run.report for run in runs if run.report is not None]
+    if reports:
+        cycles = replace(cycles, phases=_our_phases(reports[-1]))
     starts = [run.start_s for run in runs if run.start_s is not None]
     return ProgramResult(
         cycles,
@@ -106,11 +106,11 @@ def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
     )
 
 
-def _our_phases(told: dict[str, Any]) -> dict[str, Spread]:
+def _our_phases(report: dict[str, Any]) -> dict[str, Spread]:
     """The phases as our loop counts them itself, of the last run; what only ours has under its own name."""
     names = {ours: common for common, ours in _OUR_PHASES.items()}
     return {
         names.get(phase, phase): Spread(**{part: summary[part] for part in Spread.__dataclass_fields__})
-        for phase, summary in told["timing"].items()
+        for phase, summary in report["timing"].items()
         if phase != "lateness"
     }

@@ -1,4 +1,4 @@
-"""Under which conditions the programs run: the same for all of them, and told."""
+"""Under which conditions the programs run: the same for all of them, and reported."""
 
 import contextlib
 import os
@@ -32,7 +32,7 @@ class Conditions:
         isolated: Those that were set aside for them; empty where none were.
         kernel: Its release and kind.
         is_compiled: Whether our own loop is, which the others have no choice in.
-        is_heard: Whether somebody subscribes to what they publish.
+        is_subscribed: Whether somebody subscribes to what they publish.
     """
 
     priority: int
@@ -42,7 +42,7 @@ class Conditions:
     isolated: tuple[int, ...]
     kernel: str
     is_compiled: bool = False
-    is_heard: bool = False
+    is_subscribed: bool = False
 
     @property
     def plant_priority(self) -> int:
@@ -58,18 +58,18 @@ class Conditions:
             f"{self.cores} cores",
             f"isolated {self.isolated}" if self.isolated else "none isolated",
             f"Linux {self.kernel}",
-            "somebody subscribes" if self.is_heard else "nobody subscribes",
+            "somebody subscribes" if self.is_subscribed else "nobody subscribes",
         ]
         ours = "compiled" if self.is_compiled else "not compiled"
         return f"{', '.join(facts)}; the same for all programs; ours is {ours}"
 
 
 @contextlib.contextmanager
-def held_conditions(*, is_heard: bool = False) -> Iterator[Conditions]:
+def held_conditions(*, is_subscribed: bool = False) -> Iterator[Conditions]:
     """Hold while the programs run what is held for all of them: no processor may go to sleep.
 
     Args:
-        is_heard: Whether somebody is to subscribe to what they publish; whoever runs them sees to it.
+        is_subscribed: Whether somebody is to subscribe to what they publish; whoever runs them sees to it.
     """
     with contextlib.ExitStack() as stack:
         with real_time_priority() as refusal:
@@ -83,5 +83,5 @@ def held_conditions(*, is_heard: bool = False) -> Iterator[Conditions]:
             isolated=tuple(sorted(isolated_processors())),
             kernel=f"{uname.release}{' PREEMPT_RT' if 'PREEMPT_RT' in uname.version else ''}",
             is_compiled=not cycle.__file__.endswith(".py"),
-            is_heard=is_heard,
+            is_subscribed=is_subscribed,
         )

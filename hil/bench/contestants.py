@@ -73,7 +73,7 @@ class ProgramRun:
         start_s: From its start to its first command to the motors; None where it has none.
         share: CPU time of the process and its children for each second; 1 is a whole core.
         memory: What they held shortly before the end.
-        told: What our own command said as JSON.
+        report: What our own command printed as JSON.
         fault: Why our loop was no longer armed at its end; None where it was. One that has given up does less.
     """
 
@@ -81,7 +81,7 @@ class ProgramRun:
     start_s: float | None
     share: float
     memory: Memory
-    told: dict[str, Any] | None
+    report: dict[str, Any] | None
     fault: str | None
 
 
@@ -102,16 +102,16 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
             share, held = _watch(process, duration_s)
             output = _ended(process, who)
     if process.returncode != 0 or not samples.exists():
-        said = messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
-        raise ConfigurationError(f"the program '{who}' ended with exit code {process.returncode}: {' | '.join(said)}")
-    told = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
-    return ProgramRun(samples, start_s, share, held, told, _fault(told))
+        last = messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
+        raise ConfigurationError(f"the program '{who}' ended with exit code {process.returncode}: {' | '.join(last)}")
+    report = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
+    return ProgramRun(samples, start_s, share, held, report, _fault(report))
 
 
-def _fault(told: dict[str, Any] | None) -> str | None:
-    if told is None:
+def _fault(report: dict[str, Any] | None) -> str | None:
+    if report is None:
         return None
-    mode = next(values for name, values in told["diagnostics"].items() if name.endswith(MODE_SUFFIX))
+    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
     return None if mode["mode"] == Mode.ARMED else str(mode["reason"])
 
 
@@ -126,7 +126,7 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
         ConfigurationError: It does not start.
     """
     bus, rig = place.bus, place.rig
-    told: dict[str, int] = {}
+    seen: dict[str, int] = {}
     where = [bus.interface, bus.place(bus.plant_channel), str(rig.period_ns), str(place.conditions.plant_priority)]
     with (place.folder / "board.txt").open("wb") as errors:
         process = subprocess.Popen(  # noqa: S603 - compiled here, and no shell reads its words
@@ -135,16 +135,16 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
     try:
         if process.stdout is None or process.stdout.readline() != b"ready\n":
             raise ConfigurationError(f"the plant of the bench does not start on {bus.plant_channel}")
-        yield told
+        yield seen
         output, _ = process.communicate(timeout=_END_S)  # which closes its standard input, so that it ends
-        told.update(msgspec.json.decode(output, type=dict[str, int]))
+        seen.update(msgspec.json.decode(output, type=dict[str, int]))
     finally:
         process.kill()
         process.communicate()
 
 
 class _Heartbeats:
-    """Hears as the guard would when a program commands the motors for the first time."""
+    """Receives, as the guard would, the heartbeat with which a program first commands the motors."""
 
     def __init__(self, place: BenchSite) -> None:
         self._listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
@@ -160,7 +160,7 @@ class _Heartbeats:
         return time.monotonic()
 
     def close(self) -> None:
-        """Hear no more; whoever sends finds nobody, as where no guard runs."""
+        """Stop receiving; a sender then finds nobody, as where no guard runs."""
         self._listener.close()
 
 

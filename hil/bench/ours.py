@@ -16,7 +16,7 @@ from segway_ecc.node.verbs import run
 
 _sleep_until_ns: Final = RealClock.sleep_until_ns
 _TAKEN: Final = 3
-"""Columns of a sample; the others, our loop tells in its own way."""
+"""Columns of a sample; the others, our loop reports in its own way."""
 
 
 class SamplingClock(RealClock):

@@ -55,7 +55,7 @@ class BenchPrograms:
 
 
 def missing() -> str | None:
-    """What the comparison lacks here, with its cure; None where it lacks nothing."""
+    """What the comparison lacks here, with the remedy; None where it lacks nothing."""
     return None if shutil.which("cc") else "no C compiler here (sudo apt-get install gcc)"
 
 
@@ -88,12 +88,12 @@ def _set_step(source: Path, step_s: float) -> None:
     """Have the code step at another rate than it was generated for, as whoever generates it anew would."""
     text = source.read_text(encoding="utf-8")
     if text.count(_STEP) != 1:
-        raise ConfigurationError(f"{source.name} of the bench's model does not say {_STEP}")
+        raise ConfigurationError(f"{source.name} of the bench's model does not contain `{_STEP}`")
     source.write_text(text.replace(_STEP, f"xx_step_size = {step_s!r};"), encoding="utf-8")
 
 
 def _compile(arguments: Sequence[str]) -> None:
     done = subprocess.run(["cc", *_C, *arguments], capture_output=True, text=True, check=False)  # noqa: S603, S607 - the compiler of this machine, and no shell reads our words
     if done.returncode != 0:
-        said = done.stderr.strip().splitlines() or ["it does not say why"]
-        raise ConfigurationError(f"the programs of the bench do not compile: {said[-1]}")
+        errors = done.stderr.strip().splitlines() or ["no message"]
+        raise ConfigurationError(f"the programs of the bench do not compile: {errors[-1]}")

@@ -1,4 +1,4 @@
-"""What a loop tells of each of its cycles, and what is made of it: the same for every program."""
+"""The samples of a loop's cycles, and their statistics: the same for every program."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +41,7 @@ class Cycles:
         lost: Deadlines that passed without a cycle.
         cost: CPU time of the loop's thread from one start of a cycle to the next.
         lateness: From the deadline to the start.
-        phases: Wall time of the parts that the program tells, by name.
+        phases: Wall time of the parts that the program measures, by name.
         is_coarse: Whether the kernel counts CPU time in ticks of a millisecond or more.
     """
 
@@ -95,7 +95,7 @@ def cycles_of(runs: list[_Samples], period_ns: int, warm_up: int) -> Cycles:
     """
     kept = [run[warm_up:] for run in runs]
     if any(len(run) < 2 for run in kept):  # noqa: PLR2004 - a difference takes two
-        raise ValueError(f"a run of fewer than {warm_up + 2} cycles tells nothing")
+        raise ValueError(f"a run of fewer than {warm_up + 2} cycles has no statistics")
     whole = np.concatenate(kept)
     lateness = np.maximum(whole[:, 1] - whole[:, 0], 0)
     cost = np.concatenate([np.diff(run[:, 2]) for run in kept])

@@ -6,7 +6,7 @@ from typing import Final
 
 from segway_ecc.hil.campaign.result import ScenarioResult
 from segway_ecc.hil.campaign.table import HEAD, cells, verdict
-from segway_ecc.hil.page import page, pairs, section, wide
+from segway_ecc.hil.page import page, pairs, section, table
 
 _TITLE: Final = "Campaign: declared faults, in lock step"
 _INTRODUCTION: Final = (
@@ -38,13 +38,12 @@ def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
 
 
 def _table(results: Sequence[ScenarioResult]) -> str:
-    names = "".join(f'<th scope="col">{escape(name)}</th>' for name in (*HEAD, "reason, and how to run it again"))
-    rows = ""
+    rows = []
     for result in results:
         name, *others = cells(result)
         data = "".join(f"<td>{escape(text)}</td>" for text in others)
         reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
         last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
         kind = "" if result.is_as_expected else ' class="bad"'
-        rows += f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n'
-    return wide("Runs", f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
+        rows.append(f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n')
+    return table("Runs", (*HEAD, "reason, and how to run it again"), rows)

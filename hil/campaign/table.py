@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from segway_ecc.hil.campaign.result import ScenarioResult
+from segway_ecc.hil.text_table import aligned
 
 HEAD: Final = (
     "scenario",
@@ -36,10 +37,10 @@ def cells(result: ScenarioResult) -> tuple[str, ...]:
 
 def table(results: Sequence[ScenarioResult]) -> str:
     """All results, and under each that is not as expected why, and how to see it again."""
-    widths = [max(map(len, column)) for column in zip(HEAD, *map(cells, results), strict=True)]
-    lines = [_line(HEAD, widths)]
-    for result in results:
-        lines.append(_line(cells(result), widths))
+    head, *rows = aligned([HEAD, *map(cells, results)])
+    lines = [head]
+    for result, row in zip(results, rows, strict=True):
+        lines.append(row)
         if not result.is_as_expected:
             lines += [f"    {text}" for text in (*result.why_not, result.command)]
     return "".join(f"{line}\n" for line in (*lines, verdict(results)))
@@ -63,10 +64,6 @@ def details(result: ScenarioResult) -> Mapping[str, str]:
     }
     why = {"why not": "; ".join(result.why_not)} if result.why_not else {}
     return {name: text for name, text in {**named, **extra, **why, "again": result.command}.items() if text}
-
-
-def _line(row: Sequence[str], widths: Sequence[int]) -> str:
-    return "  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip()
 
 
 def _ms(duration_s: float | None) -> str:

@@ -245,7 +245,7 @@ def _svg(name: str, label: str, size: tuple[float, float], draw: Callable[[Figur
 
 
 def _inline(svg: str, name: str, label: str) -> str:
-    # matplotlib numbers ids from 1 in every figure; only tags are touched, never what a text says.
+    # matplotlib numbers ids from 1 in every figure; only tags are touched, never the text of a label.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", tag[0]), svg)
     # Its style sheet would apply to the whole page; as attributes of the element the same settings are inherited.
     svg = re.sub(r"<defs>\s*<style.*?</defs>\s*", "", svg, count=1, flags=re.DOTALL)

@@ -35,7 +35,7 @@ class RosSeat:
         require_ros()
         self._folder = folder
         self._logs = logs
-        # A study must not be heard by a real robot, nor hear one: it stays on this machine and in a domain of its own.
+        # A study must not exchange messages with a real robot: it stays on this machine and in a domain of its own.
         self._environment = {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(_FIRST_DOMAIN + os.getpid() % _DOMAINS),
@@ -45,17 +45,17 @@ class RosSeat:
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre through ROS; see `SeatRunner.run`."""
         namespace = f"/{name}"
-        file, heard = self._folder / f"ros_{name}.yaml", self._folder / f"ros_{name}.csv"
+        file, odometry = self._folder / f"ros_{name}.yaml", self._folder / f"ros_{name}.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
         node = ["run", "cart", "--ros", "--namespace", namespace, "--log", str(self._logs / f"ros_{name}.mcap")]
-        sequence = ["sequence", str(file), "--namespace", namespace, "--json", "--csv", str(heard), "--wait", "60"]
+        sequence = ["sequence", str(file), "--namespace", namespace, "--json", "--csv", str(odometry), "--wait", "60"]
         with (
             command(node, self._folder / f"ros_{name}.node.txt", self._environment),
             command(sequence, self._folder / f"ros_{name}.sequence.txt", self._environment) as player,
         ):
             result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S)
         graph = tuple(Edge(**edge) for edge in result["graph"])
-        return SeatRun(trajectory(Seat.ROS, _read_csv(heard)), graph)
+        return SeatRun(trajectory(Seat.ROS, _read_csv(odometry)), graph)
 
 
 def _read_csv(path: Path) -> list[Odometry]:

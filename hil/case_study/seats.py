@@ -1,4 +1,4 @@
-"""The seats of the case study: each plays a manoeuvre to the cart and tells where it went."""
+"""The seats of the case study: a seat is an environment that runs the model and returns where the cart went."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A balancing robot in lock step, disturbed as a script says: the same bits every time, faster than real time."""
+"""A balancing robot in lock step, disturbed by a script: bit-identical every time, faster than real time."""
 
 import contextlib
 import dataclasses
@@ -63,7 +63,7 @@ class DelayedLink(LinkFront):
 
 
 class BiasedModel:
-    """A model that is told more than is measured, as by a sensor that is off; see `Model`.
+    """A model whose inputs carry a bias, as from a sensor that is off; see `Model`.
 
     Attributes:
         biases: What is added to inputs, by name; may be changed while it runs.
@@ -103,7 +103,7 @@ class ScriptedStage(NoStage):
         self._events = {round(time * 1e9 / period_ns): event for time, event in script.items()}
 
     def take_inbox(self) -> Inbox:
-        """The set-point, said anew in each cycle, and the values that the script set."""
+        """The set-point, sent anew in each cycle, and the values that the script set."""
         event = self._events.get(self._cycle)
         if event is not None:
             event()
@@ -132,12 +132,12 @@ class Balance:
     Attributes:
         plant: The plant; its disturbances are states.
         world: Who sets set-points.
-        model: Its model, which can be told what is not so.
+        model: Its model, whose inputs can be biased.
         robot: The robot.
         loop: Its loop.
         link: Its end of the bus.
         truth: Where it really was at each tick.
-        phases: What it said it was doing in each cycle.
+        phases: The phase of its model in each cycle.
     """
 
     def __init__(
@@ -189,7 +189,7 @@ class Balance:
         self.world.setpoint = Setpoint(linear, angular)
 
     def stand(self, value: float) -> None:
-        """Tell it to stand (1) or to sit (0)."""
+        """Request it to stand (1) or to sit (0)."""
         self.world.values.append(SetValue(self.robot.wiring.set_names.index("stand"), value))
 
     def _observe(self, _wall_ns: int, outputs: Sequence[float]) -> None:

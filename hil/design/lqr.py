@@ -56,7 +56,7 @@ def lqr(model: LinearModel, q: Matrix, r: Matrix) -> Matrix:
     p = riccati(model, q, r)
     b = model.b.T @ p
     gain: Matrix = np.asarray(np.linalg.solve(r + b @ model.b, b @ model.a), dtype=np.float64)
-    # A mode out of reach may look settled to the iteration, by rounding; the poles tell.
+    # A mode out of reach may look settled to the iteration, by rounding; the poles decide.
     if np.abs(np.linalg.eigvals(model.a - model.b @ gain)).max() >= 1.0:
         raise ConfigurationError(_NO_GAINS)
     return gain

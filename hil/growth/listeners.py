@@ -1,7 +1,7 @@
 """Subscribers to the odometry, each a ROS participant of its own: arguments NAMESPACE COUNT.
 
-For the first line on its standard input it answers how many of them have heard the robot, once all have; then it
-listens until its standard input ends.
+For the first line on its standard input it answers how many of them have received from the robot, once all have; then
+it listens until its standard input ends.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ _FOUND_WITHIN_S: Final = 60.0
 
 
 def listen(namespace: str, count: int) -> None:
-    """Listen."""
+    """Receive and discard until standard input ends."""
     kind = message_type("nav_msgs/msg/Odometry")
     with contextlib.ExitStack() as stack:
         nodes = [stack.enter_context(ros_node(f"listener{i}", namespace)) for i in range(count)]
@@ -28,17 +28,17 @@ def listen(namespace: str, count: int) -> None:
         sys.stdin.readline()
         waiting, give_up_s = everyone, time.monotonic() + _FOUND_WITHIN_S
         while waiting and time.monotonic() < give_up_s:
-            waiting = [subscription for subscription in waiting if not _heard(subscription)]
+            waiting = [subscription for subscription in waiting if not _take_message(subscription)]
             time.sleep(_LOOK_S)
         sys.stdout.write(f"{len(everyone) - len(waiting)}\n")
         sys.stdout.flush()
         while not select.select([sys.stdin], [], [], _LOOK_S)[0]:
             for subscription in everyone:
-                while _heard(subscription):
+                while _take_message(subscription):
                     pass
 
 
-def _heard(subscription: RosObject) -> bool:
+def _take_message(subscription: RosObject) -> bool:
     """Take a message, if there is one."""
     return subscription.handle.take_message(subscription.msg_type, False) is not None  # noqa: FBT003 - not raw
 

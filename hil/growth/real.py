@@ -27,7 +27,7 @@ def subscribers(count: int) -> Point:
 
     Raises:
         ProcessFailedError: A process ended with an error.
-        RigError: Not every subscriber heard the robot.
+        RigError: Not every subscriber received from the robot.
     """
     with _side_by_side(1) as (folder, (robot,), environment), contextlib.ExitStack() as stack:
         if count:
@@ -35,11 +35,11 @@ def subscribers(count: int) -> Point:
             listening = command(
                 words, folder / "listeners.txt", environment, module="segway_ecc.hil.growth.listeners", listens=True
             )
-            heard = int(stack.enter_context(listening).ask("listen", _ANSWER_S))
-            if heard != count:
-                raise RigError(f"only {heard} of {count} subscribers heard the robot")
-        told = _measured([robot])
-    return _point(Axis.SUBSCRIBERS, count, told)
+            receiving = int(stack.enter_context(listening).ask("listen", _ANSWER_S))
+            if receiving != count:
+                raise RigError(f"only {receiving} of {count} subscribers received from the robot")
+        costs = _measured([robot])
+    return _point(Axis.SUBSCRIBERS, count, costs)
 
 
 def robots(count: int) -> Point:
@@ -49,8 +49,8 @@ def robots(count: int) -> Point:
         ProcessFailedError: One of them ended with an error.
     """
     with _side_by_side(count) as (_, running, _):
-        told = _measured(running)
-    return _point(Axis.ROBOTS, count, told)
+        costs = _measured(running)
+    return _point(Axis.ROBOTS, count, costs)
 
 
 @contextlib.contextmanager
@@ -78,12 +78,12 @@ def _measured(running: list[Command]) -> list[RobotCost]:
     return [msgspec.json.decode(robot.ask("end", _ANSWER_S), type=RobotCost) for robot in running]
 
 
-def _point(axis: Axis, size: int, told: list[RobotCost]) -> Point:
+def _point(axis: Axis, size: int, costs: list[RobotCost]) -> Point:
     notes = {
-        "share of a core, all threads": f"{sum(t.cpu for t in told):.2f}",
-        "cycles that began late": f"{max(t.late for t in told):.1%}",
+        "share of a core, all threads": f"{sum(t.cpu for t in costs):.2f}",
+        "cycles that began late": f"{max(t.late for t in costs):.1%}",
     }
-    return Point(axis=axis, size=size, cost=msgspec.structs.replace(together([t.cost for t in told]), notes=notes))
+    return Point(axis=axis, size=size, cost=msgspec.structs.replace(together([t.cost for t in costs]), notes=notes))
 
 
 def _namespace(place: int) -> str:

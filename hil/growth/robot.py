@@ -1,7 +1,7 @@
 """A robot in real time, with ROS, that measures what it costs: arguments ROBOT --log FILE [OPTIONS].
 
-It is told lines on its standard input and answers each with one: `ready` once it runs; `begin` what counts from now on;
-`end` what it cost since then, as JSON, whereupon it ends.
+It reads commands from its standard input and answers each with a line: `ready` once it runs; `begin`, from which on
+cycles count; `end` what it cost since then, as JSON, whereupon it ends.
 """
 
 import argparse
@@ -60,15 +60,15 @@ class _CommandThread(threading.Thread):
                 case "begin":
                     begun = self._now()
                 case "end":
-                    _say(msgspec.json.encode(self._told(begun)).decode())
+                    _answer(msgspec.json.encode(self._cost_since(begun)).decode())
                     break
-            _say("yes")
-        self._loop.stop("it was asked to")
+            _answer("yes")
+        self._loop.stop("it was requested")
 
     def _now(self) -> tuple[int, float, float, int]:
         return len(self._clock.taken_ns), cpu_s(self._pids), time.monotonic(), self._loop.counters.late
 
-    def _told(self, begun: tuple[int, float, float, int]) -> RobotCost:
+    def _cost_since(self, begun: tuple[int, float, float, int]) -> RobotCost:
         ended = self._now()
         cycles, cpu_s, clock_s, late = (after - before for after, before in zip(ended, begun, strict=True))
         cost = cost_of(self._clock.taken_ns[begun[0] : ended[0]])
@@ -76,7 +76,7 @@ class _CommandThread(threading.Thread):
 
 
 def main() -> int:
-    """Run it until it is told to end."""
+    """Run it until `end`."""
     parser = argparse.ArgumentParser()
     add_robot(parser)
     add_namespace(parser)
@@ -93,7 +93,7 @@ def main() -> int:
     return 0
 
 
-def _say(line: str) -> None:
+def _answer(line: str) -> None:
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 

@@ -17,8 +17,8 @@ def text(found: Sequence[AxisResult]) -> str:
 def verdict(grown: AxisResult) -> str:
     """Where it is linear, and where it stops being so."""
     line, refused = grown.line, grown.refused
-    told = f"{grown.axis}: " + ("too few sizes for a line" if line is None else _line_text(line))
-    return told if refused is None else f"{told}; {refused.size} do not run: {refused.refused}"
+    described = f"{grown.axis}: " + ("too few sizes for a line" if line is None else _line_text(line))
+    return described if refused is None else f"{described}; {refused.size} do not run: {refused.refused}"
 
 
 def rows(grown: AxisResult) -> list[list[str]]:
@@ -37,10 +37,10 @@ def rows(grown: AxisResult) -> list[list[str]]:
 
 
 def _line_text(line: LinearFit) -> str:
-    told = f"{line.at_zero:.1f} us and {line.per_one:.3g} us for each, linear up to {line.up_to:g}"
+    described = f"{line.at_zero:.1f} us and {line.per_one:.3g} us for each, linear up to {line.up_to:g}"
     if line.left_at is None:
-        return f"{told}, the most that was tried"
-    return f"{told}; at {line.left_at:g} it is {line.off:+.1f} us off (spread {line.spread:.1f} us)"
+        return f"{described}, the most that was tried"
+    return f"{described}; at {line.left_at:g} it is {line.off:+.1f} us off (spread {line.spread:.1f} us)"
 
 
 def _one(grown: AxisResult) -> str:

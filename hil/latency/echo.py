@@ -13,13 +13,13 @@ class Echo(SectionedModel):
     name = "echo"
     step_size = 0.01
     method = Method.DISCRETE
-    inputs = (Variable("Said", "m/s"),)
+    inputs = (Variable("Setpoint", "m/s"),)
     outputs = (Variable("Left", "V"), Variable("Right", "V"))
 
     def input(self, u: Sequence[float]) -> None:
         """Take the set-point."""
-        (self.said,) = u
+        (self.setpoint,) = u
 
     def output(self) -> Sequence[float]:
         """Hand it on."""
-        return self.said, 0.0
+        return self.setpoint, 0.0

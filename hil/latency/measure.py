@@ -1,4 +1,4 @@
-"""Measures it on this machine: node, plant and who speaks in processes of their own, and this process on the bus."""
+"""Measures the latency here: node, plant and publisher in processes of their own, and this process on the bus."""
 
 import contextlib
 import importlib.resources
@@ -19,12 +19,12 @@ from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.latency.echo import Echo
 from segway_ecc.hil.latency.result import Latency, Timed, Where
-from segway_ecc.hil.latency.saying import MOST, STEP
+from segway_ecc.hil.latency.setpoints import MOST, STEP
 from segway_ecc.hil.processes import command
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.ros.runtime import require_ros
 
-_HEARD_S: Final = 0.05
+_RECEIVE_S: Final = 0.05
 _MARGIN_S: Final = 60.0
 _DOMAINS: Final = 101
 _WORDS: Final = 5
@@ -43,12 +43,12 @@ def measure(  # noqa: PLR0913 - what there is to choose
     """Measure how long set-points take; about 25 ms each, and some seconds before.
 
     Args:
-        where: Where they are said.
-        trials: How many, up to `segway_ecc.hil.latency.saying.MOST`.
+        where: Where they are published.
+        trials: How many, up to `segway_ecc.hil.latency.setpoints.MOST`.
         actuate: When commands leave: `immediately` or in the `next_cycle`.
         channel: A SocketCAN interface that nobody else uses; None for the virtual bus between processes.
-        publisher: Begins the command line of who says them, such as `ip netns exec NAME`.
-        environment: Of the robot and of who speaks to it; what it lacks is a ROS domain of their own on this machine.
+        publisher: Begins the command line of their publisher, such as `ip netns exec NAME`.
+        environment: Of the robot and of the publisher; what it lacks is a ROS domain of their own on this machine.
 
     Raises:
         RosUnavailableError: ROS is needed, and not there.
@@ -74,11 +74,11 @@ def measure(  # noqa: PLR0913 - what there is to choose
             speaking = bench.in_process(trials) if where is Where.SAME_PROCESS else bench.apart(trials, publisher)
             with speaking as process:
                 seen = _listen(bus, lambda: process.poll() is not None)
-                said = _said(process, folder)
+                published = _published(process, folder)
         try:
-            return Latency.of(where, actuate, Echo.step_size, said, seen)
+            return Latency.of(where, actuate, Echo.step_size, published, seen)
         except ValueError as error:
-            raise RigError(f"{where}: {error}; the robot said: {_last_words(folder / 'node.txt')}") from error
+            raise RigError(f"{where}: {error}; the robot's messages: {_last_words(folder / 'node.txt')}") from error
 
 
 class _LatencyProcesses:
@@ -91,29 +91,29 @@ class _LatencyProcesses:
 
     @contextlib.contextmanager
     def in_process(self, trials: int) -> "Iterator[subprocess.Popen[bytes]]":
-        """The robot, with who speaks to it inside."""
+        """The robot, with the publisher inside."""
         words = [*self.words, str(trials)]
-        with command(words, self._folder / "speaker.txt", module="segway_ecc.hil.latency.same_process") as robot:
+        with command(words, self._folder / "publisher.txt", module="segway_ecc.hil.latency.same_process") as robot:
             yield robot.process
 
     @contextlib.contextmanager
     def apart(self, trials: int, prefix: Sequence[str]) -> "Iterator[subprocess.Popen[bytes]]":
-        """The robot with ROS and its recorder, and who speaks to it in another process."""
+        """The robot with ROS and its recorder, and the publisher in another process."""
         namespace = f"/latency_{os.getpid()}"
         node = ["run", *self.words, "--ros", "--namespace", namespace, "--log", str(self._folder / "latency.mcap")]
         module = "segway_ecc.hil.latency.publisher"
         words = [*prefix, sys.executable, "-P", "-m", module, namespace, str(trials), str(Echo.step_size)]
         with (
             command(node, self._folder / "node.txt", self._environment),
-            (self._folder / "speaker.txt").open("wb") as errors,
+            (self._folder / "publisher.txt").open("wb") as errors,
             subprocess.Popen(  # noqa: S603 - our own program
                 words, stdout=subprocess.PIPE, stderr=errors, env={**os.environ, **self._environment}
-            ) as speaker,
+            ) as publishing,
         ):
             try:
-                yield speaker
+                yield publishing
             finally:
-                speaker.terminate()
+                publishing.terminate()
 
 
 def _robot_file(folder: Path, actuate: str) -> Path:
@@ -136,7 +136,7 @@ def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
     seen = []
     with real_time_priority():  # a time is noted when the frame is there, not when other programs let this one run
         while not is_over():
-            frame = bus.recv(_HEARD_S)
+            frame = bus.recv(_RECEIVE_S)
             at_ns = time.monotonic_ns()
             if frame is None or frame.arbitration_id != FrameId.WHEEL_COMMAND:
                 continue
@@ -146,12 +146,12 @@ def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
     return seen
 
 
-def _said(process: "subprocess.Popen[bytes]", folder: Path) -> list[Timed]:
-    """What a process that has ended said that it said."""
+def _published(process: "subprocess.Popen[bytes]", folder: Path) -> list[Timed]:
+    """The set-points that a process printed as published, once it has ended."""
     output, _ = process.communicate(timeout=_MARGIN_S)
     if process.returncode != 0:
-        told = _last_words(folder / "speaker.txt")
-        raise RigError(f"who says set-points ended with exit code {process.returncode}: {told}")
+        messages = _last_words(folder / "publisher.txt")
+        raise RigError(f"the publisher of set-points ended with exit code {process.returncode}: {messages}")
     return msgspec.json.decode(output, type=list[Timed])
 
 

@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.latency.result import Timed
-from segway_ecc.hil.latency.saying import say_all
+from segway_ecc.hil.latency.setpoints import publish_all
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.errors import NobodyListensError
 from segway_ecc.node.ros.messages import message_type
@@ -23,7 +23,7 @@ _BOTH_WAYS_S: Final = 1.0
 
 
 def publish(namespace: str, count: int, period_s: float) -> list[Timed]:
-    """Say so many set-points to the robot in a namespace, once it is found.
+    """Publish so many set-points to the robot in a namespace, once it is found.
 
     Raises:
         NobodyListensError: It was not found.
@@ -33,7 +33,7 @@ def publish(namespace: str, count: int, period_s: float) -> list[Timed]:
         publisher = node.create_publisher(kind, "cmd_vel", 10)
         message = kind()
 
-        def say(velocity: float) -> None:
+        def send(velocity: float) -> None:
             message.linear.x = velocity
             publisher.publish(message)
 
@@ -43,10 +43,10 @@ def publish(namespace: str, count: int, period_s: float) -> list[Timed]:
                 raise NobodyListensError(f"no robot took {publisher.topic_name} within {_FOUND_WITHIN_S:g} s")
             time.sleep(_LOOK_S)
         time.sleep(_BOTH_WAYS_S)
-        with real_time_priority():  # nothing of other programs between a time that is noted and what is said then
-            said = say_all(count, period_s, say)
+        with real_time_priority():  # nothing of other programs between a time that is noted and what is published then
+            published = publish_all(count, period_s, send)
         time.sleep(_LAST_S)
-        return said
+        return published
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What came of the set-points that were said."""
+"""What came of the set-points that were published."""
 
 import enum
 import math
@@ -15,7 +15,7 @@ _NS_PER_S: Final = 1e9
 
 @enum.unique
 class Where(enum.StrEnum):
-    """Where the set-points are said."""
+    """Where the set-points are published."""
 
     SAME_PROCESS = "same process"
     OTHER_PROCESS = "other process"
@@ -23,7 +23,7 @@ class Where(enum.StrEnum):
 
 
 class Timed(NamedTuple):
-    """A number that says which set-point it was, and when it was said or seen, ns, monotonic."""
+    """The number of a set-point, and when it was published or seen, ns, monotonic."""
 
     number: int
     at_ns: int
@@ -33,10 +33,10 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
     """From the moment before a set-point is published to the first motor frame on the bus that is made from it.
 
     Attributes:
-        where: Where they were said; see `Where`.
+        where: Where they were published; see `Where`.
         actuate: When commands leave; see `segway_ecc.node.config.RobotFile`.
         period_s: Of the loop, s.
-        trials: Set-points said, at any phase of the loop.
+        trials: Set-points published, at any phase of the loop.
         missed: Of how many no frame was seen.
         p50_s: Median, s.
         p99_s: The time within which 99 of 100 were there, s.
@@ -69,7 +69,7 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def limit_s(self) -> float:
-        """What is asked for where robot and who says the set-points are on one host, s."""
+        """What is required where robot and publisher are on one host, s."""
         return self.period_s + ALLOWED_S
 
     @property
@@ -86,21 +86,21 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     @classmethod
-    def of(cls, where: Where, actuate: str, period_s: float, said: Sequence[Timed], seen: Sequence[Timed]) -> Self:
-        """Of what was said and seen; each number is said once, and `seen` is in order of time.
+    def of(cls, where: Where, actuate: str, period_s: float, published: Sequence[Timed], seen: Sequence[Timed]) -> Self:
+        """From what was published and seen; each number is published once, and `seen` is in order of time.
 
         Raises:
             ValueError: No set-point was seen at all.
         """
-        took = sorted(took_s(said, seen))
+        took = sorted(took_s(published, seen))
         if not took:
             raise ValueError("no set-point came through")
         return cls(
             where=str(where),
             actuate=actuate,
             period_s=period_s,
-            trials=len(said),
-            missed=len(said) - len(took),
+            trials=len(published),
+            missed=len(published) - len(took),
             p50_s=quantile(took, 0.5),
             p99_s=quantile(took, 0.99),
             max_s=took[-1],
@@ -110,13 +110,13 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
         return [("p50", self.p50_s), ("p99", self.p99_s), ("max", self.max_s)]
 
 
-def took_s(said: Sequence[Timed], seen: Sequence[Timed]) -> list[float]:
-    """For each set-point that was seen: how long after it was said the first frame with it was there, s."""
+def took_s(published: Sequence[Timed], seen: Sequence[Timed]) -> list[float]:
+    """For each set-point that was seen: how long after its publication the first frame with it was there, s."""
     times: dict[int, list[int]] = {}
     for frame in seen:
         times.setdefault(frame.number, []).append(frame.at_ns)
     found = []
-    for number, at_ns in said:
+    for number, at_ns in published:
         later = times.get(number, [])
         place = bisect_left(later, at_ns)
         if place < len(later):

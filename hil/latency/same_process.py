@@ -13,7 +13,7 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.latency.result import Timed
-from segway_ecc.hil.latency.saying import say_all
+from segway_ecc.hil.latency.setpoints import publish_all
 from segway_ecc.node.cli.options import add_robot, real_time, robot_file
 from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, StampedSetpoint
@@ -23,48 +23,48 @@ from segway_ecc.node.robot import build_robot
 _ARMED_S: Final = 1.0
 
 
-class HandedStage(NoStage):
-    """A world that hands on what a thread of this process says; see `Stage`."""
+class ThreadStage(NoStage):
+    """A stage that hands on the set-points of a thread of this process; see `Stage`."""
 
     def __init__(self) -> None:
-        """Nothing was said yet."""
+        """Begin without any."""
         self.over: str | None = None
-        self._said: deque[float] = deque(maxlen=10)  # its ends are safe against each other without a lock
+        self._sent: deque[float] = deque(maxlen=10)  # its ends are safe against each other without a lock
 
-    def say(self, velocity: float) -> None:
-        """Say a set-point, m/s; from any thread."""
-        self._said.append(velocity)
+    def send(self, velocity: float) -> None:
+        """Send a set-point, m/s; from any thread."""
+        self._sent.append(velocity)
 
     def take_inbox(self) -> Inbox:
-        """What was said since the last cycle."""
+        """The set-points since the last cycle."""
         inbox = Inbox()
-        while self._said:
-            inbox.setpoints.append(StampedSetpoint(Setpoint(self._said.popleft(), 0.0), None))
+        while self._sent:
+            inbox.setpoints.append(StampedSetpoint(Setpoint(self._sent.popleft(), 0.0), None))
         return inbox
 
 
 def main() -> int:
-    """Run the robot until all is said."""
+    """Run the robot until all are sent."""
     parser = argparse.ArgumentParser()
     add_robot(parser)
     parser.add_argument("count", type=int)
     options = parser.parse_args()
     robot = build_robot(robot_file(options), RealClock())
-    stage = HandedStage()
-    said: list[Timed] = []
+    stage = ThreadStage()
+    published: list[Timed] = []
 
-    def speak() -> None:
+    def publish() -> None:
         time.sleep(_ARMED_S)
-        said.extend(say_all(options.count, robot.model.step_size, stage.say))
+        published.extend(publish_all(options.count, robot.model.step_size, stage.send))
         time.sleep(_ARMED_S)
-        stage.over = "all is said"
+        stage.over = "all set-points are sent"
 
-    speaking = threading.Thread(target=speak)
-    speaking.start()
+    publishing = threading.Thread(target=publish)
+    publishing.start()
     with real_time():
         robot.loop(stage, NoRecorder()).run()
-    speaking.join()
-    sys.stdout.write(msgspec.json.encode(said).decode() + "\n")
+    publishing.join()
+    sys.stdout.write(msgspec.json.encode(published).decode() + "\n")
     return 0
 
 

@@ -40,7 +40,7 @@ class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):
         network: What is between robot and station.
         manoeuvre: What sequence control plays from `START_S` on.
         until_s: How long the run lasts, s of simulated time.
-        stamped: Whether set-points are said ahead, with their time.
+        stamped: Whether set-points are sent ahead, with their time.
         stop_at_s: When stop is pressed, s of simulated time; None for never.
         pushed_n: What pushes the body for a tenth of a second at `START_S` + 1 s, N.
         delivery: What becomes of the balance's messages that are lost or overtaken.
@@ -97,7 +97,7 @@ class _LockstepPlacement:
         robot = self._robot
         outputs = [variable.name for variable in robot.model.outputs]
         if "Phase" not in outputs:
-            raise ConfigurationError(f"robot '{self._job.robot}' does not tell its phase: it is no segway")
+            raise ConfigurationError(f"robot '{self._job.robot}' has no output Phase: it is no segway")
         phases = PhaseRecorder(outputs.index("Phase"), robot.period_ns)
         watch = NodeWatch(self._injections, robot.hardware, phases)
         loop = robot.loop(self._world, watch)

@@ -38,7 +38,7 @@ class Setting(msgspec.Struct, frozen=True, kw_only=True):
         placement: Where the parts run.
         name: Of the network.
         network: The network.
-        stamped: Whether set-points are said ahead.
+        stamped: Whether set-points are sent ahead.
     """
 
     robot: str

@@ -31,7 +31,7 @@ NETWORKS: Final[Mapping[str, Network]] = {
 }
 """Latency is one way; jitter is the largest deviation from it.
 
-3 s is the heartbeat period of Fast DDS, at which what was lost is missed where nothing tells of it before.
+3 s is the heartbeat period of Fast DDS, at which what was lost is missed at the latest.
 """
 CUT_NETWORK: Final = "wired"
 """On which the partitions are made: what comes of one shows best on a network that is good otherwise."""
@@ -54,7 +54,7 @@ class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
         seeds: With which each stop is pressed.
         searches: What is searched for.
         search_seeds: With which it must be borne.
-        resolution: How closely, in the unit of what is searched for; None for as closely as each kind says.
+        resolution: How closely, in the unit of what is searched for; None for the resolution of each kind.
     """
 
     networks: tuple[str, ...]

@@ -69,10 +69,10 @@ def outcome_of(seen: RunRecord, start_s: float) -> RunOutcome:
 
 def reason_of(seen: RunRecord, since_s: float = 0.0) -> str:
     """The first reason for which the node was not armed after a time, or that the guard stopped the drives."""
-    said = [_of_change(c) for c in seen.changes if c.mode is not Mode.ARMED and c.at_ns >= since_s * _NS_PER_S]
+    reasons = [_of_change(c) for c in seen.changes if c.mode is not Mode.ARMED and c.at_ns >= since_s * _NS_PER_S]
     guarded_s = seen.guard_s
-    said += [(guarded_s, "the guard stopped the drives: commands stopped")] if guarded_s is not None else []
-    return min(said)[1] if said else ""
+    reasons += [(guarded_s, "the guard stopped the drives: commands stopped")] if guarded_s is not None else []
+    return min(reasons)[1] if reasons else ""
 
 
 def _of_change(change: Change) -> tuple[float, str]:
@@ -80,20 +80,20 @@ def _of_change(change: Change) -> tuple[float, str]:
 
 
 def shortened(reason: str) -> str:
-    """A reason without those that came with it: where a snapshot is missing, each of its values says so."""
+    """A reason without those that came with it: where a snapshot is missing, each of its values gives one."""
     first, *others = reason.split("; ")
     return f"{first}, and {len(others)} more" if others else first
 
 
 def story(seen: RunRecord, since_s: float) -> str:
     """What the robot did by itself after a time, one thing after the other, with how much later it was."""
-    told = [(c.at_ns / _NS_PER_S, f"{c.mode} ({shortened(c.reason)})") for c in seen.changes]
-    told += [(at_s, "sits down") for at_s, phase in seen.phases if phase is Phase.SITTING_DOWN]
+    events = [(c.at_ns / _NS_PER_S, f"{c.mode} ({shortened(c.reason)})") for c in seen.changes]
+    events += [(at_s, "sits down") for at_s, phase in seen.phases if phase is Phase.SITTING_DOWN]
     if seen.guard_s is not None:
-        told.append((seen.guard_s, "the guard stops the drives"))
+        events.append((seen.guard_s, "the guard stops the drives"))
     if (fell_s := seen.fell_s(since_s)) is not None:
-        told.append((fell_s, "lies"))
+        events.append((fell_s, "lies"))
     if seen.zero_s is not None:
-        told.append((seen.zero_s, "torque zero for good"))
-    later = sorted((at_s - since_s, what) for at_s, what in told if at_s >= since_s)
+        events.append((seen.zero_s, "torque zero for good"))
+    later = sorted((at_s - since_s, what) for at_s, what in events if at_s >= since_s)
     return "; ".join(f"+{after_s:.2f} s {what}" for after_s, what in later) or "goes on as if nothing were"

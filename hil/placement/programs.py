@@ -1,4 +1,4 @@
-"""What speaks to the model node, from wherever it is placed: sequence control and supervision. Time is given."""
+"""The programs around the model node, from wherever it is placed: sequence control and supervision. Time is given."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
@@ -14,7 +14,7 @@ STATION: Final = "station"
 
 
 class NodeReport(NamedTuple):
-    """What the model node tells of a cycle: its stamp, ns since the Unix epoch, and its mode."""
+    """What the model node publishes of a cycle: its stamp, ns since the Unix epoch, and its mode."""
 
     stamp_ns: int
     mode: Mode
@@ -24,61 +24,61 @@ Message = StampedSetpoint | Heartbeat | Action
 
 
 class Program(Protocol):
-    """A program that hears the model node and speaks to it, over a network or not."""
+    """A program that exchanges messages with the model node, over a network or not."""
 
-    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
-        """What it says now, simulated ns, after what it has heard since the last step."""
+    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
+        """What it sends now, simulated ns, after the reports received since the last step."""
 
 
 class UnstampedSequence:
-    """Sequence control that says each set-point when its time has come by its own clock, as on `cmd_vel`."""
+    """Sequence control that sends each set-point when its time has come by its own clock, as on `cmd_vel`."""
 
     def __init__(self, manoeuvre: Manoeuvre, start_ns: int) -> None:
         """Play from a simulated time on."""
-        self._said = [(start_ns + said.offset_ns, said.setpoint) for said in schedule(manoeuvre)]
+        self._schedule = [(start_ns + due.offset_ns, due.setpoint) for due in schedule(manoeuvre)]
         self._next = 0
 
-    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
+    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
-        del heard
+        del reports
         first = self._next
-        while self._next < len(self._said) and self._said[self._next][0] <= now_ns:
+        while self._next < len(self._schedule) and self._schedule[self._next][0] <= now_ns:
             self._next += 1
-        return [StampedSetpoint(setpoint, None) for _, setpoint in self._said[first : self._next]]
+        return [StampedSetpoint(setpoint, None) for _, setpoint in self._schedule[first : self._next]]
 
 
 class StampedSequence:
-    """Sequence control that says each set-point ahead, with the robot's own time for it, as on `cmd_vel_stamped`."""
+    """Sequence control that sends each set-point ahead, with the robot's own time for it, as on `cmd_vel_stamped`."""
 
     def __init__(self, manoeuvre: Manoeuvre, start_stamp_ns: int) -> None:
         """Play from a time of the robot's on."""
         self._player = Player(manoeuvre, start_ns=start_stamp_ns)
 
-    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
+    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         del now_ns
-        for told in heard:
-            self._player.update(Odometry(told.stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
+        for report in reports:
+            self._player.update(Odometry(report.stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
         start_ns = self._player.start_ns or 0
-        return [StampedSetpoint(said.setpoint, start_ns + said.offset_ns) for said in self._player.due_setpoints()]
+        return [StampedSetpoint(due.setpoint, start_ns + due.offset_ns) for due in self._player.due_setpoints()]
 
 
 class Supervisor:
-    """Beats, and from a time on asks for a stop until it hears that the node has stopped."""
+    """Beats, and from a time on asks for a stop until the node reports that it has stopped."""
 
     def __init__(self, stop_ns: int | None) -> None:
         """Press stop at a simulated time; None for never."""
         self._heartbeats = Heartbeats(STATION)
         self._again_ns = stop_ns
 
-    def step(self, now_ns: int, heard: Sequence[NodeReport]) -> Sequence[Message]:
+    def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         beat_ns = self._heartbeats.due(now_ns)
-        said: list[Message] = [] if beat_ns is None else [Heartbeat(STATION, beat_ns)]
+        messages: list[Message] = [] if beat_ns is None else [Heartbeat(STATION, beat_ns)]
         if self._again_ns is None or now_ns < self._again_ns:
-            return said
-        if any(told.mode is Mode.FAULT for told in heard):
+            return messages
+        if any(report.mode is Mode.FAULT for report in reports):
             self._again_ns = None
-            return said
+            return messages
         self._again_ns += AGAIN_NS
-        return [*said, Action.STOP]
+        return [*messages, Action.STOP]

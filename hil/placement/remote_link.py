@@ -17,8 +17,8 @@ class RemoteLink(LinkFront):
     """The node's end of a bus that is at the other end of a network; see `Link`.
 
     The gateway on the robot sends each snapshot on as soon as it has passed on the bus, and puts commands on the bus
-    when they arrive. Frames bear the time at which they reached the node: two machines have no common clock to tell it
-    how old they are.
+    when they arrive. Frames carry the time at which they reached the node: two machines have no common clock for
+    their age.
     """
 
     def __init__(self, bus: Link, up: Channel[Sequence[Frame]], down: Channel[list[Frame]], now_ns: NowNs) -> None:
@@ -26,8 +26,8 @@ class RemoteLink(LinkFront):
 
         Args:
             bus: The gateway's link to the robot's bus.
-            up: From the robot: what the bus said.
-            down: To the robot: what is to be said on the bus.
+            up: From the robot: frames of the bus.
+            down: To the robot: frames for the bus.
             now_ns: The rig's clock.
         """
         super().__init__(bus)

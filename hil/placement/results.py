@@ -98,7 +98,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
         borne: The largest that was borne with every seed.
         lost: The smallest that was not; None where the largest tried was borne.
         lost_by: What the robot gave as reason then.
-        theory: What theory says of it; None where it says nothing.
+        theory: What theory gives for it; None where it gives nothing.
     """
 
     robot: str

@@ -48,7 +48,7 @@ class LimitSearch(msgspec.Struct, frozen=True, kw_only=True):
         size: What is made larger.
         delivery: What becomes of messages that are lost or overtaken.
         latency_s: One way, s; a jitter is had around as much latency as itself.
-        theory: What theory says of the limit; None where it says nothing.
+        theory: What theory gives for the limit; None where it gives nothing.
     """
 
     robot: str

@@ -65,7 +65,7 @@ class RunRecord(NamedTuple):
         return max((abs(at.pitch) for at in self.since(start_s)), default=0.0)
 
     def fell_s(self, start_s: float) -> float | None:
-        """When it lay down though nobody told it to sit, after a time; None where it never did."""
+        """When it lay down though it was not sitting down, after a time; None where it never did."""
         for at in self.since(start_s):
             if abs(at.pitch) > FALLEN_RAD:
                 return at.time if self.phase_at(at.time) is not Phase.SITTING_DOWN else None

@@ -16,7 +16,7 @@ class Table(NamedTuple):
     Attributes:
         title: What it shows.
         head: The head of each column.
-        rows: Its rows; the first columns say which.
+        rows: Its rows; the first columns identify them.
     """
 
     title: str
@@ -48,7 +48,7 @@ def text(found: StudyResult) -> str:
 
 
 def bound_text(bound: Bound) -> tuple[str, str, str]:
-    """What was borne, what was not, and what theory says."""
+    """What was tolerated, what was not, and what theory gives."""
     scale, unit = (1e3, "ms") if bound.unit == "s" else (100.0, "%")
     lost = "more than was tried" if bound.lost is None else f"{bound.lost * scale:.4g} {unit}"
     theory = NOTHING if bound.theory is None else f"{bound.theory * scale:.1f} {unit}"
@@ -99,7 +99,7 @@ def _pivot(title: str, networks: Sequence[str], shown: Sequence[Choice], cells: 
 
 
 def _which(row: Sequence[str]) -> Sequence[str]:
-    """A row that says where set-points travel, also where they do not."""
+    """A row with a mark where set-points cross no network."""
     return [text or NOTHING for text in row]
 
 

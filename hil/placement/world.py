@@ -1,4 +1,4 @@
-"""The world of the model node: programs that speak to it, each over a way of its own."""
+"""The programs around the model node, each over channels of its own."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,9 +13,9 @@ class ProgramChannels(NamedTuple):
     """The way between a program and the model node.
 
     Attributes:
-        to: What the program says. What only the newest of matters has its own channel.
+        to: Messages of the program. What only the newest of matters has its own channel.
         beats: Its heartbeats.
-        back: What the node tells.
+        back: Reports of the node.
     """
 
     to: Channel[Message]
@@ -24,27 +24,27 @@ class ProgramChannels(NamedTuple):
 
 
 class ProgramsStage(NoStage):
-    """Hands on what the programs say; see `Stage`."""
+    """Hands on what the programs send; see `Stage`."""
 
     def __init__(self, programs: Sequence[tuple[Program, ProgramChannels]], now_ns: NowNs) -> None:
-        """Have these programs in the world."""
+        """Connect these programs."""
         self.over: str | None = None
         self._programs = programs
         self._now_ns = now_ns
 
     def take_inbox(self) -> Inbox:
-        """Let every program speak; take what has arrived."""
+        """Step every program; take the messages that have arrived."""
         inbox, now_ns = Inbox(), self._now_ns()
         for program, way in self._programs:
-            heard = [message.item for message in way.back.receive()]
-            for message in program.step(now_ns, heard):
+            reports = [message.item for message in way.back.receive()]
+            for message in program.step(now_ns, reports):
                 (way.beats if isinstance(message, Heartbeat) else way.to).send(message)
             for arrived in (*way.to.receive(), *way.beats.receive()):
                 _put(inbox, arrived.item)
         return inbox
 
     def publish(self, report: Report) -> None:
-        """Tell every program."""
+        """Report to every program."""
         for _, way in self._programs:
             way.back.send(NodeReport(report.stamp_ns, report.mode))
 
@@ -60,4 +60,4 @@ def _put(inbox: Inbox, message: Message) -> None:
 
 
 def _nobody_waits(_answer: Answer) -> None:
-    """The answer to a stop says nothing that the mode does not."""
+    """The mode shows what came of a stop."""

@@ -10,12 +10,12 @@ from segway_ecc.hil.play.keys import Key
 from segway_ecc.hil.play.snapshot import Snapshot
 
 _MOST_AT_ONCE = 32
-"""Keys taken in one cycle at most, so that a key that is held down cannot hold up the loop."""
+"""Keys taken in one cycle at most, so that a key that is held down cannot delay the loop."""
 _MOST_BYTES = 1 << 16
 
 
 def channel() -> tuple[socket.socket, socket.socket]:
-    """Two ends that keep messages apart and tell when the other end is gone."""
+    """Two ends that keep messages apart and show when the other end is gone."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
         end.setblocking(False)  # noqa: FBT003 - the standard library's signature
@@ -72,7 +72,7 @@ class TerminalEnd:
         self._end = end
 
     def press(self, key: Key) -> None:
-        """Tell a key; where the loop takes none any more it is lost."""
+        """Send a key; where the loop takes none any more it is lost."""
         with contextlib.suppress(OSError):
             self._end.send(key.value.encode())
 

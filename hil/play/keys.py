@@ -23,7 +23,7 @@ class Key(enum.StrEnum):
     BREAK_BUS = "b"
     QUIT = "q"
     ALIVE = "."
-    """No key: the terminal says that somebody is still there."""
+    """No key: the terminal is still alive."""
 
 
 _SEQUENCES: Final = {

@@ -1,4 +1,4 @@
-"""A robot that stands up and sits down when it is told: what it is doing, and how it is told."""
+"""A robot that stands up and sits down on request: its phase, and the requests."""
 
 from collections import deque
 from typing import Final
@@ -10,7 +10,7 @@ from segway_ecc.node.robot import Robot
 STAND: Final = "stand"
 """The value that anybody may set: 1 stand, 0 sit."""
 PHASE: Final = "Phase"
-"""The model's output that tells what it is doing, a `Phase`."""
+"""The model's output of what it is doing, a `Phase`."""
 _UP: Final = frozenset({Phase.STANDING_UP, Phase.BALANCING})
 
 
@@ -30,15 +30,15 @@ class Posture:
 
     @property
     def doing(self) -> str | None:
-        """What the robot is doing, in words; None where it does not tell."""
+        """What the robot is doing, in words; None where it has no phases."""
         return self._phase.name.lower().replace("_", " ") if self.can_change else None
 
     def change(self) -> None:
-        """Sit down where it is up, and stand up where it is down: one that gave up must be told to sit before."""
+        """Sit down where it is up, and stand up where it is down: one that gave up has to sit first."""
         self._pending = deque((0.0,) if self._phase in _UP else (0.0, 1.0))
 
-    def told(self) -> list[SetValue]:
-        """What it is told in this cycle: one value, since the second of two would be all that the model sees."""
+    def take_requests(self) -> list[SetValue]:
+        """The request of this cycle: one value, since the second of two would be all that the model sees."""
         return [SetValue(self._place, self._pending.popleft())] if self._pending else []
 
     @property

@@ -6,12 +6,12 @@ from typing import Final
 
 PUSH_N: Final = 50.0
 PUSH_S: Final = 0.1
-"""With `PUSH_N` 5 N s: the segway of the case study bears 7.5 N s at rest."""
+"""With `PUSH_N` 5 N s: the segway of the case study recovers from 7.5 N s at rest."""
 FORCE: Final = "PushForce"
 
 
 class PlantControls:
-    """Tells the plant's process what is to happen, without waiting for it.
+    """Sends commands to the plant's process, without waiting for it.
 
     Attributes:
         has_ros: Whether ROS reaches the robot.
@@ -41,21 +41,21 @@ class PlantControls:
 
     def push(self) -> None:
         """Push the robot ahead for a moment, where it can be pushed."""
-        if self.can_be_pushed and self._tell(f"write {FORCE} {PUSH_N}"):
+        if self.can_be_pushed and self._send(f"write {FORCE} {PUSH_N}"):
             self._left = self._push_cycles
 
-    def break_or_mend_bus(self) -> None:
-        """Cut the bus; or mend it, where it was cut."""
-        if self._tell("heal" if self.is_bus_broken else "cut"):
+    def toggle_bus(self) -> None:
+        """Cut the bus; or restore it, where it was cut."""
+        if self._send("heal" if self.is_bus_broken else "cut"):
             self.is_bus_broken = not self.is_bus_broken
 
     def work(self) -> None:
         """End a push whose time is over."""
-        if self._left == 1 and not self._tell(f"write {FORCE} 0"):
+        if self._left == 1 and not self._send(f"write {FORCE} 0"):
             return
         self._left = max(self._left - 1, 0)
 
-    def _tell(self, line: str) -> bool:
+    def _send(self, line: str) -> bool:
         try:
             return os.write(self._control, f"{line}\n".encode()) > 0
         except OSError:  # full, or the plant is gone

@@ -10,8 +10,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
         robot: Its name.
         mode: What it is allowed to do.
         reason: Why it entered that mode.
-        linear: Linear velocity ahead, m/s; None where the robot does not tell it.
-        angular: Angular velocity, counter-clockwise, rad/s; None where the robot does not tell it.
+        linear: Linear velocity ahead, m/s; None where the robot does not publish it.
+        angular: Angular velocity, counter-clockwise, rad/s; None where the robot does not publish it.
         wanted_linear: Set-point in force, m/s.
         wanted_angular: Set-point in force, rad/s.
         pitch: Tilt, positive ahead, rad; None where the robot has none.
@@ -20,7 +20,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
         links: State of each line to the drives, by its name; empty where there is none.
         line: The line that carries the commands, where there are two; else None.
         timing: How the loop meets its deadlines.
-        messages: What was told last, oldest first.
+        messages: The last notices, oldest first.
         has_ros: Whether ROS reaches the robot.
         guard_runs: Whether the guard runs.
         can_be_pushed: Whether the plant can be pushed.

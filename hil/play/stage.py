@@ -23,7 +23,7 @@ ANGULAR_STEP: Final = 0.2
 MAX_LINEAR: Final = 1.0
 MAX_ANGULAR: Final = 2.0
 PITCH: Final = "Pitch"
-"""The model's output that tells the tilt, where it has one."""
+"""The model's output of the tilt, where it has one."""
 _SHOW_EVERY_S: Final = 0.05
 _MESSAGES: Final = 6
 _LINK_STATE: Final = re.compile(r"link\.(?:(\w+)\.)?state")
@@ -45,13 +45,13 @@ _logger = logging.getLogger(__name__)
 
 
 class PlayStage:
-    """See `Stage`. Set-points come from the keyboard or from the stage behind: whoever spoke last drives.
+    """See `Stage`. Set-points come from the keyboard or from the stage behind: the last that sent one drives.
 
-    The keyboard's set-point is renewed while the terminal says that it is alive: where it hangs, set-points fall silent
+    The keyboard's set-point is renewed while the terminal is alive: where it hangs, set-points fall silent
     and the robot holds, as for any other driver.
 
     Attributes:
-        messages: What is told below the view; the oldest is forgotten.
+        messages: Notices below the view; the oldest is discarded.
     """
 
     wants_reports = True
@@ -96,7 +96,7 @@ class PlayStage:
             self._press(key, inbox)
         if self._terminal.is_gone:
             self._over = self._over or "the terminal is gone"
-        inbox.values.extend(self._posture.told())
+        inbox.values.extend(self._posture.take_requests())
         self._rig.work()
         return inbox
 
@@ -134,7 +134,7 @@ class PlayStage:
             self._steer(*_STEPS[key])
             inbox.setpoints.append(StampedSetpoint(self._wanted, None))
         elif key in _ACTIONS:
-            inbox.requests.append(Request(_ACTIONS[key], self._hear))
+            inbox.requests.append(Request(_ACTIONS[key], self._log_answer))
         else:
             self._press_other(key, inbox)
 
@@ -150,7 +150,7 @@ class PlayStage:
             case Key.PUSH:
                 self._rig.push()
             case Key.BREAK_BUS:
-                self._rig.break_or_mend_bus()
+                self._rig.toggle_bus()
             case Key.QUIT:
                 self._over = "q was pressed"
 
@@ -167,8 +167,8 @@ class PlayStage:
         elif self._posture.can_change:
             self._posture.change()
 
-    def _hear(self, answer: Answer) -> None:
-        """Tell an answer; a change of mode is told by the loop already."""
+    def _log_answer(self, answer: Answer) -> None:
+        """Log an answer; a change of mode is logged by the loop already."""
         if not answer.accepted:
             _logger.info("refused: %s", answer.message)
         elif self._modes is None or answer.message != f"{self._modes.mode}: {self._modes.reason}":

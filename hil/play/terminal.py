@@ -1,6 +1,6 @@
 """The process at the terminal: argument DESCRIPTOR, the other end of the loop's socket.
 
-It is a process of its own so that neither drawing nor a terminal that hangs can hold up the loop.
+It is a process of its own so that neither drawing nor a terminal that hangs can delay the loop.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ def raw(descriptor: int) -> Iterator[None]:
 
 
 def serve(end: TerminalEnd, descriptor: int, console: Console) -> None:
-    """Draw and tell keys until the loop, or the terminal, is gone."""
+    """Draw and send keys until the loop, or the terminal, is gone."""
     newest = None
     with raw(descriptor), Live(console=console, screen=True, auto_refresh=False) as live:
         while not end.is_gone:

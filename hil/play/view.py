@@ -22,10 +22,10 @@ def picture(snapshot: Snapshot | None) -> RenderableType:
         rows.add_row(Text(name, style="dim"), text)
     others = ["u stand up, sit down"] if snapshot.posture is not None else []
     others += ["p push"] if snapshot.can_be_pushed else []
-    others += ["b mend the bus" if snapshot.is_bus_broken else "b break the bus", "q quit"]
-    told = Text("\n".join(snapshot.messages))
+    others += ["b restore the bus" if snapshot.is_bus_broken else "b break the bus", "q quit"]
+    messages = Text("\n".join(snapshot.messages))
     return Panel(
-        Group(rows, Text(), told, Text(), Text(f"{_KEYS}\n{'   '.join(others)}")),
+        Group(rows, Text(), messages, Text(), Text(f"{_KEYS}\n{'   '.join(others)}")),
         title=f"segway-ecc play {snapshot.robot}",
     )
 
@@ -52,10 +52,10 @@ def _rows(snapshot: Snapshot) -> list[tuple[str, Text]]:
 
 
 def _links(snapshot: Snapshot) -> Text:
-    told = _named(snapshot.links) + ("" if snapshot.line is None else f"   commands go over {snapshot.line}")
+    links = _named(snapshot.links) + ("" if snapshot.line is None else f"   commands go over {snapshot.line}")
     broken = "   (bus broken by hand)" if snapshot.is_bus_broken else ""
     is_well = all(state == "active" for state in snapshot.links.values()) and not broken
-    return Text(told + broken, style="" if is_well else "red")
+    return Text(links + broken, style="" if is_well else "red")
 
 
 def _pair(linear: float | None, angular: float | None) -> str:

@@ -10,7 +10,7 @@ WARM_UP: Final = 0.2
 """Share of the time that is not judged: caches fill, and what is used rarely is used for the first time."""
 _BINS: Final = 60
 _FEWEST: Final = 8
-"""Samples, with fewer of which nothing is said."""
+"""Samples, the fewest that are judged."""
 
 
 class Series(msgspec.Struct, frozen=True, kw_only=True):

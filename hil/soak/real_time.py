@@ -1,4 +1,4 @@
-"""A robot in real time: the node with ROS and its recorder, a plant, and somebody who drives it."""
+"""A robot in real time: the node with ROS and its recorder, a plant, and a station that drives it."""
 
 import contextlib
 import os
@@ -42,8 +42,8 @@ class RealTimeResult(msgspec.Struct, frozen=True):
     """How the run went.
 
     Attributes:
-        node: What the node says of its run.
-        modes: Messages of the topic `mode`, by what they told; empty without ROS.
+        node: What the node reports of its run.
+        modes: Messages of the topic `mode`, by mode and reason; empty without ROS.
     """
 
     node: dict[str, Any]

@@ -1,7 +1,7 @@
 """Hours of driving in lock step with the recorder on, in a process of its own, which is watched from outside.
 
 It receives what to drive in one line of JSON on its standard input, writes one line of JSON
-every ten seconds of simulated time, and waits for a line before it drives on: so it stands still while it is looked at,
+every ten seconds of simulated time, and waits for a line before it drives on: so it is paused while it is sampled,
 and every look is at the same place of the program.
 """
 
@@ -40,7 +40,7 @@ _BLOCKS: Final = Counted("blocks of memory", 300)
 _OBJECTS: Final = Counted("objects", 100)
 """Objects that the garbage collector knows, those aside that were there before the loop began."""
 _DROPPED: Final = Counted("records dropped", None)
-"""Told, and not judged: that a writer is kept waiting by other programs is no growth; what the log lacks is told."""
+"""Reported, and not judged: that a writer is kept waiting by other programs is no growth."""
 
 
 class SimulatedSoak(msgspec.Struct, frozen=True):
@@ -60,7 +60,7 @@ class SimulatedSoak(msgspec.Struct, frozen=True):
 
 
 class ProcessSample(msgspec.Struct):
-    """What the process says of itself.
+    """What the process reports of itself.
 
     Attributes:
         time_s: Simulated time, s.
@@ -87,16 +87,16 @@ def soak(job: SimulatedSoak, watching: Watching, folder: Path, on_progress: OnPr
         ProcessFailedError: The process ended with an error.
     """
     with command([], folder / "simulated.txt", module="segway_ecc.hil.soak.simulated", listens=True) as driving:
-        said = _ask(driving, msgspec.json.encode(job).decode())
-        while not said.is_over:
+        sample = _ask(driving, msgspec.json.encode(job).decode())
+        while not sample.is_over:
             process = driving.process.pid
-            watching.look(said.time_s, {"simulated": process, **helpers_of(process)})
-            watching.count(said.time_s, "simulated", _BLOCKS, said.blocks)
-            watching.count(said.time_s, "simulated", _OBJECTS, said.objects)
-            watching.count(said.time_s, "simulated", _DROPPED, said.dropped)
-            on_progress(said.time_s)
-            said = _ask(driving, "on")
-        return said
+            watching.look(sample.time_s, {"simulated": process, **helpers_of(process)})
+            watching.count(sample.time_s, "simulated", _BLOCKS, sample.blocks)
+            watching.count(sample.time_s, "simulated", _OBJECTS, sample.objects)
+            watching.count(sample.time_s, "simulated", _DROPPED, sample.dropped)
+            on_progress(sample.time_s)
+            sample = _ask(driving, "on")
+        return sample
 
 
 def _ask(driving: Command, line: str) -> ProcessSample:
@@ -137,7 +137,7 @@ class PatientRecorder(NoRecorder):
 
 
 def main() -> int:
-    """Drive what the first line of the standard input says."""
+    """Drive as the first line of the standard input asks."""
     job = msgspec.json.decode(sys.stdin.readline(), type=SimulatedSoak)
     logging.getLogger("segway_ecc.node").setLevel(logging.CRITICAL)
     recorders: list[PatientRecorder] = []
@@ -152,7 +152,7 @@ def main() -> int:
 
     def look(time_s: float) -> None:
         gc.collect(1)  # as the loop does about once a second
-        _say(ProcessSample(time_s, sys.getallocatedblocks(), len(gc.get_objects()), dropped=recorders[0].dropped))
+        _report(ProcessSample(time_s, sys.getallocatedblocks(), len(gc.get_objects()), dropped=recorders[0].dropped))
         sys.stdin.readline()
 
     try:
@@ -161,12 +161,12 @@ def main() -> int:
         sys.stderr.write(f"segway-ecc: {error}\n")
         return error.exit_code
     trip = "" if stretch.trip is None else f"{stretch.trip.mode} at {stretch.trip.at_s:.3f} s: {stretch.trip.reason}"
-    _say(ProcessSample(stretch.simulated_s, 0, 0, trip, stretch.cycles, recorders[0].dropped, is_over=True))
+    _report(ProcessSample(stretch.simulated_s, 0, 0, trip, stretch.cycles, recorders[0].dropped, is_over=True))
     return 0
 
 
-def _say(said: ProcessSample) -> None:
-    sys.stdout.write(msgspec.json.encode(said).decode() + "\n")
+def _report(sample: ProcessSample) -> None:
+    sys.stdout.write(msgspec.json.encode(sample).decode() + "\n")
     sys.stdout.flush()
 
 

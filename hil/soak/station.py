@@ -20,7 +20,7 @@ _PERIOD_S: Final = 0.05
 _BEAT_EVERY: Final = 5
 _DEPTH: Final = 100
 _ASK_EVERY_S: Final = 1.0
-_HEARD: Final = {
+_TOPICS: Final = {
     "odom": "nav_msgs/msg/Odometry",
     "joint_states": "sensor_msgs/msg/JointState",
     "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
@@ -31,44 +31,44 @@ class StationCounts(msgspec.Struct):
     """What came of a drive.
 
     Attributes:
-        said: Set-points said.
-        messages: Messages heard, by topic.
-        modes: Messages of the topic `mode`, by the mode and reason they told.
+        setpoints: Set-points sent.
+        messages: Messages received, by topic.
+        modes: Messages of the topic `mode`, by mode and reason.
     """
 
-    said: int
+    setpoints: int
     messages: dict[str, int]
     modes: dict[str, int]
 
 
 def drive(namespace: str, duration_s: float, seed: int = 1) -> StationCounts:
     """Drive the robot in a namespace for some time."""
-    heard = StationCounts(0, dict.fromkeys(_HEARD, 0), {})
+    counts = StationCounts(0, dict.fromkeys(_TOPICS, 0), {})
     with ros_node("soak", namespace) as node:
         subscriptions = {
             topic: node.create_subscription(message_type(kind), topic, _never_called, _DEPTH)
-            for topic, kind in _HEARD.items()
+            for topic, kind in _TOPICS.items()
         }
         mode_type = message_type("diagnostic_msgs/msg/DiagnosticStatus")
         mode = node.create_subscription(mode_type, "mode", _never_called, _DEPTH)
-        speak, operate = _SetpointPublisher(node, seed), _FaultClearer(node)
+        publish, operate = _SetpointPublisher(node, seed), _FaultClearer(node)
         begun_s = time.monotonic()
         for turn in itertools.count():
             if turn * _PERIOD_S >= duration_s:
-                return heard
+                return counts
             time.sleep(max(begun_s + turn * _PERIOD_S - time.monotonic(), 0.0))
-            speak(turn)
-            heard.said += 1
+            publish(turn)
+            counts.setpoints += 1
             for topic, subscription in subscriptions.items():
-                heard.messages[topic] += sum(1 for _ in iter(lambda: _taken(subscription), None))  # noqa: B023 - at once
+                counts.messages[topic] += sum(1 for _ in iter(lambda: _taken(subscription), None))  # noqa: B023 - at once
             for message in iter(lambda: _taken(mode), None):
-                heard.modes[message.message] = heard.modes.get(message.message, 0) + 1
+                counts.modes[message.message] = counts.modes.get(message.message, 0) + 1
                 operate(message.message)
-    return heard
+    return counts
 
 
 class _SetpointPublisher:
-    """Says the set-point of each turn, and now and then that it lives."""
+    """Publishes the set-point of each turn, and heartbeats."""
 
     def __init__(self, node: RosObject, seed: int) -> None:
         self._driver = Driver(seed)

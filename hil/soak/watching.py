@@ -21,7 +21,7 @@ _NONE: Final = 0.5
 
 
 class Counted(NamedTuple):
-    """Something that a process counts of itself, and says; with how much it may grow, None where that is not judged."""
+    """What a process counts of itself and reports, with how much it may grow; None where that is not judged."""
 
     quantity: str
     allowed: float | None

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     wanted = options.only or list(_PARTS)
     found: dict[str, _Part] = {}
     for name in wanted:
-        _tell(name)
+        _report(name)
         found[name] = _PARTS[name](options)
         if not options.json:
             sys.stdout.write(found[name].text + "\n")
@@ -99,7 +99,7 @@ def _check(options: argparse.Namespace) -> None:
         if not getattr(options, name) >= _LEAST_S:
             raise ConfigurationError(f"--{name} must be at least {_LEAST_S:g} s, not {getattr(options, name)}")
     for rate_hz in options.rate:
-        if not 1.0 <= rate_hz <= 1e5:  # noqa: PLR2004 - Hz, told in the message
+        if not 1.0 <= rate_hz <= 1e5:  # noqa: PLR2004 - Hz, as the message has it
             raise ConfigurationError(f"--rate must be 1 to 100000 Hz, not {rate_hz:g}")
     if options.repeats < 1:
         raise ConfigurationError(f"--repeats must be at least 1, not {options.repeats}")
@@ -107,7 +107,7 @@ def _check(options: argparse.Namespace) -> None:
         raise ConfigurationError(f"--subscribed needs ROS 2: {', '.join(missing_packages())} is not there")
 
 
-def _tell(what: str) -> None:
+def _report(what: str) -> None:
     sys.stderr.write(f"segway-ecc: {what}\n")
 
 
@@ -116,7 +116,7 @@ def _contestants(options: argparse.Namespace, of: Sequence[Contestant] = tuple(C
     wanted = [who for who in of if who in options.programs]
     lacking = missing_packages() if {Contestant.OURS, Contestant.USER} & set(wanted) else []
     if lacking:
-        _tell(f"no ROS 2 here ({', '.join(lacking)}): ours runs without it, and the user's loop not at all")
+        _report(f"no ROS 2 here ({', '.join(lacking)}): ours runs without it, and the user's loop not at all")
     return [who for who in wanted if not (lacking and who is Contestant.USER)]
 
 
@@ -125,8 +125,8 @@ def _on_the_rig(options: argparse.Namespace, measure: Callable[[ComparisonSetup]
     if lack is not None:
         return _Part(None, f"comparison: {lack}")
     bus = choose_bus(options.channel, options.plant_channel)
-    with own_cache(), held_conditions(is_heard=options.subscribed) as conditions:
-        part = measure(ComparisonSetup(bus, conditions, _tell))
+    with own_cache(), held_conditions(is_subscribed=options.subscribed) as conditions:
+        part = measure(ComparisonSetup(bus, conditions, _report))
     where = f"{bus.interface} {bus.channel}"
     document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}
     return _Part(document, f"on {where}: {conditions.as_text()}\n{part.text}", part.claims)
@@ -147,9 +147,9 @@ def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, se
     results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
     judged = claims(results)
     text = "\n".join([f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in judged)])
-    said = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in judged]
+    verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in judged]
     programs = {who: dataclasses.asdict(result) for who, result in results.items()}
-    return _Part({"rate_hz": rate_hz, "programs": programs, "claims": said}, text, judged)
+    return _Part({"rate_hz": rate_hz, "programs": programs, "claims": verdicts}, text, judged)
 
 
 def _held(options: argparse.Namespace) -> _Part:
@@ -187,7 +187,7 @@ def _campaign(_options: argparse.Namespace) -> _Part:
 
 
 def _latency(options: argparse.Namespace) -> _Part:
-    """From a set-point that is published to the motor frame, as robot files are where they say nothing, and at once."""
+    """From a set-point that is published to the motor frame, with the default of robot files, and at once."""
     trials = _FULL_TRIALS if options.full else _TRIALS
     with held_conditions():
         wheres = _wheres()
@@ -197,12 +197,12 @@ def _latency(options: argparse.Namespace) -> _Part:
 
 
 def _wheres() -> Sequence[Where]:
-    """From where set-points can be said here."""
+    """From where set-points can be published here."""
     if missing_packages():
         return [Where.SAME_PROCESS]
     lack = other_host.missing()
     if lack is not None:
-        _tell(f"no set-points from another host: {lack}")
+        _report(f"no set-points from another host: {lack}")
     return [Where.SAME_PROCESS, Where.OTHER_PROCESS, *([] if lack else [Where.OTHER_HOST])]
 
 
@@ -235,11 +235,11 @@ def _links(_options: argparse.Namespace) -> _Part:
     cost = links_cost()
     if cost is None and uml.available() is None:
         measure = [sys.executable, "-P", "-m", "segway_ecc.hil.verbs.bench_links", "--json"]
-        said = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
-        cost = msgspec.json.decode(said, type=dict[str, float])
+        output = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
+        cost = msgspec.json.decode(output, type=dict[str, float])
     if cost is None:
-        cure = "sudo apt-get install user-mode-linux"
-        return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({cure})")
+        remedy = "sudo apt-get install user-mode-linux"
+        return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({remedy})")
     return _Part(cost, links_text(cost))
 
 

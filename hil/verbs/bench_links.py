@@ -1,17 +1,16 @@
 """What the two ways to the kernel's CAN cost in a cycle: `python -P -m segway_ecc.hil.verbs.bench_links`."""
 
 import argparse
+import contextlib
 import statistics
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Final
 
-from segway_ecc.firmware_io.links.can_link import CanLink, socketcan_interfaces
-from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.hil.bench.bus_choice import virtual_interface
 from segway_ecc.node.cli.options import add_json, print_json
 
 _CYCLES: Final = 500
@@ -31,15 +30,17 @@ def links_cost() -> dict[str, float] | None:
         The median of each, us, and how many times the raw socket is faster; None where there is no virtual interface
         that is up.
     """
-    channel = _virtual_interface()
+    channel = virtual_interface()
     if channel is None:
         return None
     with (
-        _opened(SocketCanLink(channel, _BITRATE)) as feeder,
-        _opened(CanLink("socketcan", channel, _BITRATE)) as python_can,
-        _opened(SocketCanLink(channel, _BITRATE)) as raw,
+        contextlib.closing(SocketCanLink(channel, _BITRATE)) as feeder,
+        contextlib.closing(CanLink("socketcan", channel, _BITRATE)) as python_can,
+        contextlib.closing(SocketCanLink(channel, _BITRATE)) as raw,
     ):
-        links = {"python_can_us": python_can, "raw_us": raw}
+        for each in (feeder, python_can, raw):
+            each.open()
+        links: dict[str, Link] = {"python_can_us": python_can, "raw_us": raw}
         costs: dict[str, list[float]] = {name: [] for name in links}
         for cycle in range(_WARM_UP + _CYCLES):
             for name, link in links.items():
@@ -71,23 +72,6 @@ def links_text(cost: dict[str, float]) -> str:
         f"CAN links: 4 frames in and 2 out in a cycle cost {cost['python_can_us']:.0f} us through python-can, "
         f"{cost['raw_us']:.0f} us through a raw socket, {cost['ratio']:.1f} times faster (medians, on vcan)"
     )
-
-
-def _virtual_interface() -> str | None:
-    for name in socketcan_interfaces():
-        state = read_interface_state(name)
-        if state.kind == "vcan" and state.is_up:
-            return name
-    return None
-
-
-@contextmanager
-def _opened(link: Link) -> Iterator[Link]:
-    link.open()
-    try:
-        yield link
-    finally:
-        link.close()
 
 
 def _cycle_us(link: Link, feeder: Link, others: list[Link]) -> float:

@@ -5,20 +5,20 @@ import importlib.metadata
 import importlib.util
 import platform
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.hil.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSeat
 from segway_ecc.hil.case_study.conduct import conduct
 from segway_ecc.hil.case_study.offline import SUBMODEL_CART, OfflineSeat, has_compiler
-from segway_ecc.hil.case_study.progress import show_progress
 from segway_ecc.hil.case_study.ros import RosSeat
 from segway_ecc.hil.case_study.seats import SeatRunner
-from segway_ecc.hil.case_study.study import Cell, Seat, Study
+from segway_ecc.hil.case_study.study import Seat, Study
 from segway_ecc.hil.case_study.table import table
+from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import simulated_bus
-from segway_ecc.hil.verbs.report_folder import has_figures
+from segway_ecc.hil.verbs.report_folder import has_figures, writing_to
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.clock import RealClock
@@ -52,15 +52,29 @@ def run(options: argparse.Namespace) -> int:
     studies = []
     for number in range(options.repeat):
         folder = options.out if options.repeat == 1 else options.out / f"run_{number + 1}"
-        with show_progress() as on_progress:
+        with show_all_progress(lines=True) as on_progress:
             study = conduct(_runners(seats, folder, options), _facts(folder, options.robot), on_progress)
         _write_report(study, folder)
         studies.append(study)
     if options.json:
-        print_json({"cells": [_cell_json(cell) for cell in studies[-1].cells]})
+        cells = [
+            {
+                "linear": cell.linear,
+                "angular": cell.angular,
+                "offline_20sim": list(cell.thesis_offline),
+                "standalone_ros_2019": list(cell.thesis_ros),
+                **{str(seat): list(position) for seat, position in cell.positions.items()},
+            }
+            for cell in studies[-1].cells
+        ]
+        print_json({"cells": cells})
     else:
         sys.stdout.write(table(studies[-1].cells, list(Seat)) + "\n")
-    _compare(studies)
+    if len(studies) > 1:
+        for seat in studies[0].seats:
+            positions = [[cell.positions[seat] for cell in study.cells] for study in studies]
+            same = sum(ran == positions[0] for ran in positions)
+            sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
     return 0
 
 
@@ -80,33 +94,33 @@ def _seats(asked: str) -> list[Seat]:
 
 def _runners(seats: list[Seat], folder: Path, options: argparse.Namespace) -> list[SeatRunner]:
     logs, messages = folder / "logs", folder / "messages"
-    try:
+    with writing_to(folder):
         for made in (logs, messages):
             made.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another with --out") from error
-    made_runners: dict[Seat, SeatRunner] = {}
-    if Seat.OFFLINE in seats:
-        made_runners[Seat.OFFLINE] = OfflineSeat(logs)
-    if Seat.SUBMODEL in seats:
-        made_runners[Seat.SUBMODEL] = OfflineSeat(logs, Seat.SUBMODEL, SUBMODEL_CART)
-    if Seat.ROS in seats:
-        made_runners[Seat.ROS] = RosSeat(messages, logs)
-    if Seat.CAN in seats:
-        made_runners[Seat.CAN] = _can_seat(messages, logs, options)
-    return list(made_runners.values())
 
+    def can_seat() -> SeatRunner:
+        if options.lock_step:
+            on_a_bus = options.channel and (options.channel, options.plant_channel or options.channel)
+            return LockstepCanSeat(logs, options.robot, on_a_bus)
+        return RealTimeCanSeat(messages, logs, options.robot, (options.channel, options.plant_channel))
 
-def _can_seat(messages: Path, logs: Path, options: argparse.Namespace) -> SeatRunner:
-    if options.lock_step:
-        on_a_bus = options.channel and (options.channel, options.plant_channel or options.channel)
-        return LockstepCanSeat(logs, options.robot, on_a_bus)
-    return RealTimeCanSeat(messages, logs, options.robot, (options.channel, options.plant_channel))
+    makers: dict[Seat, Callable[[], SeatRunner]] = {
+        Seat.OFFLINE: lambda: OfflineSeat(logs),
+        Seat.SUBMODEL: lambda: OfflineSeat(logs, Seat.SUBMODEL, SUBMODEL_CART),
+        Seat.ROS: lambda: RosSeat(messages, logs),
+        Seat.CAN: can_seat,
+    }
+    return [makers[seat]() for seat in seats]
 
 
 def _facts(folder: Path, robot: str) -> dict[str, str]:
     bus = can_link(simulated_bus(load_robot(robot)), clocks_of(RealClock())).description
-    rclpy = "none" if missing_packages() else _ros_version()
+    rclpy = "none"
+    if not missing_packages():
+        try:
+            rclpy = f"rclpy {importlib.metadata.version('rclpy')}"
+        except importlib.metadata.PackageNotFoundError:
+            rclpy = "rclpy of the sourced installation"
     return {
         "segway-ecc": importlib.metadata.version("segway-ecc"),
         "Python": platform.python_version(),
@@ -118,13 +132,6 @@ def _facts(folder: Path, robot: str) -> dict[str, str]:
     }
 
 
-def _ros_version() -> str:
-    try:
-        return f"rclpy {importlib.metadata.version('rclpy')}"
-    except importlib.metadata.PackageNotFoundError:
-        return "rclpy of the sourced installation"
-
-
 def _write_report(study: Study, folder: Path) -> None:
     """Write the page, where the drawing library is there."""
     if not has_figures():
@@ -134,25 +141,3 @@ def _write_report(study: Study, folder: Path) -> None:
     path = folder / "report.html"
     path.write_text(render(study), encoding="utf-8")
     sys.stderr.write(f"segway-ecc: report: {path}\n")
-
-
-def _cell_json(cell: Cell) -> dict[str, Any]:
-    return {
-        "linear": cell.linear,
-        "angular": cell.angular,
-        "offline_20sim": list(cell.thesis_offline),
-        "standalone_ros_2019": list(cell.thesis_ros),
-        **{str(seat): list(position) for seat, position in cell.positions.items()},
-    }
-
-
-def _compare(studies: list[Study]) -> None:
-    """Say how often each seat gave the bits of the first run, where there were several."""
-    if len(studies) > 1:
-        for seat in studies[0].seats:
-            same = sum(_positions(study, seat) == _positions(studies[0], seat) for study in studies)
-            sys.stderr.write(f"segway-ecc: {seat}: {same} of {len(studies)} runs gave the same bits\n")
-
-
-def _positions(study: Study, seat: Seat) -> list[tuple[float, float]]:
-    return [cell.positions[seat] for cell in study.cells]

@@ -45,9 +45,15 @@ def run(options: argparse.Namespace) -> int:
     file = load_robot(options.robot)
     found = designed(file, options.delay)
     if options.out is not None:
-        _write(options.out, with_parameters(text, {**file.model.parameters, **rounded(found.gains)}))
+        changed = with_parameters(text, {**file.model.parameters, **rounded(found.gains)})
+        try:
+            options.out.write_text(changed, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError(f"cannot write robot file '{options.out}': {error.strerror}") from error
+        sys.stderr.write(f"segway-ecc: wrote {options.out}\n")
     if options.json:
-        print_json(_as_json(found))
+        loops = {"balance": _loop_as_json(found.balance), "yaw": _loop_as_json(found.yaw)}
+        print_json({"gains": rounded(found.gains), **loops})
     else:
         print_table(_as_text(found))
     return 0
@@ -101,22 +107,6 @@ def segway_parameters(file: RobotFile) -> SegwayParameters:
     if lacking:
         raise ConfigurationError(f"plant '{plant.name}' is no segway: it has no {', '.join(lacking)}")
     return SegwayParameters.from_model({variable.name: plant.read(variable.name) for variable in VARIABLES})
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigurationError(f"cannot write robot file '{path}': {error.strerror}") from error
-    sys.stderr.write(f"segway-ecc: wrote {path}\n")
-
-
-def _as_json(found: Design) -> dict[str, Any]:
-    return {
-        "gains": rounded(found.gains),
-        "balance": _loop_as_json(found.balance),
-        "yaw": _loop_as_json(found.yaw),
-    }
 
 
 def _loop_as_json(loop: Loop) -> dict[str, Any]:

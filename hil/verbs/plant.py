@@ -56,8 +56,16 @@ def run(options: argparse.Namespace) -> int:
         plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
         stack.enter_context(stopped_by_signals(plant.stop))
         observe = None if options.truth is None else _truth_file(stack.enter_context(_open(options.truth)), plant)
-        traced = None if options.trace is None else _trace_file(stack.enter_context(_open(options.trace)), plant)
-        control = stack.enter_context(contextlib.closing(_control(plant, link, clock))) if options.control else None
+        traced: Trace | None = None
+        if options.trace is not None:
+            names = [v.name for v in plant.robot.plant.inputs]
+            traced = trace.writer(stack.enter_context(_open(options.trace)), names)
+        control = None
+        if options.control:
+            obey = PlantControl(plant.robot, link, plant.robot.plant, clock).obey
+            # The plant ends with whoever controls it.
+            reader = LineReader(sys.stdin.fileno(), sys.stdout.fileno(), obey, plant.stop)
+            control = stack.enter_context(contextlib.closing(reader))
         plant.open()
         _logger.info("plant of '%s' on %s", options.robot, link.description)
         with real_time():
@@ -79,16 +87,6 @@ def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None
         return stack.enter_context(contextlib.closing(PtyPort(Path(serial.port))))
     except OSError as error:
         raise ConfigurationError(f"cannot make a serial line at {serial.port}: {error.strerror}") from error
-
-
-def _control(plant: RealTimePlant, link: DisturbedLink, clock: RealClock) -> LineReader:
-    """The plant ends with whoever controls it."""
-    control = PlantControl(plant.robot, link, plant.robot.plant, clock)
-    return LineReader(sys.stdin.fileno(), sys.stdout.fileno(), control.obey, plant.stop)
-
-
-def _trace_file(file: IO[str], plant: RealTimePlant) -> Trace:
-    return trace.writer(file, [v.name for v in plant.robot.plant.inputs])
 
 
 def _open(path: Path) -> IO[str]:

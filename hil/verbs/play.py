@@ -48,12 +48,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run everything until q is pressed."""
-    _require_terminal()
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ConfigurationError("play is for a person at a terminal, and this is none: use run and plant instead")
+    if importlib.util.find_spec("rich") is None:
+        raise ConfigurationError("play draws with rich, which is not installed: pip install 'segway-ecc[report]'")
     with tempfile.TemporaryDirectory(prefix="segway-ecc-play-") as folder, contextlib.ExitStack() as stack:
         file = _with_lines(options, Path(folder))
         robot = build_robot(file, RealClock())
         plant, guard = _start(stack, options, Path(folder))
-        rig = _rig(plant, guard, file, robot)
+        if plant.process.stdin is None:
+            raise ValueError("the plant takes no commands")
+        can_be_pushed = any(state.name == FORCE for state in simulated_plant(file).states)
+        rig = PlantControls(
+            plant.process.stdin.fileno(),
+            robot.period_ns,
+            lambda: guard.process.poll() is None,
+            can_be_pushed=can_be_pushed,
+        )
         ours, theirs = channel()
         stage = _stage(stack, options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
@@ -62,16 +73,9 @@ def run(options: argparse.Namespace) -> int:
         stack.enter_context(messages_to(_Notices(stage)))
         with stopped_by_signals(loop.stop), real_time():
             loop.run()
-    with contextlib.suppress(OSError):  # nobody is left to be told where the terminal has hung up
+    with contextlib.suppress(OSError):  # a terminal that has hung up shows no message
         sys.stderr.write(f"segway-ecc: stopped: {loop.stop_reason}\n")
     return 0
-
-
-def _require_terminal() -> None:
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise ConfigurationError("play is for a person at a terminal, and this is none: use run and plant instead")
-    if importlib.util.find_spec("rich") is None:
-        raise ConfigurationError("play draws with rich, which is not installed: pip install 'segway-ecc[report]'")
 
 
 def _with_lines(options: argparse.Namespace, folder: Path) -> RobotFile:
@@ -95,14 +99,6 @@ def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Pat
     plant = stack.enter_context(command(["plant", *lines, "--control"], folder / "plant.txt", listens=True))
     plant.ask("heal", _PLANT_STARTS_WITHIN_S)
     return plant, stack.enter_context(command(["guard", *lines], folder / "guard.txt"))
-
-
-def _rig(plant: Command, guard: Command, file: RobotFile, robot: Robot) -> PlantControls:
-    if plant.process.stdin is None:
-        raise ValueError("the plant does not listen")
-    can_be_pushed = any(state.name == FORCE for state in simulated_plant(file).states)
-    control = plant.process.stdin.fileno()
-    return PlantControls(control, robot.period_ns, lambda: guard.process.poll() is None, can_be_pushed=can_be_pushed)
 
 
 def _stage(
@@ -130,17 +126,13 @@ def _terminal(ours: socket.socket, theirs: socket.socket) -> Iterator[None]:
         yield
     finally:
         ours.close()  # by which it knows that it is to end
-        _end(process)
+        try:
+            process.wait(_TERMINAL_ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
         with contextlib.suppress(termios.error):  # a terminal that has hung up needs nothing
             termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, before)
-
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    try:
-        process.wait(_TERMINAL_ENDS_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 class _Notices(logging.Handler):

@@ -1,16 +1,14 @@
 """`segway-ecc prove endurance`: hours of normal driving in lock step with lost frames: any trip is a false one."""
 
 import argparse
-import contextlib
-import importlib.util
 import os
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from segway_ecc.hil.endurance.endurance import Stretch
-from segway_ecc.hil.endurance.runs import EndurancePlan, OnProgress, endure
+from segway_ecc.hil.endurance.runs import EndurancePlan, endure
+from segway_ecc.hil.progress import show_progress
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
@@ -23,15 +21,26 @@ _TRIPPED: Final = 1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `endurance`."""
+    cores = len(os.sched_getaffinity(0))
     parser.add_argument("robot", nargs="?", default=ROBOT, help="a robot file, or the name of a packaged robot")
     parser.add_argument("--hours", type=float, default=1.0, metavar="H", help="simulated hours in all (default: 1)")
     parser.add_argument(
         "--frame-loss", type=float, default=0.01, metavar="P", help="share of frames lost either way (default: 0.01)"
     )
     parser.add_argument(
-        "--seeds", type=int, default=_cores(), metavar="N", help="robots that share the hours (default: cores)"
+        "--seeds",
+        type=int,
+        default=cores,
+        metavar="N",
+        help="robots that share the hours (default: cores)",
     )
-    parser.add_argument("--jobs", type=int, default=_cores(), metavar="N", help="processes at a time (default: cores)")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=cores,
+        metavar="N",
+        help="processes at a time (default: cores)",
+    )
     parser.add_argument(
         "--channel", help="SocketCAN interface of robot and plant, theirs alone (default: a simulated bus)"
     )
@@ -44,8 +53,9 @@ def run(options: argparse.Namespace) -> int:
     file, duration_s = load_robot(options.robot), options.hours * _HOUR_S
     plan = EndurancePlan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
     begun_s = time.monotonic()
-    with _progress(plan.duration_s) as on_progress:
-        stretches = endure(plan, min(options.jobs, options.seeds), on_progress)
+    total_s = round(plan.duration_s)
+    with show_progress("driving, s", total_s) as on_progress:
+        stretches = endure(plan, min(options.jobs, options.seeds), lambda s: on_progress(round(s), total_s))
     document = summary(stretches, time.monotonic() - begun_s)
     if options.json:
         print_json(document)
@@ -98,22 +108,3 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("seeds", "jobs"):
         if getattr(options, name) < 1:
             raise ConfigurationError(f"--{name} must be at least 1, not {getattr(options, name)}")
-
-
-@contextlib.contextmanager
-def _progress(total_s: float) -> Iterator[OnProgress]:
-    """A bar on a terminal, nothing elsewhere, until the context is left."""
-    if not sys.stderr.isatty() or importlib.util.find_spec("rich") is None:
-        yield lambda _: None
-        return
-    from rich.console import Console  # noqa: PLC0415 - an extra, for terminals only
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("driving", total=total_s)
-        yield lambda time_s: progress.update(task, completed=time_s)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))

@@ -5,15 +5,14 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.growth.study import QUICK, SIZES, AxisResult, conduct
+from segway_ecc.hil.growth.study import QUICK, SIZES, conduct
 from segway_ecc.hil.growth.table import text, verdict
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.report_folder import has_figures, make_folder, writing_to
+from segway_ecc.hil.verbs.report_folder import make_folder, write_report
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.ros.runtime import missing_packages
 
@@ -33,8 +32,19 @@ def run(options: argparse.Namespace) -> int:
     with show_progress("growth") as on_progress:
         found = conduct(QUICK if options.quick else SIZES, on_progress)
     took_s = time.monotonic() - begun_s
+
+    def draw() -> dict[str, str | bytes]:
+        from segway_ecc.hil.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+        facts = {
+            "Machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Linux {platform.release()}",
+            "Python": platform.python_version(),
+            "Time": f"{took_s:.1f} s",
+        }
+        return {"growth.html": render(found, facts), "growth.svg": figure(found)}
+
     if options.out is not None:
-        _write(options.out, found, _facts(took_s))
+        write_report(options.out, "growth", found, draw)
     if options.json:
         print_json({"growth": msgspec.to_builtins(found), "verdicts": [verdict(grown) for grown in found]})
     else:
@@ -43,23 +53,3 @@ def run(options: argparse.Namespace) -> int:
     if missing_packages() and not options.quick:
         sys.stderr.write("segway-ecc: ROS 2 is not available here: no subscribers, and no robots side by side\n")
     return 0
-
-
-def _facts(took_s: float) -> dict[str, str]:
-    return {
-        "Machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Linux {platform.release()}",
-        "Python": platform.python_version(),
-        "Time": f"{took_s:.1f} s",
-    }
-
-
-def _write(folder: Path, found: Sequence[AxisResult], facts: Mapping[str, str]) -> None:
-    with writing_to(folder):
-        (folder / "growth.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
-        if not has_figures():
-            return
-        from segway_ecc.hil.growth.report import figure, render  # noqa: PLC0415 - an extra that the rest of this verb does without
-
-        (folder / "growth.html").write_text(render(found, facts), encoding="utf-8")
-        (folder / "growth.svg").write_bytes(figure(found))
-    sys.stderr.write(f"segway-ecc: report: {folder / 'growth.html'}\n")

@@ -14,6 +14,7 @@ from segway_ecc.hil.drill import interface, trial
 from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trial import DrillResult
+from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import print_json
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.errors import ConfigurationError
@@ -47,16 +48,25 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(prefix="segway-ecc-drill-") as folder:
         for number, fault in enumerate(chosen):
             sys.stderr.write(f"segway-ecc: {fault.name}\n")
-            folders = [Path(folder) / f"{number}_{n}" for n in range(options.repeat)]
-            rows.append([_trial(options, fault, place) for place in folders])
+            rows.append([_drill(options, fault, Path(folder) / f"{number}_{n}") for n in range(options.repeat)])
     if options.json:
-        print_json(_as_json(rows, left_out))
+        faults = [
+            {
+                **dataclasses.asdict(worst := trial.worst(row)),
+                "outcome": worst.outcome,
+                "as_expected": all(t.is_as_expected for t in row),
+                "repeats": len(row),
+                "last_torque_s": [None if t.torque is None else t.torque.last_s for t in row],
+            }
+            for row in rows
+        ]
+        print_json({"faults": faults, "left_out": left_out})
     else:
         sys.stdout.write(_table(rows, left_out))
     return 0 if all(t.is_as_expected for row in rows for t in row) else _NOT_EXPECTED
 
 
-def _trial(options: argparse.Namespace, fault: DrillFault, folder: Path) -> DrillResult:
+def _drill(options: argparse.Namespace, fault: DrillFault, folder: Path) -> DrillResult:
     folder.mkdir()
     channel = options.channel or f"drill_{os.getpid()}_{folder.name}"
     bus = ["--interface", options.interface, "--channel", channel]
@@ -70,7 +80,12 @@ def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFau
         raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
     if serial_of(file.hardware) is not None:
         raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
-    can_serial, no_interface = "serial" in file.hardware.__struct_fields__, _no_interface(options)
+    can_serial, no_interface = (
+        "serial" in file.hardware.__struct_fields__,
+        interface.why_not_down(options.channel or ""),
+    )
+    if options.interface != "socketcan" or options.channel is None:
+        no_interface = "it needs a network interface: --interface socketcan --channel vcan0"
     faults = [FAULTS[name] for name in options.fault or FAULTS]
     left_out = {f.name: "there is no guard" for f in faults if f.guard and options.no_guard}
     left_out |= {f.name: "its drives have no serial line" for f in faults if f.serial and not can_serial}
@@ -78,64 +93,31 @@ def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFau
     return [fault for fault in faults if fault.name not in left_out], left_out
 
 
-def _no_interface(options: argparse.Namespace) -> str | None:
-    """Why no interface can be set down; None where one can be."""
-    if options.interface != "socketcan" or options.channel is None:
-        return "it needs a network interface: --interface socketcan --channel vcan0"
-    return interface.why_not_down(options.channel)
-
-
-def _as_json(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> object:
-    faults = [
-        {
-            **dataclasses.asdict(worst := trial.worst(row)),
-            "outcome": worst.outcome,
-            "as_expected": all(t.is_as_expected for t in row),
-            "repeats": len(row),
-            "last_torque_s": [None if t.torque is None else t.torque.last_s for t in row],
-        }
-        for row in rows
-    ]
-    return {"faults": faults, "left_out": left_out}
-
-
 def _table(rows: Sequence[Sequence[DrillResult]], left_out: dict[str, str]) -> str:
-    lines = [_HEAD, *(_row(trial.worst(row), len(row)) for row in rows)]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(_HEAD))]
-    text = ""
-    for index, line in enumerate(lines):
-        cells = [f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)]
-        text += "  ".join(cells).rstrip() + "\n"
-        if index:
-            text += "".join(f"    {note}\n" for note in _notes(trial.worst(rows[index - 1])))
+    head, *lines = aligned([_HEAD, *(_row(trial.worst(row), len(row)) for row in rows)])
+    text = head + "\n"
+    for line, row in zip(lines, rows, strict=True):
+        worst = trial.worst(row)
+        notes = [f"({worst.note})"] if worst.note else []
+        notes += [f"robot: {message}" for message in worst.messages]
+        text += f"{line}\n" + "".join(f"    {note}\n" for note in notes or ["robot: nothing"])
     return text + "".join(f"{name}: left out, {why}\n" for name, why in left_out.items())
 
 
-def _notes(worst: DrillResult) -> list[str]:
-    note = [f"({worst.note})"] if worst.note else []
-    return [*note, *(f"robot: {line}" for line in worst.messages)] or ["robot: nothing"]
-
-
 def _row(worst: DrillResult, repeats: int) -> tuple[str, ...]:
-    torque = worst.torque
+    torque, expected = worst.torque, str(worst.expected)
+    if worst.expected is DrillOutcome.ENDS:
+        expected += f", {worst.within_s * 1e3:.0f} ms"
     ended = torque is not None and torque.zero_s is not None
     return (
         worst.fault + (f" x{repeats}" if repeats > 1 else ""),
-        _expected(worst),
+        expected,
         worst.outcome,
         _ms(torque.last_s) if torque is not None and ended else "-",
         _ms(torque.zero_s) if torque is not None else "-",
         _ms(torque.gap_s) if torque is not None and not ended else "-",
         "ran" if worst.guard else "no",
         "as expected" if worst.is_as_expected else "NOT as expected",
-    )
-
-
-def _expected(trial: DrillResult) -> str:
-    return (
-        f"{trial.expected}, {trial.within_s * 1e3:.0f} ms"
-        if trial.expected is DrillOutcome.ENDS
-        else str(trial.expected)
     )
 
 

@@ -1,7 +1,6 @@
 """`segway-ecc prove soak`: long runs, in lock step and in real time; memory, files and threads must not grow."""
 
 import argparse
-import importlib.util
 import sys
 import tempfile
 import time
@@ -15,7 +14,8 @@ from segway_ecc.hil.progress import OnProgress, show_progress
 from segway_ecc.hil.soak import real_time, simulated
 from segway_ecc.hil.soak.judging import WARM_UP, Series, Verdict, judge
 from segway_ecc.hil.soak.watching import Watching
-from segway_ecc.hil.verbs.report_folder import make_folder, writing_to
+from segway_ecc.hil.text_table import aligned
+from segway_ecc.hil.verbs.report_folder import make_folder, write_report
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import missing_packages
@@ -30,7 +30,7 @@ _LEAST_SIMULATED_S: Final = 600.0
 _LEAST_REAL_S: Final = 120.0
 """In less the warm-up is not over."""
 _DRIVEN: Final = 0.9
-"""Share of the messages of its mode in which a robot says that it drives: one that stands in FAULT proves little."""
+"""Share of the messages of its mode in which a robot is driving: one that stands in FAULT proves little."""
 _GREW: Final = 1
 
 
@@ -72,7 +72,13 @@ def run(options: argparse.Namespace) -> int:
             if not options.json:
                 sys.stdout.write(text(name.replace("_", " "), part, verdicts))
     if options.out is not None:
-        _write(options.out, document, found)
+
+        def draw() -> dict[str, bytes | str]:
+            from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
+
+            return {f"soak-{name.replace('_', '-')}.svg": figure(series) for name, series in found.items()}
+
+        write_report(options.out, "soak", {"found": document, "series": found}, draw)
     if options.json:
         print_json(document)
     return _GREW if any(map(is_bad, document.values())) else 0
@@ -85,13 +91,11 @@ def is_bad(part: dict[str, Any]) -> bool:
 
 def text(name: str, part: dict[str, Any], verdicts: Sequence[Verdict]) -> str:
     """A table of one part."""
-    told = f"{name}: {part['duration_s'] / 60.0:g} min, {part['cycles']} cycles"
-    told += f", {part['late']} late, {part['skipped']} skipped" if "late" in part else ""
-    lines = [f"{told}; {part['failure'] or 'no fault'}"]
+    head_line = f"{name}: {part['duration_s'] / 60.0:g} min, {part['cycles']} cycles"
+    head_line += f", {part['late']} late, {part['skipped']} skipped" if "late" in part else ""
+    lines = [f"{head_line}; {part['failure'] or 'no fault'}"]
     head = ("process", "quantity", "at first", "at last", "largest", "growth", "allowed", "")
-    rows = [head, *map(_row, verdicts)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines += ["  ".join(f"{word:<{width}}" for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += aligned([head, *map(_row, verdicts)])
     lines.append(f"growth is judged after the first {WARM_UP:.0%} of the time")
     return "\n  ".join(lines) + "\n"
 
@@ -117,8 +121,8 @@ def _simulated(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[
         folder = Path(name)
         watching = Watching(folder)
         job = simulated.SimulatedSoak(robot, duration_s, _FRAME_LOSS, str(folder / "soak.mcap"))
-        said = simulated.soak(job, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
-    part = {"duration_s": said.time_s, "cycles": said.cycles, "failure": said.trip}
+        ended = simulated.soak(job, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
+    part = {"duration_s": ended.time_s, "cycles": ended.cycles, "failure": ended.trip}
     return part, watching.series
 
 
@@ -129,38 +133,21 @@ def _real_time(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[
         watching = Watching(folder)
         run = real_time.RealTimeSoak(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
         ran = real_time.soak(run, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
+    driven = sum(count for mode, count in ran.modes.items() if mode.startswith("ARMED"))
+    failure = ""  # a fault that was cleared is none: here it is growth that counts
+    if ros and driven <= _DRIVEN * sum(ran.modes.values()):
+        others = (f"{mode} ({count} times)" for mode, count in ran.modes.items() if not mode.startswith("ARMED"))
+        failure = f"it seldom drove: {'; '.join(others) or 'no message of its mode arrived'}"
     part = {
         "duration_s": duration_s,
         "ros": ros,
         **{name: ran.node[name] for name in ("cycles", "late", "overrun", "skipped", "mean_rate_hz")},
         "modes": ran.modes,
-        "failure": _failure(ran.modes, ros=ros),
+        "failure": failure,
     }
     return part, watching.series
-
-
-def _failure(modes: dict[str, int], *, ros: bool) -> str:
-    """What the robot told where it seldom drove; a fault that was cleared is none, since nothing here is about it."""
-    driven = sum(count for mode, count in modes.items() if mode.startswith("ARMED"))
-    if not ros or driven > _DRIVEN * sum(modes.values()):
-        return ""
-    others = "; ".join(f"{mode} ({count} times)" for mode, count in modes.items() if not mode.startswith("ARMED"))
-    return f"it seldom drove: {others or 'it was not heard'}"
 
 
 def _check(option: str, duration_s: float, least_s: float) -> None:
     if duration_s and not least_s <= duration_s <= 1e7:  # noqa: PLR2004 - four months
         raise ConfigurationError(f"{option} must be 0, or {least_s:g} s at least and four months at most")
-
-
-def _write(folder: Path, document: dict[str, Any], found: dict[str, Sequence[Series]]) -> None:
-    with writing_to(folder):
-        whole = {"found": document, "series": found}
-        (folder / "soak.json").write_bytes(msgspec.json.format(msgspec.json.encode(whole)))
-        if importlib.util.find_spec("matplotlib") is None:
-            sys.stderr.write("segway-ecc: no figures: install 'segway-ecc[report]'\n")
-            return
-        from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
-
-        for name, series in found.items():
-            (folder / f"soak-{name.replace('_', '-')}.svg").write_bytes(figure(series))

@@ -64,7 +64,7 @@ def crc(identifier: int, body: bytes | bytearray) -> int:
 
 
 class CartNode(Node):  # type: ignore[misc]  # rclpy carries no types
-    """Reads the wheel board, steps the model, commands the motors and tells the world, once per period."""
+    """Reads the wheel board, steps the model, commands the motors and publishes, once per period."""
 
     def __init__(self, options: argparse.Namespace, bus: can.BusABC, model: ctypes.CDLL) -> None:
         super().__init__("user_loop", namespace=options.namespace or None)
@@ -165,7 +165,7 @@ class CartNode(Node):  # type: ignore[misc]  # rclpy carries no types
                 self.state, self.voltage = state & 7, millivolts * 1e-3
 
     def send(self) -> None:
-        """Command the motors, and tell the guard that the loop lives."""
+        """Command the motors, and send the guard its heartbeat."""
         enable = self.cycle >= OFF_CYCLES
         left, right = (max(-MAX_VOLTAGE, min(MAX_VOLTAGE, volts)) if enable else 0.0 for volts in self.y[5:7])
         body = COMMAND_BODY.pack(round(left * 1e3), round(right * 1e3), enable, self.cycle % 16)

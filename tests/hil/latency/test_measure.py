@@ -7,8 +7,8 @@ import pytest
 from segway_ecc.hil.latency.echo import Echo
 from segway_ecc.hil.latency.measure import measure
 from segway_ecc.hil.latency.result import Latency, Where
-from segway_ecc.hil.latency.same_process import HandedStage
-from segway_ecc.hil.latency.saying import MOST, say_all
+from segway_ecc.hil.latency.same_process import ThreadStage
+from segway_ecc.hil.latency.setpoints import MOST, publish_all
 from segway_ecc.node.cycle.interfaces import StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 
@@ -23,7 +23,7 @@ def test_a_set_point_comes_out_of_the_model_as_it_is() -> None:
 
 def test_each_number_is_said_once_in_order_and_its_time_noted_before() -> None:
     values: list[float] = []
-    said = say_all(5, 1e-4, values.append)
+    said = publish_all(5, 1e-4, values.append)
     assert values == pytest.approx([0.001, 0.002, 0.003, 0.004, 0.005])
     assert [number for number, _ in said] == [1, 2, 3, 4, 5]
     times = [at_ns for _, at_ns in said]
@@ -31,8 +31,8 @@ def test_each_number_is_said_once_in_order_and_its_time_noted_before() -> None:
 
 
 def test_what_a_thread_says_is_in_the_next_inbox_once() -> None:
-    stage = HandedStage()
-    stage.say(0.5)
+    stage = ThreadStage()
+    stage.send(0.5)
     assert stage.take_inbox().setpoints == [StampedSetpoint(Setpoint(0.5, 0.0), None)]
     assert stage.take_inbox().setpoints == []
 

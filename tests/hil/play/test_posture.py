@@ -1,4 +1,4 @@
-"""Standing up and sitting down: what is told, in which cycle."""
+"""Standing up and sitting down: what is requested, in which cycle."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def posture(phase: Phase) -> Posture:
 
 
 @pytest.mark.parametrize(
-    ("phase", "told"),
+    ("phase", "requested"),
     [
         (Phase.RESTING, [0.0, 1.0]),
         (Phase.STANDING_UP, [0.0]),
@@ -38,19 +38,22 @@ def posture(phase: Phase) -> Posture:
     ],
 )
 def test_one_that_is_up_is_told_to_sit_and_one_that_is_down_to_sit_and_then_to_stand(
-    phase: Phase, told: list[float]
+    phase: Phase, requested: list[float]
 ) -> None:
     robot = posture(phase)
-    assert robot.told() == []
+    assert robot.take_requests() == []
     robot.change()
-    assert [robot.told() for _ in range(3)] == [*([SetValue(0, value)] for value in told), *[[]] * (3 - len(told))]
+    assert [robot.take_requests() for _ in range(3)] == [
+        *([SetValue(0, value)] for value in requested),
+        *[[]] * (3 - len(requested)),
+    ]
 
 
 def test_the_last_word_counts() -> None:
     robot = posture(Phase.GIVEN_UP)
     robot.change()
     robot.change()
-    assert [robot.told() for _ in range(3)] == [[SetValue(0, 0.0)], [SetValue(0, 1.0)], []]
+    assert [robot.take_requests() for _ in range(3)] == [[SetValue(0, 0.0)], [SetValue(0, 1.0)], []]
 
 
 def test_the_phase_is_told_in_words() -> None:
@@ -59,4 +62,4 @@ def test_the_phase_is_told_in_words() -> None:
 
 def test_a_cart_has_none() -> None:
     robot = Posture(build_robot(load_robot("cart-can"), ScriptedClock()))
-    assert (robot.can_change, robot.doing, robot.told()) == (False, None, [])
+    assert (robot.can_change, robot.doing, robot.take_requests()) == (False, None, [])

@@ -55,7 +55,7 @@ def test_the_bus_is_broken_and_mended_in_turn(pipe: tuple[int, int]) -> None:
     rig = PlantControls(pipe[1], 10 * MS, runs, can_be_pushed=False)
     states = []
     for _ in range(3):
-        rig.break_or_mend_bus()
+        rig.toggle_bus()
         states.append(rig.is_bus_broken)
     assert told(pipe[0]) == ["cut", "heal", "cut"]
     assert states == [True, False, True]
@@ -70,7 +70,7 @@ def test_a_plant_that_takes_nothing_is_not_waited_for_and_a_push_ends_once_it_do
             os.write(pipe[1], bytes(4096))
         except BlockingIOError:
             break
-    rig.break_or_mend_bus()
+    rig.toggle_bus()
     assert not rig.is_bus_broken
     for _ in range(5):
         rig.work()

@@ -87,7 +87,7 @@ def test_a_bus_broken_by_hand_can_be_mended() -> None:
     lines = shown(msgspec.structs.replace(WELL, is_bus_broken=True))
 
     assert "links      can active   serial active   commands go over can   (bus broken by hand)" in lines
-    assert "b mend the bus" in lines[-2]
+    assert "b restore the bus" in lines[-2]
 
 
 def test_before_the_first_snapshot_it_waits() -> None:

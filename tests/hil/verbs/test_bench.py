@@ -40,7 +40,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
         return {one: made_up(COSTS_US[one]) for one in who}
 
     @contextmanager
-    def conditions(*, is_heard: bool = False) -> Iterator[Conditions]:
+    def conditions(*, is_subscribed: bool = False) -> Iterator[Conditions]:
         yield Conditions(
             priority=50,
             idle_states_off=True,
@@ -48,7 +48,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float, int]]:
             cores=2,
             isolated=(),
             kernel="6.1 PREEMPT_RT",
-            is_heard=is_heard,
+            is_subscribed=is_subscribed,
         )
 
     monkeypatch.setattr(bench, "compare", compare)

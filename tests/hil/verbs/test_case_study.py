@@ -91,7 +91,7 @@ def test_an_out_folder_that_cannot_be_written_is_told(segway_ecc: SeatRun, tmp_p
     assert outcome.code == 2
     assert outcome.out == ""
     (line,) = outcome.errors
-    assert line == (f"segway-ecc: cannot write to {tmp_path}/file: Not a directory; choose another with --out")
+    assert line == (f"segway-ecc: cannot write to {tmp_path}/file: Not a directory; choose another --out")
 
 
 @pytest.mark.parametrize("repeat", ["0", "-1"])

@@ -65,4 +65,4 @@ def test_a_report_that_cannot_be_written_is_an_error(segway_ecc: Run, tmp_path: 
     good = write(tmp_path, "good", "faults")
     outcome = segway_ecc("prove", "campaign", good, "--jobs", "1", "--out", str(Path(good) / "below"))
     assert outcome.code == 2
-    assert "cannot write the report" in outcome.errors[-1]
+    assert "cannot write to" in outcome.errors[-1]

@@ -1,4 +1,4 @@
-"""Who says set-points at random phases of the loop: each is another number, and the time is noted before it is said."""
+"""Publishes set-points at random phases of the loop: each another number, its time noted before it is published."""
 
 import random
 import time
@@ -14,19 +14,19 @@ _LEAST_PERIODS: Final = 2.0
 _MORE_PERIODS: Final = 1.0
 
 
-def say_all(count: int, period_s: float, say: Callable[[float], None], *, seed: int = 1) -> list[Timed]:
-    """Say so many set-points, two to three periods apart, so that none overtakes another.
+def publish_all(count: int, period_s: float, send: Callable[[float], None], *, seed: int = 1) -> list[Timed]:
+    """Publish so many set-points, two to three periods apart, so that none overtakes another.
 
     Args:
         count: How many, up to `MOST`.
         period_s: Of the loop, s.
-        say: Says one, m/s.
+        send: Publishes one, m/s.
         seed: Of the times between them.
     """
     chance = random.Random(seed)  # noqa: S311 - chance that can be repeated is what is wanted
-    said = []
+    published = []
     for number in range(1, count + 1):
         time.sleep(period_s * (_LEAST_PERIODS + _MORE_PERIODS * chance.random()))
-        said.append(Timed(number, time.monotonic_ns()))
-        say(number * STEP)
-    return said
+        published.append(Timed(number, time.monotonic_ns()))
+        send(number * STEP)
+    return published
