@@ -1,4 +1,4 @@
-"""The console of a guest: tells what the command said from what the kernel said."""
+"""The console of a guest, on which the command's output is kept apart from the kernel's."""
 
 import codecs
 import os
@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import IO
 
-# A kernel that panics says why first, and then writes some fifty lines.
+# A kernel that panics writes why first, and then some fifty lines.
 _LINES_IN_ERROR = 60
 _PANIC = re.compile(r"\[ *\d+\.\d+\] Kernel panic - not syncing")
 _PANIC_TAKES_S = 5.0
@@ -19,7 +19,7 @@ class Console:
     """Splits the guest's console by the marks that its first process writes around the command's output.
 
     Attributes:
-        output: What the command said, in pieces of at most a line.
+        output: The output of the command, in pieces of at most a line.
     """
 
     def __init__(self, token: str, on_output: Callable[[str], None] | None) -> None:
@@ -42,40 +42,36 @@ class Console:
         with selectors.DefaultSelector() as selector:
             if stream is not None:
                 selector.register(stream, selectors.EVENT_READ)
-            while not closed and (left := self._end_s(deadline) - time.monotonic()) > 0:
+            while not closed and (left := deadline - time.monotonic()) > 0:
                 for key, _ in selector.select(left):
                     chunk = os.read(key.fd, 65536)
-                    self._feed(decoder.decode(chunk))
+                    *lines, self._partial = (self._partial + decoder.decode(chunk)).split("\n")
+                    for line in lines:
+                        # The guest's terminal ends each line with a carriage return too.
+                        self._add_line(line.removesuffix("\r") + "\n")
                     closed = not chunk
+                if self._panicked_s is not None:
+                    deadline = min(deadline, self._panicked_s + _PANIC_TAKES_S)
         if self._partial:
-            self._take(self._partial)
+            self._add_line(self._partial)
         return closed or self._panicked_s is not None
 
     def last_lines(self) -> str:
         """Return the end of an error message: the last lines of the kernel and the command together."""
         return "; the console's last lines:" + "".join(f"\n  {line}" for line in self._tail)
 
-    def _end_s(self, deadline: float) -> float:
-        return deadline if self._panicked_s is None else min(deadline, self._panicked_s + _PANIC_TAKES_S)
-
-    def _feed(self, text: str) -> None:
-        *lines, self._partial = (self._partial + text).split("\n")
-        for line in lines:
-            # The guest's terminal ends each line with a carriage return too.
-            self._take(line.removesuffix("\r") + "\n")
-
-    def _take(self, line: str) -> None:
+    def _add_line(self, line: str) -> None:
         if self._begin in line:
             self._in_command = True
             return
         if self._panicked_s is None and _PANIC.search(line):
             self._panicked_s = time.monotonic()
-        # The mark follows the command's last words on the same line where they did not end with a newline.
-        said, mark, _ = line.partition(self._end)
-        if said.strip():
-            self._tail.append(said.rstrip())
-        if self._in_command and said:
-            self.output.append(said)
+        # The mark follows the end of the command's output on the same line where they did not end with a newline.
+        text, mark, _ = line.partition(self._end)
+        if text.strip():
+            self._tail.append(text.rstrip())
+        if self._in_command and text:
+            self.output.append(text)
             if self._on_output is not None:
-                self._on_output(said)
+                self._on_output(text)
         self._in_command = self._in_command and not mark

@@ -1,4 +1,4 @@
-"""What the guests have in common: the job that one is given, the time it has, and how its command ended."""
+"""What the guests have in common: the task that one is given, the time it has, and how its command ended."""
 
 import argparse
 import contextlib
@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Required, TypedDict
 
 from segway_ecc.hil.kernels.console import Console
 
@@ -24,7 +25,7 @@ _ENDS_WITHIN_S = 2.0
 
 
 class GuestError(RuntimeError):
-    """The guest could not be started, did not finish in time, or ended without saying how the command ended."""
+    """The guest could not be started, did not finish in time, or ended without the command's exit status."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +41,42 @@ class GuestResult:
     output: str
 
 
+class GuestOptions(TypedDict, total=False):
+    """How a command is run in a guest; what is left out has the default.
+
+    Attributes:
+        cwd: The folder to run it in, not below /run, /dev, /proc or /sys, which are the guest's own.
+        environment: Added to the guest's PATH, HOME, LANG and TERM. Nothing else comes from the host's environment.
+        memory_mib: The guest's memory; half of it holds the files it writes.
+        timeout_s: Everything, boot included, is killed after this long; by default 300 s.
+        on_output: Called with each line of the command's output as it comes.
+        results: A host folder, made if missing, that the guest can write, at the same path.
+    """
+
+    cwd: Required[Path]
+    environment: Mapping[str, str]
+    memory_mib: int
+    timeout_s: float
+    on_output: Callable[[str], None]
+    results: Path | None
+
+
 @dataclass(frozen=True)
 class GuestTask:
     """What a guest is to run, and the folder of the host through which it gets it.
 
     Attributes:
-        scratch: The guest's first process finds here `job.sh`, settings as shell variables; `guest.sh`, what the
-            guests share; and `command.sh`, what to run. It writes the command's exit status to `status`.
+        scratch: The guest's first process finds here `settings.sh`, shell variables; `guest.sh`, what the guests
+            share; and `command.sh`, what to run. It writes the command's exit status to `status`.
         results: The host folder that the guest can write, or None.
         console: Where the guest's console is read.
+        timeout_s: The guest is killed after this long.
     """
 
     scratch: Path
     results: Path | None
     console: Console
+    timeout_s: float
 
 
 def search_path() -> str:
@@ -67,37 +90,36 @@ def missing_programs(packages: Mapping[str, str]) -> list[str]:
 
 
 @contextlib.contextmanager
-def prepared_task(  # noqa: PLR0913 - what every guest is told, and all but the first two are named at the call
-    command: Sequence[str],
-    cwd: Path,
-    *,
-    environment: Mapping[str, str] | None,
-    on_output: Callable[[str], None] | None,
-    results: Path | None,
-    settings: Mapping[str, str],
-) -> Iterator[GuestTask]:
-    """Write a job to a folder of its own, which goes when the guest has ended.
+def prepared_task(command: Sequence[str], settings: Mapping[str, str], options: GuestOptions) -> Iterator[GuestTask]:
+    """Write a task to a folder of its own, which goes when the guest has ended.
 
     Args:
         command: The program and its arguments.
-        cwd: The folder to run it in.
-        environment: Added to the command's PATH, HOME, LANG and TERM.
-        on_output: Called with each line of the command's output as it comes.
-        results: A host folder, made if missing, that the guest can write.
         settings: Shell variables for the guest's first process, besides the common ones.
+        options: How the command is run.
     """
-    token = f"guest-{secrets.token_hex(8)}"
+    token, results = f"guest-{secrets.token_hex(8)}", options.get("results")
     if results is not None:
         results.mkdir(parents=True, exist_ok=True)
         results = results.resolve()
+    # TERM: the console is a terminal, and colours would only spoil the output that is handed back.
+    variables = {
+        "PATH": f"{Path(sys.executable).parent}:{_SYSTEM_PATH}",
+        "HOME": "/run/home",
+        "LANG": "C.UTF-8",
+        "TERM": "dumb",
+        **options.get("environment", {}),
+    }
+    words = shlex.join(["env", "-i", *(f"{name}={value}" for name, value in variables.items()), *command])
     with tempfile.TemporaryDirectory(prefix="guest-", ignore_cleanup_errors=True) as folder:
         scratch = Path(folder).resolve()
         common = {"GUEST_TOKEN": token, "GUEST_SCRATCH": str(scratch), "GUEST_RESULTS": str(results or "")}
         lines = (f"{name}={shlex.quote(value)}\n" for name, value in {**common, **settings}.items())
-        (scratch / "job.sh").write_text("".join(lines), encoding="utf-8")
+        (scratch / "settings.sh").write_text("".join(lines), encoding="utf-8")
         (scratch / "guest.sh").write_text(script("guest.sh"), encoding="utf-8")
-        _write_command(scratch, command, cwd, environment or {})
-        yield GuestTask(scratch, results, Console(token, on_output))
+        text = f"cd {shlex.quote(str(options['cwd'].resolve()))} || exit 126\nexec {words}\n"
+        (scratch / "command.sh").write_text(text, encoding="utf-8")
+        yield GuestTask(scratch, results, Console(token, options.get("on_output")), options.get("timeout_s", 300.0))
 
 
 def script(name: str) -> str:
@@ -105,29 +127,13 @@ def script(name: str) -> str:
     return resources.files("segway_ecc.hil.kernels").joinpath(name).read_text("utf-8")
 
 
-def _write_command(scratch: Path, command: Sequence[str], cwd: Path, environment: Mapping[str, str]) -> None:
-    # TERM: the console is a terminal, and colours would only spoil the output that is handed back.
-    variables = {
-        "PATH": f"{Path(sys.executable).parent}:{_SYSTEM_PATH}",
-        "HOME": "/run/home",
-        "LANG": "C.UTF-8",
-        "TERM": "dumb",
-        **environment,
-    }
-    assignments = [f"{name}={value}" for name, value in variables.items()]
-    words = shlex.join(["env", "-i", *assignments, *command])
-    text = f"cd {shlex.quote(str(cwd.resolve()))} || exit 126\nexec {words}\n"
-    (scratch / "command.sh").write_text(text, encoding="utf-8")
-
-
-def run_task(job: GuestTask, kernel: Sequence[str], variables: Mapping[str, str], timeout_s: float) -> GuestResult:
+def run_task(task: GuestTask, kernel: Sequence[str], variables: Mapping[str, str]) -> GuestResult:
     """Run the program that is the guest's kernel, or emulates its machine, until the guest has switched itself off.
 
     Args:
-        job: What the guest finds in its scratch folder.
+        task: What the guest finds in its scratch folder.
         kernel: The program and its arguments. Its standard output is the guest's console.
         variables: The program's environment.
-        timeout_s: The guest is killed after this long.
 
     Raises:
         GuestError: The guest ran out of time, or ended without an exit status.
@@ -144,47 +150,38 @@ def run_task(job: GuestTask, kernel: Sequence[str], variables: Mapping[str, str]
         start_new_session=True,
     ) as process:
         try:
-            finished = job.console.follow(process.stdout, time.monotonic() + timeout_s)
+            finished = task.console.follow(process.stdout, time.monotonic() + task.timeout_s)
         finally:
-            _end(process)
+            # Each process of the guest is one of the host's. Asked to end, the guest's kernel ends and reaps its own;
+            # killed, it would leave orphans to the host.
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_ENDS_WITHIN_S)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    last_lines = task.console.last_lines()
     if not finished:
-        raise GuestError(
-            f"The guest was killed after {timeout_s:g} s, unfinished: allow more time{job.console.last_lines()}"
-        )
-    return GuestResult(_exit_status(job), "".join(job.console.output))
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End every process of the guest, each of which is one of the host's."""
-    # Asked to end, the guest's kernel ends and reaps its own; killed, it would leave orphans to the host.
-    process.terminate()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(_ENDS_WITHIN_S)
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-
-
-def _exit_status(job: GuestTask) -> int:
+        raise GuestError(f"The guest was killed after {task.timeout_s:g} s, unfinished: allow more time{last_lines}")
     try:
-        return int((job.scratch / "status").read_text("ascii"))
+        status = int((task.scratch / "status").read_text("ascii"))
     except (FileNotFoundError, ValueError) as error:
         raise GuestError(
-            "The guest ended without the command's exit status: its kernel or its set-up failed"
-            f"{job.console.last_lines()}"
+            f"The guest ended without the command's exit status: its kernel or its set-up failed{last_lines}"
         ) from error
+    return GuestResult(status, "".join(task.console.output))
 
 
 def command_line(
     parser: argparse.ArgumentParser,
     arguments: Sequence[str] | None,
-    run: Callable[[argparse.Namespace, Sequence[str]], GuestResult],
+    run: Callable[[argparse.Namespace, Sequence[str], GuestOptions], GuestResult],
 ) -> int:
     """Run the command line of a kind of guest.
 
     Args:
         parser: Knows the options of that kind; those that all kinds have are added here.
         arguments: The command line's words, or None for those of this process.
-        run: Runs the command, the words after --, as the options say.
+        run: Runs the command, the words after --, with these options.
 
     Returns:
         The exit status of the command in the guest, or 125 where the guest itself failed.
@@ -198,7 +195,8 @@ def command_line(
     if unknown or not command:
         parser.error(f"options, then --, then the command, as in: {parser.prog} -- python -m pytest tests/kernel/guest")
     try:
-        return run(options, command).exit_status
+        common = GuestOptions(cwd=Path.cwd(), timeout_s=options.timeout, on_output=to_stdout, results=options.results)
+        return run(options, command, common).exit_status
     except GuestError as error:
         sys.stderr.write(f"{error}\n")
         return GUEST_ERROR_STATUS

@@ -20,17 +20,17 @@ _MARK = "guest-mark"
 
 
 class MachineError(GuestError):
-    """The machine did not do in time what was asked; with the end of its console."""
+    """The machine did not do in time what was requested; with the end of its console."""
 
 
 class Machine:
     """A running machine.
 
-    What the kernel and the services say is in the file `console`; the shell is systemd's debug
+    The messages of the kernel and the services are in the file `console`; the shell is systemd's debug
     shell, so that the image is as it is shipped.
 
     Attributes:
-        console: What the machine says.
+        console: The messages of the machine.
         share: A folder of the host's that the machine has as /run/share.
         began: When it was switched on, `time.monotonic()`.
     """
@@ -78,7 +78,7 @@ class Machine:
                 start_new_session=True,
             )
         self._end = end
-        self._heard = ""
+        self._received = ""
 
     def wait_for_shell(self, timeout_s: float = 120.0) -> None:
         """Wait until the shell answers, and share a folder with it as /run/share."""
@@ -93,14 +93,14 @@ class Machine:
         raise self._error("no shell")
 
     def run(self, command: str, timeout_s: float = 60.0) -> str:
-        """Run a command in the shell; what it says. A status other than zero is an error."""
+        """Run a command in the shell; returns its output. A status other than zero is an error."""
         mark = f"{_MARK}-{secrets.token_hex(4)}"
         # Cut in two, so that an echo of the command is not taken for its end.
         os.write(self._shell, f"{command}\necho {mark[:6]}''{mark[6:]} $?\n".encode())
-        said = self._read_until(re.compile(rf"{mark} (\d+)\r?\n"), timeout_s)
-        if said is None:
+        answer = self._read_until(re.compile(rf"{mark} (\d+)\r?\n"), timeout_s)
+        if answer is None:
             raise self._error(f"no answer to: {command}")
-        text, status = said
+        text, status = answer
         if status != "0":
             raise self._error(f"status {status} of: {command}\n{text}")
         return text.replace("\r", "")
@@ -141,19 +141,19 @@ class Machine:
     def _read_until(self, mark: re.Pattern[str], timeout_s: float) -> tuple[str, str] | None:
         deadline = time.monotonic() + timeout_s
         while True:
-            found = mark.search(self._heard)
+            found = mark.search(self._received)
             if found is not None:
-                text, self._heard = self._heard[: found.start()], self._heard[found.end() :]
+                text, self._received = self._received[: found.start()], self._received[found.end() :]
                 return text, found.group(1)
             left = deadline - time.monotonic()
             if left <= 0 or self._process.poll() is not None:
                 return None
             if select.select([self._shell], [], [], min(left, 0.5))[0]:
-                self._heard += os.read(self._shell, 65536).decode(errors="replace")
+                self._received += os.read(self._shell, 65536).decode(errors="replace")
 
     def _error(self, what: str) -> MachineError:
         lines = self.console.read_text(errors="replace").splitlines()[-30:]
-        return MachineError(f"{what}; shell: {self._heard[-500:]!r}; the console's last lines:\n" + "\n".join(lines))
+        return MachineError(f"{what}; shell: {self._received[-500:]!r}; the console's last lines:\n" + "\n".join(lines))
 
 
 def _one_processor() -> int:

@@ -10,7 +10,7 @@ results folder is the host's own. Also a command:
 What the emulated bus does not do: it has no bit timing, no arbitration and no errors. A frame is on the other
 controller at once and counts as sent even where no other controller is up, so the state stays error-active and the
 error counters at zero; error frames come of a receive buffer that ran over, and of nothing else. A remote frame with a
-DLC above 0 puts the receiving controller's buffer out of step, and what it hears afterwards is spoilt. What can be had
+DLC above 0 puts the receiving controller's buffer out of step, and spoils what it receives afterwards. What can be had
 of a real adapter is that it goes: unbind and bind, in /sys/bus/pci/drivers/kvaser_pci, take it away and bring it back.
 """
 
@@ -19,21 +19,21 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 from segway_ecc.hil.kernels import initramfs
 from segway_ecc.hil.kernels.guest import (
     GuestError,
+    GuestOptions,
     GuestResult,
-    GuestTask,
     command_line,
     missing_programs,
     prepared_task,
     run_task,
     script,
     search_path,
-    to_stdout,
 )
 
 _PACKAGES = {
@@ -49,7 +49,7 @@ _NEEDED_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay", "can-raw", "kv
 
 
 def available() -> str | None:
-    """Tell whether this machine can run a guest.
+    """Check whether this machine can run a guest.
 
     Returns:
         None when it can, else one line: what is missing and the Debian command that installs it.
@@ -80,28 +80,13 @@ def _modules_of(kernel: Path) -> Path:
     return _MODULES / kernel.name.removeprefix("vmlinuz-")
 
 
-def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call and have defaults
-    command: Sequence[str],
-    *,
-    cwd: Path,
-    bitrate: int = 500_000,
-    environment: Mapping[str, str] | None = None,
-    memory_mib: int = 2048,
-    timeout_s: float = 300.0,
-    on_output: Callable[[str], None] | None = None,
-    results: Path | None = None,
-) -> GuestResult:
+def run_in_guest(command: Sequence[str], *, bitrate: int = 500_000, **options: Unpack[GuestOptions]) -> GuestResult:
     """Boot a guest with two processors, run one command in it as root, and shut it down.
 
     Args:
         command: The program and its arguments. This interpreter's folder comes first in the guest's PATH.
-        cwd: The folder to run it in, not below /run, /dev, /proc or /sys, which are the guest's own.
-        bitrate: Of can0 and can1, bit/s: what the driver is told, the emulated bus has none.
-        environment: Added to the guest's PATH, HOME, LANG and TERM. Nothing else comes from the host's environment.
-        memory_mib: The guest's memory; half of it holds the files it writes.
-        timeout_s: Everything, boot included, is killed after this long.
-        on_output: Called with each line of the command's output as it comes.
-        results: A host folder, made if missing, that the guest can write, at the same path.
+        bitrate: Of can0 and can1, bit/s: what the driver is set to, the emulated bus has none.
+        **options: How it is run; the memory is 2048 MiB by default.
 
     Returns:
         The command's exit status and output.
@@ -114,14 +99,17 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
         raise GuestError(f"No guest can run here: {missing}")
     modules = initramfs.modules_in_order(_modules_of(kernel), _NEEDED_MODULES)
     settings = {"GUEST_MODULES": " ".join(path.name for path in modules), "GUEST_BITRATE": str(bitrate)}
-    prepared = prepared_task(
-        command, cwd, environment=environment, on_output=on_output, results=results, settings=settings
-    )
-    with prepared as job:
-        first_files = job.scratch / "initramfs"
-        first_files.write_bytes(_first_files(job.scratch, modules))
-        words = ["qemu-system-x86_64", *_machine(memory_mib), *_folders(job), *_start(kernel, first_files)]
-        return run_task(job, words, {"PATH": search_path()}, timeout_s)
+    with prepared_task(command, settings, options) as task:
+        first_files = task.scratch / "initramfs"
+        first_files.write_bytes(_first_files(task.scratch, modules))
+        folders = [*_folder("host", Path("/"), ",readonly=on"), *_folder("scratch", task.scratch)]
+        if task.results is not None:
+            folders += _folder("results", task.results)
+        # tsc=reliable: the emulated counter is the host's clock, so there is nothing to watch or to measure.
+        append = "console=ttyS0 quiet loglevel=1 panic=-1 oops=panic mitigations=off tsc=reliable"
+        start = ["-kernel", str(kernel), "-initrd", str(first_files), "-append", append]
+        words = ["qemu-system-x86_64", *_machine(options.get("memory_mib", 2048)), *folders, *start]
+        return run_task(task, words, {"PATH": search_path()})
 
 
 def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
@@ -130,7 +118,7 @@ def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
         initramfs.program("bin/busybox", _busybox()),
         initramfs.symbolic_link("bin/sh", "busybox"),
         initramfs.program("init", script("qemu_init.sh").encode()),
-        *(initramfs.file(name, (scratch / name).read_bytes()) for name in ("guest.sh", "job.sh")),
+        *(initramfs.file(name, (scratch / name).read_bytes()) for name in ("guest.sh", "settings.sh")),
         *(initramfs.file(f"modules/{path.name}", initramfs.module_content(path)) for path in modules),
     ]
     return initramfs.archive(entries)
@@ -145,22 +133,10 @@ def _machine(memory_mib: int) -> list[str]:
     return [*computer, "-m", f"{memory_mib}M", *only, "-object", "can-bus,id=bus0", *card, *card]
 
 
-def _folders(job: GuestTask) -> list[str]:
-    words = [*_folder("host", Path("/"), ",readonly=on"), *_folder("scratch", job.scratch)]
-    return words if job.results is None else [*words, *_folder("results", job.results)]
-
-
 def _folder(tag: str, path: Path, more: str = "") -> list[str]:
     # multidevs: what is mounted below the folder has file numbers of its own, which may be the same.
     escaped = str(path).replace(",", ",,")
     return ["-virtfs", f"local,path={escaped},mount_tag={tag},security_model=none,multidevs=remap{more}"]
-
-
-def _start(kernel: Path, first_files: Path) -> list[str]:
-    screen = "console=ttyS0 quiet loglevel=1"
-    # tsc=reliable: the emulated counter is the host's clock, so there is nothing to watch or to measure.
-    options = f"{screen} panic=-1 oops=panic mitigations=off tsc=reliable"
-    return ["-kernel", str(kernel), "-initrd", str(first_files), "-append", options]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -171,17 +147,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.qemu")
     parser.add_argument("--bitrate", type=int, default=500_000, help="of can0 and can1, bit/s (default: %(default)s)")
-    return command_line(parser, arguments, _run)
-
-
-def _run(options: argparse.Namespace, command: Sequence[str]) -> GuestResult:
-    return run_in_guest(
-        command,
-        cwd=Path.cwd(),
-        bitrate=options.bitrate,
-        timeout_s=options.timeout,
-        on_output=to_stdout,
-        results=options.results,
+    return command_line(
+        parser,
+        arguments,
+        lambda options, command, common: run_in_guest(command, bitrate=options.bitrate, **common),
     )
 
 

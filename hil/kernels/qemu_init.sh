@@ -1,6 +1,6 @@
 #!/bin/sh
 # First process of the guest that hil/kernels/qemu.py boots, in an initramfs with busybox and the modules to load.
-# job.sh (settings) and guest.sh (what the guests share) stand beside this file.
+# settings.sh (settings) and guest.sh (what the guests share) stand beside this file.
 set -eu
 export PATH=/bin
 
@@ -9,7 +9,7 @@ export PATH=/bin
 trap power_off EXIT
 mount -t devtmpfs devtmpfs /dev
 mount -t proc proc /proc
-. /job.sh
+. /settings.sh
 
 for module in $GUEST_MODULES; do
     insmod "/modules/$module"

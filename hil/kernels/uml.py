@@ -11,11 +11,13 @@ import contextlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 from segway_ecc.hil.kernels.guest import (
     GuestError,
+    GuestOptions,
     GuestResult,
     command_line,
     missing_programs,
@@ -23,7 +25,6 @@ from segway_ecc.hil.kernels.guest import (
     run_task,
     script,
     search_path,
-    to_stdout,
 )
 from segway_ecc.hil.kernels.uml_registers import register_variables
 
@@ -35,7 +36,7 @@ _PACKAGES = {"linux.uml": "user-mode-linux", "ip": "iproute2", "setpriv": "util-
 
 
 def available() -> str | None:
-    """Tell whether this machine can run a guest.
+    """Check whether this machine can run a guest.
 
     Returns:
         None when it can, else one line: what is missing and the Debian command that installs it.
@@ -48,28 +49,15 @@ def available() -> str | None:
     return None
 
 
-def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call and have defaults
-    command: Sequence[str],
-    *,
-    cwd: Path,
-    interfaces: Sequence[str] = ("vcan0",),
-    environment: Mapping[str, str] | None = None,
-    memory_mib: int = 1024,
-    timeout_s: float = 300.0,
-    on_output: Callable[[str], None] | None = None,
-    results: Path | None = None,
+def run_in_guest(
+    command: Sequence[str], *, interfaces: Sequence[str] = ("vcan0",), **options: Unpack[GuestOptions]
 ) -> GuestResult:
     """Boot a guest, run one command in it as root, and shut it down.
 
     Args:
         command: The program and its arguments. This interpreter's folder comes first in the guest's PATH.
-        cwd: The folder to run it in, not below /run, /dev, /proc or /sys, which are the guest's own.
         interfaces: The vcan interfaces to create.
-        environment: Added to the guest's PATH, HOME, LANG and TERM. Nothing else comes from the host's environment.
-        memory_mib: The guest's memory; half of it holds the files it writes.
-        timeout_s: Everything, boot included, is killed after this long.
-        on_output: Called with each line of the command's output as it comes.
-        results: A host folder, made if missing, that the guest can write, at the same path.
+        **options: How it is run; the memory is 1024 MiB by default.
 
     Returns:
         The command's exit status and output.
@@ -81,26 +69,21 @@ def run_in_guest(  # noqa: PLR0913 - all but the command are named at the call a
     if missing is not None:
         raise GuestError(f"No guest can run here: {missing}")
     settings = {"GUEST_INTERFACES": " ".join(interfaces), "GUEST_PYTHON": sys.executable}
-    prepared = prepared_task(
-        command, cwd, environment=environment, on_output=on_output, results=results, settings=settings
-    )
-    with prepared as job:
-        init = job.scratch / "init"
+    memory_mib = options.get("memory_mib", 1024)
+    with prepared_task(command, settings, options) as task:
+        init = task.scratch / "init"
         init.write_text(script("uml_init.sh"), encoding="utf-8")
         init.chmod(0o700)
+        root = ["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro", f"init={init}"]
+        screen = ["quiet", "loglevel=1", "con=null", "con0=null,fd:1"]
+        kernel = ["linux.uml", f"mem={memory_mib}M", f"uml_dir={task.scratch}/", *root, *screen]
         variables = {
             "PATH": search_path(),
-            "HOME": str(job.scratch),
+            "HOME": str(task.scratch),
             "TMPDIR": str(_memory_folder(memory_mib)),
             **register_variables(),
         }
-        return run_task(job, _kernel(job.scratch, memory_mib), variables, timeout_s)
-
-
-def _kernel(scratch: Path, memory_mib: int) -> list[str]:
-    root = ["root=/dev/root", "rootfstype=hostfs", "rootflags=/", "ro", f"init={scratch}/init"]
-    screen = ["quiet", "loglevel=1", "con=null", "con0=null,fd:1"]
-    return ["linux.uml", f"mem={memory_mib}M", f"uml_dir={scratch}/", *root, *screen]
+        return run_task(task, kernel, variables)
 
 
 def _memory_folder(memory_mib: int) -> Path:
@@ -125,17 +108,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.uml")
     parser.add_argument("--interface", action="append", help="a vcan interface to create (default: vcan0)")
-    return command_line(parser, arguments, _run)
-
-
-def _run(options: argparse.Namespace, command: Sequence[str]) -> GuestResult:
-    return run_in_guest(
-        command,
-        cwd=Path.cwd(),
-        interfaces=options.interface or ("vcan0",),
-        timeout_s=options.timeout,
-        on_output=to_stdout,
-        results=options.results,
+    return command_line(
+        parser,
+        arguments,
+        lambda options, command, common: run_in_guest(command, interfaces=options.interface or ("vcan0",), **common),
     )
 
 

@@ -1,13 +1,13 @@
 #!/bin/sh
 # First process of the user-mode Linux guest that hil/kernels/uml.py boots. The root is the host's, read-only.
-# job.sh (settings), guest.sh (what the guests share) and command.sh (what to run) stand beside this file.
+# settings.sh (settings), guest.sh (what the guests share) and command.sh (what to run) stand beside this file.
 set -eu
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin
 
 . "${0%/*}/guest.sh"
 trap power_off EXIT
 mount -t proc proc /proc
-. "${0%/*}/job.sh"
+. "${0%/*}/settings.sh"
 
 mount_memory
 mount -t hostfs -o "$GUEST_SCRATCH" none "$scratch"
