@@ -79,8 +79,10 @@ class PtyPort:
         """Pull the adapter out: the robot's reads and writes fail, and the name is gone."""
         if self._ours is None or self._robots is None:
             return
-        if self._is_our_link():
-            self.path.unlink()
+        with contextlib.suppress(OSError):
+            # Another rig may have taken the name over.
+            if str(self.path.readlink()) == os.ttyname(self._robots):
+                self.path.unlink()
         os.close(self._robots)
         os.close(self._ours)
         self._ours = self._robots = None
@@ -88,9 +90,3 @@ class PtyPort:
     def close(self) -> None:
         """Remove the pseudo-terminal and the link to it; may be called again."""
         self.unplug()
-
-    def _is_our_link(self) -> bool:
-        """Whether the name is still ours: another rig may have taken it over."""
-        with contextlib.suppress(OSError):
-            return self._robots is not None and str(self.path.readlink()) == os.ttyname(self._robots)
-        return False

@@ -1,14 +1,14 @@
-"""The node's clock in lock step, which steps, and on which the node stalls or dies, as it is told to."""
+"""The node's clock in lock step, which steps, and on which the node stalls or dies, as faults make it."""
 
 from collections.abc import Callable
 
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.faults.injection import Injection, Injections
+from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.rig.lockstep import LockstepRig
 
 
 class ProcessKilledError(RigError):
-    """The node was killed, as declared."""
+    """The node was killed, as the scenario declares."""
 
 
 class DisturbedClock:
@@ -32,7 +32,19 @@ class DisturbedClock:
 
     def wall_ns(self) -> int:
         """Simulated wall-clock time, and what is wrong with it."""
-        return self._rig.wall_ns() + sum(self._error_ns(i.fault.type, i.since_ns, i.fault.size) for i in self._active)
+        wall_ns = self._rig.wall_ns()
+        for injection in self._clock:
+            since_ns, size = injection.since_ns, injection.fault.size or 0.0
+            if not injection.is_active:
+                continue
+            match injection.fault.type:
+                case "stuck":
+                    wall_ns -= since_ns
+                case "slow":
+                    wall_ns -= round(size * since_ns)
+                case _:
+                    wall_ns += round(size * 1e9)
+        return wall_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Let the devices run up to the deadline, or further where the node stalls.
@@ -58,16 +70,3 @@ class DisturbedClock:
     def spend(self, duration_s: float) -> None:
         """Let time pass for everybody but the node, s."""
         self._rig.sleep_until_ns(self._rig.now_ns() + round(duration_s * 1e9))
-
-    @property
-    def _active(self) -> list[Injection]:
-        return [injection for injection in self._clock if injection.is_active]
-
-    @staticmethod
-    def _error_ns(kind: str, since_ns: int, size: float | None) -> int:
-        match kind:
-            case "stuck":
-                return -since_ns
-            case "slow":
-                return -round((size or 0.0) * since_ns)
-        return round((size or 0.0) * 1e9)

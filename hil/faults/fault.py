@@ -83,7 +83,7 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
         "intermittent": _share("the left wheel's reads zero in this share of the plant's steps", 0.5),
     },
     "can": {
-        "off": FaultKind("nothing passes either way, and nothing says so: a cut cable"),
+        "off": FaultKind("nothing passes either way, and nothing reports it: a cut cable"),
         "stuck": FaultKind("the transmit queue takes nothing; telemetry goes on"),
         "garbage": _share("some bits are wrong in this share of the frames either way", 0.1),
         "wrong": FaultKind(
@@ -113,13 +113,13 @@ KINDS: Final[Mapping[Target, Mapping[Type, FaultKind]]] = {
         "intermittent": _share("the motors give nothing in this share of the plant's steps", 0.5),
     },
     "clock": {
-        "stuck": FaultKind("the wall clock stands still"),
+        "stuck": FaultKind("the wall clock stops"),
         "wrong": FaultKind("the wall clock steps by this", 3600.0, "s"),
         "slow": FaultKind("the wall clock loses this much every second", 0.01, "s/s", -1.0, 1.0),
     },
     "process": {
         "off": FaultKind("the node is killed: it sends nothing more, and closes nothing"),
-        "stuck": _time("the node stands still for this long, once", 0.2),
+        "stuck": _time("the node stalls for this long, once", 0.2),
         "slow": _time("every cycle begins this much late", 0.005),
     },
     "disk": {
@@ -156,8 +156,10 @@ class Fault(Section, frozen=True, kw_only=True):
         kind = kinds.get(self.type)
         if kind is None:
             raise ValueError(f"{self.target} cannot be {self.type}; it can be {', '.join(kinds)}")
-        if self.amount is not None:
-            self._check_amount(kind, self.amount)
+        if self.amount is not None and not kind.unit:
+            raise ValueError(f"amount has no meaning where {self.target} is {self.type}: leave it out")
+        if self.amount is not None and not kind.least <= self.amount <= kind.most:
+            raise ValueError(f"amount must be from {kind.least:g} to {kind.most:g} ({kind.unit}), not {self.amount}")
         if self.for_s is not None and (self.target, self.type) in _FOR_GOOD:
             raise ValueError(f"for_s has no meaning where {self.target} is {self.type}: leave it out")
 
@@ -165,9 +167,3 @@ class Fault(Section, frozen=True, kw_only=True):
     def size(self) -> float | None:
         """The amount, or what it is where none is given."""
         return KINDS[self.target][self.type].amount if self.amount is None else self.amount
-
-    def _check_amount(self, kind: FaultKind, amount: float) -> None:
-        if not kind.unit:
-            raise ValueError(f"amount has no meaning where {self.target} is {self.type}: leave it out")
-        if not kind.least <= amount <= kind.most:
-            raise ValueError(f"amount must be from {kind.least:g} to {kind.most:g} ({kind.unit}), not {amount}")

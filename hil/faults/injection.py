@@ -40,7 +40,7 @@ class Injection:
     """A declared fault in one run.
 
     Attributes:
-        fault: What was declared.
+        fault: What the scenario declares.
         random: Its own source of chance.
         at_ns: When it begins, ns after the robot was armed.
     """
@@ -69,7 +69,7 @@ class Injection:
         return self._timeline.elapsed_ns - self.at_ns
 
     def happens(self) -> bool:
-        """Whether chance, at the fault's probability, says yes this time."""
+        """Whether chance, at the fault's probability, has it happen this time."""
         return self.random.random() < (self.fault.size or 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Links and lines that lose, spoil, repeat and delay what passes, as they are told to."""
+"""Links and lines that lose, spoil, repeat and delay what passes, as faults make them."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
@@ -92,16 +92,13 @@ class DisturbedBus(FaultyLink):
                 case "garbage":
                     frames = [_spoilt(f, injection) if injection.happens() else f for f in frames]
                 case "wrong":
-                    frames += self._older(frame, is_sent=is_sent)
+                    older = self._newest.get((frame.arbitration_id, is_sent))
+                    frames += [] if older is None else [replace(older, received_ns=frame.received_ns)]
                 case "delayed":
                     delay_ns += round((injection.fault.size or 0.0) * 1e9)
         self._remember((frame,), is_sent=is_sent)
         begun_ns = self._now_ns() if is_sent else frame.received_ns
         return [(begun_ns + delay_ns, f) for f in frames]
-
-    def _older(self, frame: Frame, *, is_sent: bool) -> list[Frame]:
-        older = self._newest.get((frame.arbitration_id, is_sent))
-        return [] if older is None else [replace(older, received_ns=frame.received_ns)]
 
 
 def _spoilt(frame: Frame, injection: Injection) -> Frame:
@@ -132,8 +129,11 @@ class DisturbedDevicesLink(LinkFront):
 
     def send(self, frame: Frame) -> bool:
         """Send, unless the sender is silent."""
-        if self._is_without_supply or self._is_lost(frame):
+        if self._is_without_supply:
             return True
+        if self._imu and (frame.arbitration_id, frame.is_extended) in self._imu_frames:
+            is_lost = any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
+            return is_lost or self.behind.send(frame)
         return self.behind.send(frame)
 
     def receive(self) -> list[Frame]:
@@ -144,11 +144,6 @@ class DisturbedDevicesLink(LinkFront):
     @property
     def _is_without_supply(self) -> bool:
         return bool(self._battery) and any(injection.is_active for injection in self._battery)
-
-    def _is_lost(self, frame: Frame) -> bool:
-        if not self._imu or (frame.arbitration_id, frame.is_extended) not in self._imu_frames:
-            return False
-        return any(i.is_active and (i.fault.type == "off" or i.happens()) for i in self._imu)
 
 
 class DisturbedLine:
@@ -172,10 +167,8 @@ class DisturbedLine:
             self._is_unplugged = "stuck" in active
             (self._wires.host.unplug if self._is_unplugged else self._wires.host.plug)()
         if "garbage" in active:
-            self._make_noise(active["garbage"])
-
-    def _make_noise(self, injection: Injection) -> None:
-        expected = (injection.fault.size or 0.0) * self._tick_s
-        count = int(expected) + (injection.random.random() < expected % 1.0)
-        if count:
-            self._wires.garbage(injection.random.randbytes(count))
+            noise = active["garbage"]
+            expected = (noise.fault.size or 0.0) * self._tick_s
+            count = int(expected) + (noise.random.random() < expected % 1.0)
+            if count:
+                self._wires.garbage(noise.random.randbytes(count))

@@ -1,4 +1,4 @@
-"""A plant whose sensors measure, and whose motors push, as they are told to fail."""
+"""A plant whose sensors measure, and whose motors push, as faults make them."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -29,43 +29,14 @@ class DisturbedPlant:
 
     def __init__(self, plant: Model, injections: Injections) -> None:
         """Stand in front of `plant`."""
+        self.name, self.step_size = plant.name, plant.step_size
+        self.inputs, self.outputs = plant.inputs, plant.outputs
+        self.parameters, self.states = plant.parameters, plant.states
         self._plant = plant
         self._advance = advance_of(plant)
-        self._sensors = [
-            _Disturbance(i, _places(i, plant.outputs), plant.step_size) for i in injections.of("imu", "encoder")
-        ]
+        self._sensors = [_Disturbance(i, plant.outputs, plant.step_size) for i in injections.of("imu", "encoder")]
         motors = injections.of("left_motor", "right_motor", "battery")
-        self._motors = [_Disturbance(i, _places(i, plant.inputs), plant.step_size) for i in motors]
-
-    @property
-    def name(self) -> str:
-        """The plant's name."""
-        return self._plant.name
-
-    @property
-    def step_size(self) -> float:
-        """The length of one step, s."""
-        return self._plant.step_size
-
-    @property
-    def inputs(self) -> Sequence[Variable]:
-        """The plant's."""
-        return self._plant.inputs
-
-    @property
-    def outputs(self) -> Sequence[Variable]:
-        """The plant's."""
-        return self._plant.outputs
-
-    @property
-    def parameters(self) -> Sequence[Variable]:
-        """The plant's."""
-        return self._plant.parameters
-
-    @property
-    def states(self) -> Sequence[Variable]:
-        """The plant's."""
-        return self._plant.states
+        self._motors = [_Disturbance(i, plant.inputs, plant.step_size) for i in motors]
 
     @property
     def stopped(self) -> bool:
@@ -110,21 +81,16 @@ class DisturbedPlant:
         self._plant.write(name, value)
 
 
-def _places(injection: Injection, variables: Sequence[Variable]) -> list[int]:
-    prefixes = _PREFIXES[injection.fault.target]
-    return [place for place, variable in enumerate(variables) if variable.name.startswith(prefixes)]
-
-
 class _Disturbance:
     """What one fault makes of some values, one step of the plant at a time."""
 
-    def __init__(self, injection: Injection, places: Sequence[int], step_size: float) -> None:
-        self._injection = injection
-        self._places = places
-        self._step_size = step_size
-        self._is_factor = injection.fault.target in {"left_motor", "right_motor", "battery"}
-        self._kept = [0.0] * len(places)
+    def __init__(self, injection: Injection, variables: Sequence[Variable], step_size: float) -> None:
         fault = injection.fault
+        self._injection = injection
+        self._places = [place for place, v in enumerate(variables) if v.name.startswith(_PREFIXES[fault.target])]
+        self._step_size = step_size
+        self._is_factor = fault.target in {"left_motor", "right_motor", "battery"}
+        self._kept = [0.0] * len(self._places)
         self._varies = (fault.target, fault.type) in _VARYING
         length = round((fault.size or 0.0) / step_size) + 1 if fault.type == "delayed" else 1
         self._past: deque[list[float]] = deque(maxlen=length)
@@ -147,31 +113,21 @@ class _Disturbance:
             values[place] = value
 
     def _disturbed(self, true: list[float]) -> Sequence[float]:
-        match self._injection.fault.type:
+        injection, size = self._injection, self._injection.fault.size
+        match injection.fault.type:
             case "wrong":
                 return [self._wrong(value) for value in true]
             case "slow":
                 return self._slow(true)
             case "delayed":
                 return self._past[0]
-            case "intermittent":
-                return [0.0] * len(true) if self._is_lost() else true
-        return self._unrelated(len(true))
-
-    def _unrelated(self, count: int) -> Sequence[float]:
-        """What has nothing to do with what is true."""
-        injection, size = self._injection, self._injection.fault.size
-        match injection.fault.type:
+            # Of an IMU it is the frames that are lost, on the bus.
+            case "intermittent" if injection.fault.target == "imu" or not injection.happens():
+                return true
             case "stuck":
-                return self._kept if size is None else [size] * count
-            case "garbage":
-                bound = size or 0.0
-                return [injection.random.uniform(-bound, bound) for _ in range(count)]
-        return [0.0] * count
-
-    def _is_lost(self) -> bool:
-        # Of an IMU it is the frames that are lost, on the bus.
-        return self._injection.fault.target != "imu" and self._injection.happens()
+                return self._kept if size is None else [size] * len(true)
+        bound = (size or 0.0) if injection.fault.type == "garbage" else 0.0
+        return [injection.random.uniform(-bound, bound) if bound else 0.0 for _ in true]
 
     def _wrong(self, value: float) -> float:
         size = self._injection.fault.size
