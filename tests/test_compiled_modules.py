@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.compiled_modules import COMPILED, HOOK, ROOT, WHEEL
+from tests.compiled_modules import COMPILED, HOOK, PROJECT, ROOT, WHEEL
 
 TREES = {
     str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
@@ -72,3 +72,12 @@ def test_no_tuple_of_floats_is_final_without_a_wider_type(path: str) -> None:
 def test_no_module_that_is_compiled_is_run_as_a_program() -> None:
     """`python -m` finds no code in what is compiled."""
     assert not [path for path in COMPILED if "__main__" in (ROOT / path).read_text(encoding="utf-8")]
+
+
+def test_source_distribution_carries_every_room_behind_a_link() -> None:
+    """hatchling puts a folder in once, at its first path; without the rest an sdist has no rooms."""
+    links = {f"{package}/{path.name}" for package in WHEEL["packages"] for path in (ROOT / package).iterdir()}
+    links = {name for name in links if (ROOT / name).is_symlink()}
+    included = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["force-include"]
+    assert links
+    assert included == {name: name for name in links}
