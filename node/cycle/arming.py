@@ -33,7 +33,7 @@ class ArmingManager:
         arm_at_start: bool,
         checklist: Evaluate = no_checks,
     ) -> None:
-        """Start disarmed; with `arm_at_start`, arm as soon as nothing speaks against it."""
+        """Start disarmed; with `arm_at_start`, arm as soon as every check passes."""
         self.modes = Modes()
         self.arming_refusal: str | None = None
         self.checklist = checklist

@@ -182,7 +182,10 @@ class Cycle:
         except LinkLostError as error:
             self.arming.answers.append(HardwareAnswer(call, (str(error),)))
             self.arming.fail(str(error))
-            return _unmeasured(len(self._signal_names), str(error))
+            # Nothing was measured: no value is valid. The model goes on, and its inputs from sensors are 0.0; the robot
+            # is in FAULT and sends zero, and what is published as measured is NaN.
+            count = len(self._signal_names)
+            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
         self.events.extend(sensors.events)
         return sensors
 
@@ -290,15 +293,6 @@ class Cycle:
         if self._immediately:
             self._exchange(commands, "send")  # of its snapshot only the events count: the next cycle measures anew
         return commands
-
-
-def _unmeasured(signals: int, fault: str) -> Sensors:
-    """The snapshot of a cycle whose link is lost: no value is valid.
-
-    The robot is in FAULT and sends zero. Its model goes on, and its inputs from sensors are then 0.0; signals published
-    as measured are NaN.
-    """
-    return Sensors((0.0,) * signals, (math.inf,) * signals, (False,) * signals, (fault,), ready=False, off=False)
 
 
 def _model_failed(error: Exception, when: str) -> ModelFailedError:

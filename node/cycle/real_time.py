@@ -1,4 +1,4 @@
-"""What this process asks of the kernel and of Python, so that its loop is not kept waiting."""
+"""The loop's real-time requirements of the kernel and of Python."""
 
 import contextlib
 import ctypes
@@ -13,13 +13,13 @@ from typing import Final
 PRIORITY: Final = 50
 """Of SCHED_FIFO, 1 to 99: above ordinary programs, at the level of interrupt threads on a real-time kernel."""
 HELPERS_PRIORITY: Final = PRIORITY - 5
-"""Of what carries the loop's words to the world: no other program may hold it up, and it not the loop."""
+"""Of the threads and processes that publish for the loop: above other programs, below the loop."""
 SWITCH_INTERVAL_S: Final = 0.0005
 """After this long, another thread of this process hands Python over to the loop."""
 
 _PR_SET_TIMERSLACK: Final = 29
 _PR_GET_TIMERSLACK: Final = 30
-"""Of linux/prctl.h; the slack is by how much the kernel may be late on purpose, 50 us where nothing is said."""
+"""Of linux/prctl.h; the slack is by how much the kernel may be late on purpose, 50 us by default."""
 _LOCK_CURRENT: Final = 1
 _LOCK_FUTURE: Final = 2
 _LOCK_ON_FAULT: Final = 4
@@ -37,9 +37,9 @@ def is_real_time() -> bool:
 
 @contextlib.contextmanager
 def real_time_loop(*, lock: bool = True) -> Iterator[tuple[str, ...]]:
-    """Everything that the thread of a loop asks for, while the context lasts.
+    """Meet the real-time requirements of the calling thread, as far as they can be, while the context lasts.
 
-    Each measure is looked at after it was asked for. At the end all is given back but the locked memory.
+    Each is checked after it was requested. At the end all is given back but the locked memory.
 
     Args:
         lock: Whether the process' memory is to be locked.
@@ -64,7 +64,7 @@ def real_time_priority(priority: int = PRIORITY) -> Iterator[str | None]:
     """Real-time scheduling of the calling thread while the context lasts, where it is to be had; it keeps what it has.
 
     Threads and processes that it starts do not inherit it, and it is given back at the end: what a program does after
-    its loop, and its exit, must not hold up the loops of others.
+    its loop, and its exit, must not preempt the loops of others.
 
     Args:
         priority: Of SCHED_FIFO (sched(7)), 1 to 99.
@@ -97,7 +97,7 @@ def helping_threads() -> Iterator[None]:
     before = _threads()
     yield
     for thread in _threads() - before:
-        with contextlib.suppress(OSError):  # it has ended, or we may not, which is said of the loop itself
+        with contextlib.suppress(OSError):  # it has ended, or we may not, which is reported of the loop itself
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(HELPERS_PRIORITY))
 
 
@@ -114,24 +114,16 @@ def lock_memory() -> str | None:
     Returns:
         None where it is locked, else why not and what that means.
     """
-    if not _may_lock_any_amount():
+    unlimited = resource.RLIM_INFINITY
+    with contextlib.suppress(OSError, ValueError):  # only the privileged may lift the limit
+        resource.setrlimit(resource.RLIMIT_MEMLOCK, (unlimited, unlimited))
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] != unlimited:
         reason = "its amount is limited"
     elif ctypes.CDLL(None, use_errno=True).mlockall(_LOCK_CURRENT | _LOCK_FUTURE | _LOCK_ON_FAULT) != 0:
         reason = os.strerror(ctypes.get_errno())
     else:
         return None
     return f"memory is not locked ({reason}): where it runs short, cycles wait for the disk; ulimit -l unlimited"
-
-
-def _may_lock_any_amount() -> bool:
-    """Whether there is no limit, or none any more: the privileged may lift it."""
-    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
-        return True
-    try:
-        resource.setrlimit(resource.RLIMIT_MEMLOCK, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    except (OSError, ValueError):
-        return False
-    return True
 
 
 @contextlib.contextmanager

@@ -1,9 +1,7 @@
 """The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
 
 import re
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Protocol
 
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
@@ -19,8 +17,7 @@ MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}
 
 MODE_SUFFIX: Final = ": mode"
 """End of the name of the status of the mode; its values: `mode`, `reason`, and a `check.<name>` per pre-arm check."""
-
-
+_DONE: Final = object()
 _LINK_STATE: Final = re.compile(r"link\.(\w+\.)?state")
 
 
@@ -53,45 +50,40 @@ class DiagnosticReport:
         self._wanted_hz = 1e9 / period_ns
         self._robot_name = robot_name
         self._summaries: dict[str, Summary] = {}
-        self._gathered: list[DiagnosticStatus] = []
-        self._pending: deque[Callable[[], None]] = deque()
+        self._work: Iterator[None] | None = None
         self._old_counts: dict[str, int] = {}
 
     def begin(self) -> None:
         """Start a new set; one that is not complete is completed first."""
-        if self._pending:
-            return
-        self._gathered = []
-        for name, histogram in self._cycle.histograms.items():
-            self._pending.append(partial(self._summarize, name, histogram))
-        for part in (self._mode, self._timing, self._setpoints, self._hardware):
-            self._pending.append(partial(self._gather, part))
+        self._work = self._work or self._pieces()
 
     @property
     def is_pending(self) -> bool:
         """Whether the set that was begun is not complete."""
-        return bool(self._pending)
+        return self._work is not None
 
     def work(self) -> bool:
         """Do one piece of the set that was begun; True when that completed it."""
-        self._pending.popleft()()
-        if self._pending:
-            return False
-        self.statuses = self._gathered
-        return True
+        if self._work is not None and next(self._work, _DONE) is _DONE:
+            self._work = None
+        return self._work is None
 
-    def _summarize(self, name: str, histogram: Histogram) -> None:
-        self._summaries[name] = histogram.summary()
-
-    def _gather(self, part: Callable[[], DiagnosticStatus]) -> None:
-        self._gathered.append(part())
-
-    def _mode(self) -> DiagnosticStatus:
-        modes = self._cycle.arming.modes
-        level = MODE_LEVELS.get(modes.mode, Level.OK)
-        checks = {f"check.{item.name}": str(item) for item in self._cycle.arming.checklist()}
-        values = {"mode": str(modes.mode), "reason": modes.reason, **checks}
-        return DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", f"{modes.mode}: {modes.reason}", values)
+    def _pieces(self) -> Iterator[None]:
+        for name, histogram in self._cycle.histograms.items():
+            self._summaries[name] = histogram.summary()
+            yield
+        arming = self._cycle.arming
+        modes = arming.modes
+        values = {"mode": str(modes.mode), "reason": modes.reason}
+        values |= {f"check.{check.name}": str(check) for check in arming.checklist()}
+        level, message = MODE_LEVELS.get(modes.mode, Level.OK), f"{modes.mode}: {modes.reason}"
+        mode = DiagnosticStatus(level, f"{self._robot_name}{MODE_SUFFIX}", message, values)
+        yield
+        timing = self._timing()
+        yield
+        setpoints = self._setpoints()
+        yield
+        self.statuses = mode, timing, setpoints, self._hardware()
 
     def _timing(self) -> DiagnosticStatus:
         counters = self._counters
@@ -129,14 +121,10 @@ class DiagnosticReport:
         trouble = [f"{name}: {state}" for name, state in states.items()]
         trouble += [f"{refused} frames refused since the last report"] if refused else []
         level, message = (Level.WARN, "; ".join(trouble)) if trouble else (Level.OK, health.get("link", ""))
-        return DiagnosticStatus(level, f"{self._robot_name}: hardware", message, {**health, **self._ages()})
-
-    def _ages(self) -> dict[str, str]:
-        """How old each signal was at the newest exchange."""
-        if self._cycle.sensors is None:
-            return {}
-        ages = zip(self._cycle.hardware.signals, self._cycle.sensors.ages, strict=False)
-        return {f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}
+        sensors = self._cycle.sensors
+        ages = zip(self._cycle.hardware.signals, sensors.ages if sensors else (), strict=False)
+        values = {**health, **{f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}}
+        return DiagnosticStatus(level, f"{self._robot_name}: hardware", message, values)
 
     def _new(self, what: str, count: int) -> int:
         """How much a count grew since the last set."""

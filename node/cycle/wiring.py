@@ -2,7 +2,7 @@
 
 import enum
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -41,7 +41,7 @@ SUPPLY_SIGNAL: Final = "supply.voltage"
 """What feeds the motors: V."""
 
 PUBLISHED_SIGNALS: Final = (*ODOMETRY_SIGNALS, *JOINT_SIGNALS, *IMU_SIGNALS, SUPPLY_SIGNAL)
-"""What the robot can tell the world."""
+"""What the robot can publish."""
 
 SET: Final = "set."
 """Begins the name of a value that anybody may set: `set.force` is the topic `set/force`."""
@@ -134,25 +134,30 @@ def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
     topics = {signal.removeprefix(TOPIC): port for port, signal in wiring.items() if signal.startswith(TOPIC)}
     joined = {port: signal for port, signal in wiring.items() if not signal.startswith(TOPIC)}
     set_from = {signal: variables[port].value for port, signal in joined.items() if signal.startswith(SET)}
-    outputs = _names(model.outputs)
-    driven = {port: signal for port, signal in joined.items() if port in outputs}
     inputs = tuple(_input(v.name, joined, hardware, list(set_from)) for v in model.inputs)
-    _check_outputs(driven, hardware)
-    _check_parameters(model, joined)
+    output_of = _outputs(model, joined, hardware)
+    for variable in model.parameters:
+        if variable.name in joined:
+            raise ConfigurationError(
+                f"wiring: parameter '{variable.name}' can only be published, as {TOPIC}<name>; set it under "
+                "model.parameters, or while the robot runs as a ROS parameter"
+            )
+    for command in hardware.commands:
+        if command not in output_of:
+            names = ", ".join(v.name for v in model.outputs)
+            raise ConfigurationError(f"wiring: nothing drives '{command}'; the model's outputs are {names}")
+    sources = {signal: SignalSource(Origin.SENSOR, place) for place, signal in enumerate(hardware.signals)}
+    sources |= {signal: SignalSource(Origin.OUTPUT, place) for signal, place in output_of.items()}
     return Wiring(
         inputs=inputs,
         states=tuple(_state(v, joined[v.name], list(set_from)) for v in model.states if v.name in joined),
-        outputs=tuple(_driver(command, driven, outputs) for command in hardware.commands),
-        published=_published(driven, outputs, hardware),
+        outputs=tuple(output_of[command] for command in hardware.commands),
+        published={signal: sources[signal] for signal in PUBLISHED_SIGNALS if signal in sources},
         sensors=tuple(sorted({source.index for source in inputs if source.origin is Origin.SENSOR})),
         set_names=tuple(signal.removeprefix(SET) for signal in set_from),
         set_values=tuple(set_from.values()),
         topics=topics,
     )
-
-
-def _names(variables: Iterable[Variable]) -> list[str]:
-    return [v.name for v in variables]
 
 
 def _from_outside(signal: str, set_signals: Sequence[str]) -> SignalSource | None:
@@ -185,41 +190,18 @@ def _state(state: Variable, signal: str, set_signals: Sequence[str]) -> tuple[st
     return state.name, source
 
 
-def _check_parameters(model: Model, wiring: Mapping[str, str]) -> None:
-    for name in _names(model.parameters):
-        if name in wiring:
-            raise ConfigurationError(
-                f"wiring: parameter '{name}' can only be published, as {TOPIC}<name>; set it under model.parameters, "
-                "or while the robot runs as a ROS parameter"
-            )
-
-
-def _check_outputs(driven: Mapping[str, str], hardware: Hardware) -> None:
+def _outputs(model: Model, wiring: Mapping[str, str], hardware: Hardware) -> dict[str, int]:
+    """The place of the model output that drives each signal."""
     # Measured signals are published as measured; a model may stand in for those that no hardware measures.
     known = [*hardware.commands, *(s for s in PUBLISHED_SIGNALS if s not in hardware.signals), f"{TOPIC}<name>"]
-    owners: dict[str, str] = {}
-    for port, signal in driven.items():
+    names = [v.name for v in model.outputs]
+    found: dict[str, int] = {}
+    for port, signal in wiring.items():
+        if port not in names:
+            continue
         if signal not in known:
             raise UnknownNameError(f"signal for model output '{port}'", signal, known)
-        if signal in owners:
-            raise ConfigurationError(f"wiring: '{owners[signal]}' and '{port}' both drive '{signal}'; keep one")
-        owners[signal] = port
-
-
-def _driver(command: str, driven: Mapping[str, str], outputs: Sequence[str]) -> int:
-    for port, signal in driven.items():
-        if signal == command:
-            return outputs.index(port)
-    raise ConfigurationError(f"wiring: nothing drives '{command}'; the model's outputs are {', '.join(outputs)}")
-
-
-def _published(driven: Mapping[str, str], outputs: Sequence[str], hardware: Hardware) -> dict[str, SignalSource]:
-    port_of = {signal: port for port, signal in driven.items()}
-    sensors = list(hardware.signals)
-    published: dict[str, SignalSource] = {}
-    for signal in PUBLISHED_SIGNALS:
-        if signal in port_of:
-            published[signal] = SignalSource(Origin.OUTPUT, outputs.index(port_of[signal]))
-        elif signal in sensors:
-            published[signal] = SignalSource(Origin.SENSOR, sensors.index(signal))
-    return published
+        if signal in found:
+            raise ConfigurationError(f"wiring: '{names[found[signal]]}' and '{port}' both drive '{signal}'; keep one")
+        found[signal] = names.index(port)
+    return found

@@ -22,7 +22,7 @@ _SUPPLY: Final = "supply.voltage"
 
 
 class SafetyMonitor:
-    """Looks at the sensors and the deadlines in every cycle; says what is wrong, and whether the robot may arm.
+    """Looks at the sensors and the deadlines in every cycle; reports what is wrong, and whether the robot may arm.
 
     Attributes:
         needs: Places of the signals that the robot or a check needs; one of them lost is a fault.
@@ -72,7 +72,7 @@ class SafetyMonitor:
             valid: Whether each is fresh enough to be used.
             start_ns: When the cycle started, ns, monotonic.
             lateness_ns: How long after its deadline that was, ns.
-            setpoint: What the robot was told in the cycle before, m/s and rad/s; None where it had to follow nothing.
+            setpoint: What the robot followed in the cycle before, m/s and rad/s; None where it had to follow nothing.
 
         Returns:
             What is wrong; each of it is a reason to take the torque away.
@@ -87,12 +87,17 @@ class SafetyMonitor:
             if fault is not None:
                 faults.append(fault)
         if self._deadlines is not None:
-            missed = self._deadlines.look(self._advance(start_ns - lateness_ns), lateness_ns)
+            last_ns, self._deadline_ns = self._deadline_ns, start_ns - lateness_ns
+            periods = 1 if last_ns is None else max(round((self._deadline_ns - last_ns) / self._period_ns), 1)
+            missed = self._deadlines.look(periods, lateness_ns)
             if missed is not None:
                 faults.append(missed)
         self._rate.mark(start_ns)
-        if self._still is not None:
-            self._look_still(self._still, view)
+        if self._still is not None and view.has(self._imu):
+            gyro, accelerometer = imu_vectors(values, self._imu)
+            self._still.look(gyro, accelerometer, view.periods)
+        elif self._still is not None:
+            self._still.interrupt()
         self.faults = faults
         return faults
 
@@ -117,19 +122,7 @@ class SafetyMonitor:
             supply_v=values[supply] if supply is not None and valid[supply] else None,
             real_time=real_time,
         )
-        return pre_arm_checks(self._settings.checklist, self._settings.supply, measured)
-
-    def _advance(self, deadline_ns: int) -> int:
-        """How many periods this deadline is after the last one."""
-        last_ns, self._deadline_ns = self._deadline_ns, deadline_ns
-        return 1 if last_ns is None else max(round((deadline_ns - last_ns) / self._period_ns), 1)
-
-    def _look_still(self, still: StillWatch, view: View) -> None:
-        if view.has(self._imu):
-            gyro, accelerometer = imu_vectors(view.values, self._imu)
-            still.look(gyro, accelerometer, view.periods)
-        else:
-            still.interrupt()
+        return list(pre_arm_checks(self._settings.checklist, self._settings.supply, measured))
 
     def _make_tilt(self) -> TiltWatch | None:
         settings = self._settings
@@ -140,23 +133,29 @@ class SafetyMonitor:
         return TiltWatch(self._places(key, _IMU), self._period_s, settings.tilt_limit_rad, settings.tilt_rate_limit)
 
     def _make_checks(self) -> Iterator[Check]:
+        settings, period_s = self._settings, self._period_s
         if self._tilt is not None:
             yield self._tilt
-        yield from self._make_bounds()
-        yield from self._make_frozen()
-        yield from self._make_agreements()
-        following = self._settings.following_error
-        if following is not None:
-            left, right = self._places("following_error", _VELOCITIES)
-            yield FollowingError(left, right, following, self._period_s)
-
-    def _make_bounds(self) -> Iterator[Check]:
-        limit, supply = self._settings.wheel_velocity_limit, self._settings.supply
+        limit, supply = settings.wheel_velocity_limit, settings.supply
+        yaw, velocity, following = settings.yaw_consistency, settings.velocity_consistency, settings.following_error
         if limit is not None:
             for name in _VELOCITIES:
                 yield RangeCheck(self._signal("wheel_velocity_limit", name), -limit, limit, "rad/s")
         if supply is not None:
             yield RangeCheck(self._signal("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
+        yield from self._make_frozen()
+        if yaw is not None:
+            left, right, gyro = self._places("yaw_consistency", (*_VELOCITIES, _GYRO[2]))
+            yield YawAgreement(left, right, gyro, yaw, period_s)
+        if velocity is not None:
+            for side in _SIDES:
+                angle, speed = (
+                    self._signal("velocity_consistency", f"{side}.{each}") for each in ("angle", "velocity")
+                )
+                yield VelocityAgreement(angle, speed, velocity, period_s)
+        if following is not None:
+            left, right = self._places("following_error", _VELOCITIES)
+            yield FollowingError(left, right, following, period_s)
 
     def _make_frozen(self) -> Iterator[Check]:
         if self._settings.frozen_after_s is None:
@@ -170,17 +169,6 @@ class SafetyMonitor:
         if self._imu:
             wheels = None if self._settings.imu_is_noisy else [has[name] for name in _VELOCITIES if name in has]
             yield Frozen("the IMU", self._imu, periods, wheels)
-
-    def _make_agreements(self) -> Iterator[Check]:
-        yaw, velocity = self._settings.yaw_consistency, self._settings.velocity_consistency
-        if yaw is not None:
-            left, right, gyro = self._places("yaw_consistency", (*_VELOCITIES, _GYRO[2]))
-            yield YawAgreement(left, right, gyro, yaw, self._period_s)
-        if velocity is None:
-            return
-        for side in _SIDES:
-            angle, speed = (self._signal("velocity_consistency", f"{side}.{what}") for what in ("angle", "velocity"))
-            yield VelocityAgreement(angle, speed, velocity, self._period_s)
 
     def _places(self, key: str, names: Iterable[str]) -> tuple[int, ...]:
         return tuple(self._signal(key, name).index for name in names)

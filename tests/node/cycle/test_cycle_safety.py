@@ -270,7 +270,7 @@ def test_the_checklist_is_in_the_diagnostics(balancer: Callable[..., Bench], mon
     bench.loop.run(cycles=102)
     values = bench.loop.statuses()[0].values
     assert {name: text for name, text in values.items() if name.startswith("check.")} == {
-        "check.drives": "ok: nothing speaks against it",
+        "check.drives": "ok: no reason against it",
         "check.rate": "ok: 100.00 Hz of 100 Hz over the last second",
         "check.telemetry": "ok: the newest value is 1.0 ms old",
         "check.sensors": "ok: all values are fresh",

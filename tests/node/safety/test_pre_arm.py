@@ -63,7 +63,7 @@ REFUSALS: dict[str, tuple[PreArmMeasurements, str]] = {
     ),
     "implausible": (
         replace(GOOD, faults=("the IMU is frozen", "lopsided")),
-        "plausible: the IMU is frozen, lopsided; mend it, or wait until it has passed",
+        "plausible: the IMU is frozen, lopsided; remedy it, or wait until it has passed",
     ),
     "held": (replace(GOOD, still_s=0.49), f"imu_still: still for 0.49 s of 0.5 s; {MEND_STILL}"),
     "leaning": (
@@ -156,7 +156,7 @@ def test_an_item_refuses_unless_it_says_that_it_is_a_warning() -> None:
 
 def test_drives_that_have_nothing_against_arming_are_an_item_that_holds() -> None:
     item = drives_check(())
-    assert (item.name, str(item), item.refuses) == ("drives", "ok: nothing speaks against it", False)
+    assert (item.name, str(item), item.refuses) == ("drives", "ok: no reason against it", False)
 
 
 def test_drives_keep_the_robot_from_arming_with_every_reason_of_theirs() -> None:
