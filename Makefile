@@ -4,6 +4,7 @@
 # make rt-test the tests that need a PREEMPT_RT kernel and two CAN controllers, in an emulated machine
 # make boot    build the robot's image, boot it, kill and freeze its node, cut its power, update it
 # make disk    its bootable disk in QEMU: it boots with ROS, takes updates from this host, is a base station; an hour
+# make docs    the documentation as a site, in out/site
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
 # make bench   how fast this machine runs the loop
@@ -13,7 +14,7 @@ VENV := .venv
 READY := $(VENV)/.ready
 QUICK := not proof and not image
 
-.PHONY: run test rt-test test-compiled lint page boot disk prove coverage bench bench-compiled clean
+.PHONY: run test rt-test test-compiled lint docs page boot disk prove coverage bench bench-compiled clean
 
 run: $(READY)
 	$(VENV)/bin/segway-ecc case-study
@@ -53,6 +54,9 @@ lint: $(READY)
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
 
 page: $(READY)
 	SEGWAY_ECC_SCREENSHOTS=$(CURDIR)/out/page $(VENV)/bin/python -m pytest -m 'browser and not proof' -n 2 --dist loadfile tests/deploy/station

@@ -30,7 +30,7 @@ if ! python=$(find_python ", ensurepip, venv"); then
     apt-get update -qq && apt-get install -y -qq "$package"
 fi
 
-extras=report,dev
+extras=report,dev,docs
 options=
 # What the Python of an active virtual environment finds in itself is not sourced.
 if "$python" -c 'import sys, rclpy; sys.exit(sys.prefix != sys.base_prefix and rclpy.__file__.startswith(sys.prefix))' \
