@@ -1,7 +1,7 @@
 """The logs of robots, fetched into the station's folder by threads of their own.
 
-The station's ROS thread knows nothing of it, and what a robot claims decides neither where a file goes nor how much
-room it takes.
+The station's ROS thread has no part in it, and what a robot claims decides neither where a file goes nor how much
+space it takes.
 """
 
 import functools
@@ -23,17 +23,17 @@ _LEFT_FREE_BYTES: Final = 256 * 1024**2
 _LARGEST_BUNDLE: Final = 512 * 1024**2
 _AT_ONCE: Final = 2
 _MOST_WAITING: Final = 16
-_MOST_TOLD: Final = 200
+_MOST_REPORTED: Final = 200
 
 
-class Calls(Protocol):
-    """What asks archives; `segway_ecc.deploy.support.archive_calls.ArchiveCalls` is one."""
+class ParameterReader(Protocol):
+    """Reads from archives; `segway_ecc.deploy.support.archive_calls.ArchiveCalls` is one."""
 
     def ask(self, robot: str, name: str) -> Value:
         """The value of a parameter of a robot's archive."""
 
     def close(self) -> None:
-        """Ask no more."""
+        """End it; later calls of `ask` fail."""
 
 
 class Progress(NamedTuple):
@@ -62,7 +62,7 @@ class ArchiveClient:
 
     def __init__(
         self,
-        calls: Calls,
+        calls: ParameterReader,
         folder: Path,
         *,
         most_bytes: int = MOST_KEPT_BYTES,
@@ -71,10 +71,10 @@ class ArchiveClient:
         """Fetch into a folder.
 
         Args:
-            calls: What asks; ours to close.
+            calls: Reads from the robots' archives; ours to close.
             folder: Where fetched logs go, by robot.
-            most_bytes: Of fetched logs together; the oldest give way.
-            free_bytes: How much room there is on the disk of a folder.
+            most_bytes: Of fetched logs together; the oldest are deleted.
+            free_bytes: Returns the free bytes on the disk of a folder.
         """
         self._calls = calls
         self._folder = folder
@@ -83,7 +83,7 @@ class ArchiveClient:
         self._pool = ThreadPoolExecutor(_AT_ONCE, "fetch")
         self._progress: dict[tuple[str, str], Progress] = {}
         self._lock = threading.Lock()
-        self._room = threading.Lock()
+        self._space = threading.Lock()
         self._bundle = threading.Lock()
         self._ending = threading.Event()
         for left in folder.glob(".*.part"):  # bundles of a station that was killed
@@ -97,20 +97,20 @@ class ArchiveClient:
         self._pool.shutdown()
 
     def logs(self, robot: str) -> Sequence[LogFile]:
-        """The logs that a robot hands out, newest first.
+        """The logs that a robot offers, newest first.
 
         Raises:
-            NobodyListensError: It hands out none; the text says what to start.
+            NobodyListensError: It offers none; the text names the command to start.
         """
         answer = self._calls.ask(robot, LOGS)
         if not isinstance(answer, list):
             raise NobodyListensError(
-                f"the archive of robot {robot} does not tell which logs it has; is it of our kind?"
+                f"the archive of robot {robot} returns no list of logs; is it a segway-ecc archive?"
             )
         return logs_of(answer)
 
     def begin(self, robot: str, name: str) -> None:
-        """Begin to fetch a log, or go on where a fetch broke off; `progress` tells how far it is.
+        """Begin to fetch a log, or go on where a fetch broke off; see `progress`.
 
         Raises:
             NobodyListensError: Too much is being fetched already.
@@ -124,7 +124,9 @@ class ArchiveClient:
                 raise NobodyListensError(
                     f"{len(going_on)} logs are being fetched already; try again when they are here"
                 )
-            self._forget_some()
+            over = [each for each in self._progress if each not in going_on]
+            for each in over[: max(len(self._progress) - _MOST_REPORTED, 0)]:
+                del self._progress[each]
             self._progress[key] = Progress("waiting")
             self._pool.submit(self._fetch, robot, name)
 
@@ -139,63 +141,64 @@ class ArchiveClient:
         Raises:
             FileNotFoundError: It was not fetched.
         """
-        return open_log(self._place(robot), name)
+        return open_log(self._folder_of(robot), name)
 
     def bundle(self, robot: str) -> Path:
         """A support bundle that the robot made, as a file that is the caller's to remove.
 
         Raises:
-            NobodyListensError: It cannot be had.
+            NobodyListensError: It cannot be fetched.
             OSError: It cannot be written.
         """
         with self._bundle:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            room = min(_LARGEST_BUNDLE, self._free_bytes(self._folder) - _LEFT_FREE_BYTES)
-            return fetch_bundle(self._line(robot, lambda _here, _size: None), self._folder, room)
+            space = min(_LARGEST_BUNDLE, self._free_bytes(self._folder) - _LEFT_FREE_BYTES)
+            return fetch_bundle(self._connection(robot, lambda _here, _size: None), self._folder, space)
 
     def _fetch(self, robot: str, name: str) -> None:
         key = (robot, name)
+
+        def report(fetched: int, size: int) -> None:
+            self._wait(0.0)
+            with self._lock:
+                self._progress[key] = Progress("fetching", fetched, size)
+
         try:
-            log = self._log(robot, name)
-            place = self._place(robot)
-            place.mkdir(parents=True, exist_ok=True, mode=0o700)
-            self._make_room(log, place)
-            fetch_log(self._line(robot, functools.partial(self._tell, key)), log, place)
-            end = Progress("done", log.size, log.size)
-        except Exception as error:  # noqa: BLE001 - whoever looks is told
+            size = self._fetch_log(robot, name, report)
+            end = Progress("done", size, size)
+        except Exception as error:  # noqa: BLE001 - it is shown as the reason
             known = self._progress[key]
             why = getattr(error, "strerror", None) or str(error) or type(error).__name__
             end = Progress("failed", known.fetched, known.size, why)
         with self._lock:
             self._progress[key] = end
 
-    def _log(self, robot: str, name: str) -> LogFile:
-        for log in self.logs(robot):
-            if log.name == name:
-                return log
-        raise FetchError(f"the robot has no log {name} any more")
+    def _fetch_log(self, robot: str, name: str, report: Callable[[int, int], None]) -> int:
+        log = next((log for log in self.logs(robot) if log.name == name), None)
+        if log is None:
+            raise FetchError(f"the robot has no log {name} any more")
+        folder = self._folder_of(robot)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._make_space(log, folder)
+        fetch_log(self._connection(robot, report), log, folder)
+        return log.size
 
-    def _tell(self, key: tuple[str, str], fetched: int, size: int) -> None:
-        if self._ending.is_set():
-            raise FetchError("the station ends")
-        with self._lock:
-            self._progress[key] = Progress("fetching", fetched, size)
-
-    def _line(self, robot: str, tell: Callable[[int, int], None]) -> ArchiveConnection:
-        return ArchiveConnection(functools.partial(self._calls.ask, robot), self._wait, tell)
+    def _connection(self, robot: str, report: Callable[[int, int], None]) -> ArchiveConnection:
+        return ArchiveConnection(functools.partial(self._calls.ask, robot), self._wait, report)
 
     def _wait(self, seconds: float) -> None:
         if self._ending.wait(seconds):
             raise FetchError("the station ends")
 
-    def _place(self, robot: str) -> Path:
+    def _folder_of(self, robot: str) -> Path:
         return self._folder / urllib.parse.quote(robot, safe="")
 
-    def _make_room(self, log: LogFile, place: Path) -> None:
-        with self._room:
+    def _make_space(self, log: LogFile, folder: Path) -> None:
+        with self._space:
             if log.size > self._most_bytes:
                 raise FetchError(f"{log.name} has {log.size} bytes, more than the {self._most_bytes} that are kept")
-            kept = [path for path in self._folder.glob("*/*") if path.is_file() and path != place / f".{log.name}.part"]
+            part = folder / f".{log.name}.part"
+            kept = [path for path in self._folder.glob("*/*") if path.is_file() and path != part]
             kept.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)
             total = sum(path.stat().st_size for path in kept)
             while kept and total + log.size > self._most_bytes:
@@ -204,8 +207,3 @@ class ArchiveClient:
                 oldest.unlink()
             if self._free_bytes(self._folder) < log.size + _LEFT_FREE_BYTES:
                 raise FetchError(f"the station's disk has no room for {log.name} ({log.size} bytes)")
-
-    def _forget_some(self) -> None:
-        over = [key for key, progress in self._progress.items() if not progress.is_going_on]
-        for key in over[: max(len(self._progress) - _MOST_TOLD, 0)]:
-            del self._progress[key]

@@ -10,12 +10,11 @@ from segway_ecc.node.safety.modes import Action
 Reply: TypeAlias = Callable[[bool, str], None]
 """Called once, with whether a command was confirmed and the text."""
 
-
 _logger: Final = logging.getLogger(__name__)
 
 
 def once(reply: Reply) -> Reply:
-    """A reply of which only the first call counts; what it raises is the caller's own trouble, and ends nothing."""
+    """A reply of which only the first call counts; an exception that it raises is logged and ends nothing."""
     waiting = [reply]
 
     def called(accepted: bool, text: str) -> None:  # noqa: FBT001 - the contract's form
@@ -29,7 +28,7 @@ def once(reply: Reply) -> Reply:
 
 
 class ServiceResponse(NamedTuple):
-    """A robot's answer to a request."""
+    """A robot's response to a service request."""
 
     action: Action
     number: int
@@ -41,19 +40,16 @@ class RobotConnection(Protocol):
     """Sends to a robot; nothing of it waits."""
 
     def is_ready(self, action: Action) -> bool:
-        """Whether somebody serves the request."""
+        """Whether a node offers the service."""
 
     def call(self, action: Action) -> int:
-        """Send a request; return its number."""
+        """Send a service request; return its number."""
 
-    def answers(self) -> Iterable[ServiceResponse]:
-        """The answers that have come."""
+    def responses(self) -> Iterable[ServiceResponse]:
+        """The service responses that have arrived."""
 
-    def drive(self, setpoint: Setpoint) -> None:
-        """Send a set-point for now."""
-
-    def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
-        """Send a set-point for a moment of the robot's time, ns since the Unix epoch."""
+    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
+        """Send a set-point for now, or for a moment of the robot's time, ns since the Unix epoch."""
 
     def stand(self, *, up: bool) -> None:
-        """Tell it to stand up, or to sit down."""
+        """Request standing up, or sitting down."""

@@ -1,4 +1,4 @@
-"""Who has control of which robot. Pure: it keeps names, and tells the event log."""
+"""Which operator has control of which robot. Pure."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ class Control:
     """One operator at most has control of a robot."""
 
     def __init__(self, events: EventLog) -> None:
-        """Begin with no robot controlled by anybody."""
+        """Begin with no robot controlled by anybody; log changes to `events`."""
         self._events = events
         self._who: dict[str, str] = {}
 
@@ -22,32 +22,29 @@ class Control:
         return self._who.get(robot, "")
 
     def refusal(self, robot: str, who: str, act: Act) -> str | None:
-        """Why `who` may not do this, or None; where nobody has control, what moves a robot gives it."""
+        """Why `who` may not do this, or None; where nobody has control, a command that moves a robot gives it."""
         holder = self.of(robot)
         if act in _NEEDS_NONE or holder == who:
             return None
         if holder:
             return f"{holder} has control; take it first"
         if act in _GIVES_CONTROL:
-            self._give(robot, who)
+            self.give(robot, who)
         return None
 
     def may_drive(self, robot: str, who: str) -> bool:
         """Whether `who` may drive; where nobody has control, driving gives it."""
         if not self.of(robot):
-            self._give(robot, who)
+            self.give(robot, who)
         return self.of(robot) == who
 
-    def take(self, robot: str, who: str) -> str:
+    def give(self, robot: str, who: str) -> str:
         """Give control to `who`; return who had it."""
         before = self.of(robot)
-        if before == who:
-            return before
-        if before:
+        if before != who:
             self._who[robot] = who
-            self._events.add(robot, f"{who} took control from {before}", level="warning", who=who)
-        else:
-            self._give(robot, who)
+            text = f"{who} took control from {before}" if before else f"{who} has control"
+            self._events.add(robot, text, level="warning" if before else "info", who=who)
         return before
 
     def release(self, robot: str, who: str) -> bool:
@@ -61,7 +58,3 @@ class Control:
     def robots_of(self, who: str) -> list[str]:
         """The robots that `who` has control of."""
         return [robot for robot, holder in self._who.items() if holder == who]
-
-    def _give(self, robot: str, who: str) -> None:
-        self._who[robot] = who
-        self._events.add(robot, f"{who} has control", who=who)

@@ -22,10 +22,10 @@ class _Driven:
 
 
 class DeadMan:
-    """Who drives holds a button; this is what happens when it is let go, whatever let it go."""
+    """The dead man's switch of whoever drives: brings a robot to rest whose set-point is released or not renewed."""
 
     def __init__(self) -> None:
-        """Nothing is driven."""
+        """Begin with no robot driven."""
         self._driven: dict[str, _Driven] = {}
 
     def drives(self, robot: str) -> bool:
@@ -46,7 +46,7 @@ class DeadMan:
             driven.is_at_rest, driven.next_zero_ns = True, now_ns
 
     def zeros_due(self, now_ns: int) -> Iterator[tuple[str, bool]]:
-        """The robots that are to be sent zero now, each with whether that is because nobody renewed."""
+        """The robots that are to be sent zero now, each with whether its set-point ran out."""
         for robot, driven in list(self._driven.items()):
             ran_out = not driven.is_at_rest and now_ns - driven.renewed_ns > RENEWED_WITHIN_NS
             if ran_out:
@@ -61,11 +61,10 @@ class DeadMan:
 
 
 def fitted(linear: float, angular: float, limits: Setpoint) -> Setpoint | None:
-    """A set-point within limits; None where it is not finite, for then nobody knows what was meant."""
+    """A set-point (m/s, rad/s) clamped to limits; None where it is not finite."""
     if not (math.isfinite(linear) and math.isfinite(angular)):
         return None
-    return Setpoint(_clipped(linear, limits.linear_velocity), _clipped(angular, limits.angular_velocity))
-
-
-def _clipped(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+    return Setpoint(
+        min(max(linear, -limits.linear_velocity), limits.linear_velocity),
+        min(max(angular, -limits.angular_velocity), limits.angular_velocity),
+    )

@@ -12,11 +12,9 @@ MOST_ROBOTS: Final = 100
 def robots_in(topics: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
     """The namespaces of the robots among topics with their types, sorted: `/` or `/alice`."""
     ending = f"/{MODE_TOPIC}"
-    return sorted(name.removesuffix(ending) or "/" for name, types in topics if _is_mode(name, types))
-
-
-def _is_mode(name: str, types: Sequence[str]) -> bool:
-    return name.endswith(f"/{MODE_TOPIC}") and MODE_TYPE in types
+    return sorted(
+        name.removesuffix(ending) or "/" for name, types in topics if name.endswith(ending) and MODE_TYPE in types
+    )
 
 
 def topic(robot: str, name: str) -> str:

@@ -12,7 +12,7 @@ _LONGEST_TEXT: Final = 500
 
 
 class EventLog:
-    """Keeps the newest events; the numbers go on where the oldest were dropped."""
+    """Keeps the newest events; discarding the oldest leaves the numbers of the others as they are."""
 
     def __init__(self, wall_ns: Callable[[], int], capacity: int = CAPACITY) -> None:
         """Keep `capacity` events, stamped by `wall_ns` (ns since the Unix epoch)."""
@@ -22,7 +22,7 @@ class EventLog:
         self._lock = threading.Lock()
 
     def add(self, robot: str, text: str, *, level: str = "info", who: str = "") -> None:
-        """Keep an event; a text that is too long is cut, for some of it comes from the network."""
+        """Keep an event; a text that is too long is shortened, as some of it comes from the network."""
         with self._lock:
             self._count += 1
             event = EventView(

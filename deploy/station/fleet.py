@@ -1,4 +1,4 @@
-"""What was heard of each robot, and the picture that it makes. Pure: time is given."""
+"""What was received of each robot, and the picture that it makes. Pure: time is given."""
 
 from typing import Final, TypeVar
 
@@ -26,54 +26,56 @@ _FRESH_NS: Final[dict[type, int]] = {
     Supply: 10_000_000_000,
     Health: 5_000_000_000,
 }
-"""How long what was heard is shown; an older value is not known any more."""
+"""How long a received value is shown; an older one counts as unknown."""
 _NOT_DRIVEN: Final = SetpointReport(0, 0.0, 0.0)
 _LEVELS: Final = {Mode.FAULT: "error", Mode.HOLD: "warning"}
 H = TypeVar("H")
 
 
 class Robot:
-    """One robot as it was heard.
+    """One robot by its messages.
 
     Attributes:
         robot: Its namespace.
-        mode: Its newest word on the topic `mode`.
-        heard_ns: When that came.
-        is_alive: Whether it came lately.
+        mode: Its newest message on the topic `mode`.
+        received_ns: When that arrived, monotonic.
+        is_alive: Whether it arrived lately.
     """
 
-    def __init__(self, robot: str, mode: ModeReport, heard_ns: int) -> None:
-        """Begin with the first word."""
+    def __init__(self, robot: str, mode: ModeReport, received_ns: int) -> None:
+        """Begin with the first message."""
         self.robot = robot
         self.mode = mode
-        self.heard_ns = heard_ns
+        self.received_ns = received_ns
         self.is_alive = True
         self._newest: dict[type, tuple[RobotMessage, int]] = {}
 
     @property
     def is_active(self) -> bool:
-        """Whether it takes set-points."""
+        """Whether it accepts set-points."""
         return self.is_alive and self.mode.mode in ACTIVE
 
     def age_s(self, now_ns: int) -> float:
-        """Since its last word, s."""
-        return max(now_ns - self.heard_ns, 0) * 1e-9
+        """Since its last message on `mode`, s."""
+        return max(now_ns - self.received_ns, 0) * 1e-9
 
-    def keep(self, heard: RobotMessage, at_ns: int) -> None:
+    def keep(self, message: RobotMessage, at_ns: int) -> None:
         """Keep the newest of each kind."""
-        self._newest[type(heard)] = (heard, at_ns)
+        self._newest[type(message)] = (message, at_ns)
 
     def newest(self, kind: type[H], now_ns: int) -> H | None:
-        """What was last heard of a kind; None where that was too long ago."""
-        heard, at_ns = self._newest.get(kind, (None, 0))
+        """The newest message of a kind; None where it is too old."""
+        message, at_ns = self._newest.get(kind, (None, 0))
         is_fresh = self.is_alive and now_ns - at_ns <= _FRESH_NS[kind]
-        return heard if isinstance(heard, kind) and is_fresh else None
+        return message if isinstance(message, kind) and is_fresh else None
 
     def view(self, now_ns: int, beats: Heartbeats) -> RobotView:
-        """The picture; of a lost robot only what it last was and why, for no number of it is true any more."""
+        """The picture; of a lost robot only its last mode and why, for no number of it is valid any more."""
         mode, alive = self.mode, self.is_alive
         odometry = self.newest(Odometry, now_ns)
-        setpoint = self._setpoint(now_ns)
+        setpoint = None  # the one in force: none where it accepts none, and zero in HOLD
+        if self.is_active:
+            setpoint = _NOT_DRIVEN if mode.mode is Mode.HOLD else self.newest(SetpointReport, now_ns)
         pitch, supply = self.newest(Pitch, now_ns), self.newest(Supply, now_ns)
         health = self.newest(Health, now_ns) or Health({}, {}, {})
         return RobotView(
@@ -101,58 +103,51 @@ class Robot:
             can_stand=mode.can_stand,
         )
 
-    def _setpoint(self, now_ns: int) -> SetpointReport | None:
-        """What is in force: none while it takes none, and zero while it holds."""
-        if not self.is_active:
-            return None
-        return _NOT_DRIVEN if self.mode.mode is Mode.HOLD else self.newest(SetpointReport, now_ns)
-
 
 class Fleet:
-    """Every robot that was heard.
+    """Every robot that was ever received.
 
     Attributes:
         robots: By namespace.
     """
 
     def __init__(self, events: EventLog) -> None:
-        """Begin with none; tell `events` what happens."""
+        """Begin with none; log changes of mode to `events`."""
         self.robots: dict[str, Robot] = {}
         self._events = events
 
-    def hear(self, name: str, heard: RobotMessage, at_ns: int) -> None:
-        """Take what a robot said; it is known from its first mode on.
+    def update(self, name: str, message: RobotMessage, at_ns: int) -> None:
+        """Keep a robot's message; a robot is known from its first mode on.
 
         Args:
             name: Its namespace.
-            heard: What it said.
-            at_ns: When that reached us, monotonic.
+            message: The message.
+            at_ns: When it arrived, monotonic.
         """
         robot = self.robots.get(name)
-        if not isinstance(heard, ModeReport):
+        if not isinstance(message, ModeReport):
             if robot is not None:
-                robot.keep(heard, at_ns)
-        elif robot is not None:
-            self._hear_mode(robot, heard, at_ns)
-        elif len(self.robots) < MOST_ROBOTS:
-            self.robots[name] = Robot(name, heard, at_ns)
-            self._tell_mode(name, f"found {heard.name}: {heard.mode}: {heard.reason}", heard)
+                robot.keep(message, at_ns)
+            return
+        text = f"{message.mode}: {message.reason}"
+        if robot is None:
+            if len(self.robots) >= MOST_ROBOTS:
+                return
+            self.robots[name] = Robot(name, message, at_ns)
+            text = f"found {message.name}: {text}"
+        else:
+            before, age_s = robot.mode, robot.age_s(at_ns)
+            robot.mode, robot.received_ns = message, max(at_ns, robot.received_ns)
+            if not robot.is_alive:
+                robot.is_alive = True
+                text = f"back after {age_s:.1f} s: {text}"
+            elif (before.mode, before.reason) == (message.mode, message.reason):
+                return
+        self._events.add(name, text, level=_LEVELS.get(message.mode, "info"))
 
-    def look(self, now_ns: int) -> None:
-        """See who is lost."""
+    def mark_lost(self, now_ns: int) -> None:
+        """Mark the robots of which nothing arrives any more as lost."""
         for robot in self.robots.values():
-            if robot.is_alive and now_ns - robot.heard_ns > LOST_AFTER_NS:
+            if robot.is_alive and now_ns - robot.received_ns > LOST_AFTER_NS:
                 robot.is_alive = False
-                self._events.add(robot.robot, "lost: it says nothing any more", level="error")
-
-    def _hear_mode(self, robot: Robot, mode: ModeReport, at_ns: int) -> None:
-        before, age_s = robot.mode, robot.age_s(at_ns)
-        robot.mode, robot.heard_ns = mode, max(at_ns, robot.heard_ns)
-        if not robot.is_alive:
-            robot.is_alive = True
-            self._tell_mode(robot.robot, f"back after {age_s:.1f} s: {mode.mode}: {mode.reason}", mode)
-        elif (before.mode, before.reason) != (mode.mode, mode.reason):
-            self._tell_mode(robot.robot, f"{mode.mode}: {mode.reason}", mode)
-
-    def _tell_mode(self, name: str, text: str, mode: ModeReport) -> None:
-        self._events.add(name, text, level=_LEVELS.get(mode.mode, "info"))
+                self._events.add(robot.robot, "lost: no messages any more", level="error")

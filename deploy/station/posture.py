@@ -1,4 +1,4 @@
-"""Telling a robot to stand up or to sit down, until it says that this is in force. Pure: time is given."""
+"""Requests to stand up or to sit down, repeated until the robot reports the value in force. Pure: time is given."""
 
 from typing import Final
 
@@ -10,47 +10,44 @@ _AGAIN_NS: Final = 100_000_000
 
 
 class PostureRequest:
-    """What one robot was told last of standing and sitting."""
+    """The newest request to one robot to stand up or to sit down."""
 
-    def __init__(self, line: RobotConnection) -> None:
-        """Tell it over `line`."""
-        self._line = line
+    def __init__(self, connection: RobotConnection) -> None:
+        """Send over `connection`."""
+        self._connection = connection
         self._reply: Reply | None = None
         self._up = False
-        self._asked_ns = self._told_ns = 0
+        self._since_ns = self._sent_ns = 0
 
     @property
     def is_pending(self) -> bool:
-        """Whether the robot's word is waited for."""
+        """Whether the robot's confirmation is awaited."""
         return self._reply is not None
 
-    def ask(self, reply: Reply, now_ns: int, *, up: bool) -> None:
-        """Tell it to stand `up`, or to sit down; what it was told before counts no more."""
-        self.fail("it was told otherwise before it had taken this")
+    def send(self, reply: Reply, now_ns: int, *, up: bool) -> None:
+        """Request standing `up`, or sitting down; an earlier request that is pending fails."""
+        self.end("replaced by a later request before it was confirmed")
         self._reply, self._up = reply, up
-        self._asked_ns, self._told_ns = now_ns, now_ns
-        self._line.stand(up=up)
+        self._since_ns = self._sent_ns = now_ns
+        self._connection.stand(up=up)
 
-    def hear(self, mode: ModeReport) -> None:
-        """Take the robot's word."""
+    def on_mode(self, mode: ModeReport) -> None:
+        """Confirm the request where the robot reports its value as in force."""
         if mode.stand == float(self._up):
-            self._end(f"the robot has taken it: {'stand up' if self._up else 'sit down'}", accepted=True)
+            self.end(f"the robot has accepted it: {'stand up' if self._up else 'sit down'}", accepted=True)
 
     def step(self, now_ns: int) -> None:
-        """Tell it again: it may not have been connected yet; and give up what takes too long."""
+        """Send again, as the robot may not have been connected yet; fail what takes too long."""
         if self._reply is None:
             return
-        if now_ns - self._asked_ns > WITHIN_NS:
-            self.fail(f"the robot has not taken it within {WITHIN_NS / 1e9:g} s")
-        elif now_ns - self._told_ns >= _AGAIN_NS:
-            self._told_ns = now_ns
-            self._line.stand(up=self._up)
+        if now_ns - self._since_ns > WITHIN_NS:
+            self.end(f"the robot has not accepted it within {WITHIN_NS / 1e9:g} s")
+        elif now_ns - self._sent_ns >= _AGAIN_NS:
+            self._sent_ns = now_ns
+            self._connection.stand(up=self._up)
 
-    def fail(self, text: str) -> None:
-        """Give it up."""
-        self._end(text, accepted=False)
-
-    def _end(self, text: str, *, accepted: bool) -> None:
+    def end(self, text: str, *, accepted: bool = False) -> None:
+        """Reply where a request is pending, by default that it failed."""
         reply, self._reply = self._reply, None
         if reply is not None:
             reply(accepted, text)

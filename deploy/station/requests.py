@@ -11,52 +11,52 @@ NO_ANSWER: Final = f"no answer within {WITHIN_NS / 1e9:g} s"
 
 
 @dataclass(slots=True)
-class _Asked:
+class _Pending:
     reply: Reply
-    asked_ns: int
+    since_ns: int
     number: int | None = None
 
 
 class Requests:
-    """What one robot was asked; at most one request of each kind is under way."""
+    """The service requests to one robot; at most one of each kind is pending."""
 
-    def __init__(self, line: RobotConnection) -> None:
-        """Ask over `line`."""
-        self._line = line
-        self._asked: dict[Action, _Asked] = {}
+    def __init__(self, connection: RobotConnection) -> None:
+        """Send over `connection`."""
+        self._connection = connection
+        self._pending: dict[Action, _Pending] = {}
 
     @property
     def is_pending(self) -> bool:
-        """Whether an answer is waited for."""
-        return bool(self._asked)
+        """Whether a response is awaited."""
+        return bool(self._pending)
 
-    def ask(self, action: Action, reply: Reply, now_ns: int) -> None:
-        """Ask, as soon as the service is seen."""
-        if action in self._asked:
-            reply(False, "it has been asked already, and has not answered yet")  # noqa: FBT003 - the contract's form
+    def send(self, action: Action, reply: Reply, now_ns: int) -> None:
+        """Send a request, as soon as the service is discovered."""
+        if action in self._pending:
+            reply(False, "the same request is pending; wait for its answer")  # noqa: FBT003 - the contract's form
             return
-        self._asked[action] = _Asked(reply, now_ns)
+        self._pending[action] = _Pending(reply, now_ns)
         self.step(now_ns)
 
-    def take(self, answered: ServiceResponse) -> None:
-        """Take an answer; one that nobody waits for any more is dropped."""
-        asked = self._asked.get(answered.action)
-        if asked is not None and asked.number == answered.number:
-            del self._asked[answered.action]
-            asked.reply(answered.accepted, answered.message)
+    def on_response(self, response: ServiceResponse) -> None:
+        """Reply with a response; one that arrives after its time-out is discarded."""
+        pending = self._pending.get(response.action)
+        if pending is not None and pending.number == response.number:
+            del self._pending[response.action]
+            pending.reply(response.accepted, response.message)
 
     def step(self, now_ns: int) -> None:
-        """Send what waits for its service, and give up what took too long."""
-        for action, asked in list(self._asked.items()):
-            if now_ns - asked.asked_ns > WITHIN_NS:
-                del self._asked[action]
-                why = NO_ANSWER if asked.number is not None else f"nobody offers {action} there; {NO_ANSWER}"
-                asked.reply(False, why)  # noqa: FBT003 - the contract's form
-            elif asked.number is None and self._line.is_ready(action):
-                asked.number = self._line.call(action)
+        """Send what waits for its service, and fail what took too long."""
+        for action, pending in list(self._pending.items()):
+            if now_ns - pending.since_ns > WITHIN_NS:
+                del self._pending[action]
+                why = NO_ANSWER if pending.number is not None else f"no node offers {action} there; {NO_ANSWER}"
+                pending.reply(False, why)  # noqa: FBT003 - the contract's form
+            elif pending.number is None and self._connection.is_ready(action):
+                pending.number = self._connection.call(action)
 
     def fail(self, text: str) -> None:
-        """Give up everything."""
-        asked, self._asked = self._asked, {}
-        for one in asked.values():
-            one.reply(False, text)  # noqa: FBT003 - the contract's form
+        """Fail every pending request."""
+        requests, self._pending = self._pending, {}
+        for pending in requests.values():
+            pending.reply(False, text)  # noqa: FBT003 - the contract's form

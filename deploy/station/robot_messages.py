@@ -1,4 +1,4 @@
-"""What a robot says, decoded from the plain values of its messages; what is not as it must be is None."""
+"""A robot's messages, decoded from their plain values; what is not valid is None."""
 
 import math
 import re
@@ -14,26 +14,27 @@ from segway_ecc.node.sequence.player import Odometry
 _CHECK: Final = "check."
 _OK: Final = "ok: "
 _LINK: Final = re.compile(r"link\.(?:(\w+)\.)?([\w.]+)")
-_LINES: Final = frozenset({"can", "serial"})
+_LINKS: Final = frozenset({"can", "serial"})
 _DRIVES: Final = frozenset({"on", "off", "none", "unconfirmed"})
+_BEAT: Final = re.compile(r"(.+) ([0-9]{1,19})", re.DOTALL)
 _MOST_VALUES: Final = 200
 _MOST_LINKS: Final = 8
 _NS_PER_MS: Final = 1e6
 
 
 class ModeReport(NamedTuple):
-    """The robot's word on the topic `mode`.
+    """The robot's message on the topic `mode`.
 
     Attributes:
-        name: What its file calls it.
+        name: Its name in the robot file.
         mode: Its mode.
         reason: Why.
-        drives: `on`, `off` where every drive says so itself, `unconfirmed` where one does not, or `none`.
-        is_zero: Whether the commands of its newest cycle were all zero; None where it does not tell.
-        station: Whose heartbeat it heard last; empty for nobody's.
+        drives: `on`, `off` where every drive reports so itself, `unconfirmed` where one does not, or `none`.
+        is_zero: Whether the commands of its newest cycle were all zero; None where it does not report that.
+        station: Whose heartbeat it received last; empty for nobody's.
         beat_ns: The stamp of that heartbeat.
-        beat_age_ns: How long ago it heard it.
-        stand: What is in force of what makes it stand up (1) or sit down (0); None where it can be told neither.
+        beat_age_ns: How long ago it was received.
+        stand: The value in force for standing up (1) or sitting down (0); None where it can do neither by command.
     """
 
     name: str
@@ -48,12 +49,12 @@ class ModeReport(NamedTuple):
 
     @property
     def can_stand(self) -> bool:
-        """Whether it can be told to stand up and to sit down."""
+        """Whether it can stand up and sit down by command."""
         return self.stand is not None
 
     @property
     def is_stopped(self) -> bool:
-        """Whether it is in FAULT, and its drives say that they are off; of a robot that has none its commands."""
+        """Whether it is in FAULT, and its drives report that they are off; without drives its commands are zero."""
         return self.mode is Mode.FAULT and (self.drives == "off" or (self.drives == "none" and self.is_zero is True))
 
 
@@ -90,7 +91,7 @@ RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | Pitch | Suppl
 
 
 def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:
-    """Decode a message of the topic `mode`.
+    """Decode a message of the topic `mode`; None where it is none of ours.
 
     Args:
         name: The name of the status, `<robot>: mode`.
@@ -100,16 +101,17 @@ def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:
     if mode not in Mode.__members__ or not name.endswith(MODE_SUFFIX):
         return None
     drives = values.get("drives", "")
-    station, beat_ns = _beat(values.get("heartbeat", ""))
+    beat = _BEAT.fullmatch(values.get("heartbeat", ""))
+    age_ms = _number(values.get("heartbeat_age_ms", "")) or 0.0
     return ModeReport(
         name=clipped(name.removesuffix(MODE_SUFFIX)),
         mode=Mode(mode),
         reason=clipped(values.get("reason", "")),
         drives=drives if drives in _DRIVES else "",
         is_zero={"true": True, "false": False}.get(values.get("zero", "")),
-        station=station,
-        beat_ns=beat_ns,
-        beat_age_ns=_ns_of_ms(values.get("heartbeat_age_ms", "")),
+        station=beat[1] if beat else "",
+        beat_ns=int(beat[2]) if beat else 0,
+        beat_age_ns=round(max(age_ms, 0.0) * _NS_PER_MS),
         stand=_number(values.get("stand", "")),
     )
 
@@ -120,58 +122,37 @@ def decode_health(statuses: Iterable[tuple[str, Mapping[str, str]]]) -> Health:
     links: dict[str, dict[str, str]] = {}
     timing: dict[str, str] = {}
     for name, values in statuses:
+        bounded = {clipped(key): clipped(text) for key, text in list(values.items())[:_MOST_VALUES]}
         match name.rpartition(": ")[2]:
             case "mode":
-                checklist = _checklist(_bounded(values))
+                checks = {key.removeprefix(_CHECK): text for key, text in bounded.items() if key.startswith(_CHECK)}
+                checklist = {check: "ok" if text.startswith(_OK) else text for check, text in checks.items()}
             case "timing":
-                timing = _bounded(values)
+                timing = bounded
             case "hardware":
-                links = _links(_bounded(values))
+                links = _links(bounded)
     return Health(checklist, links, timing)
 
 
 def finite(value: float) -> float | None:
-    """A number of the network; None where it is none."""
+    """A number of the network; None where it is not finite."""
     return value if math.isfinite(value) else None
 
 
-def _bounded(values: Mapping[str, str]) -> dict[str, str]:
-    return {clipped(key): clipped(text) for key, text in list(values.items())[:_MOST_VALUES]}
-
-
-def _checklist(values: Mapping[str, str]) -> dict[str, str]:
-    items = {key.removeprefix(_CHECK): text for key, text in values.items() if key.startswith(_CHECK)}
-    return {name: "ok" if text.startswith(_OK) else text for name, text in items.items()}
-
-
 def _links(values: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Each line by its name; a robot with one line has it under `link`, one with two has `link` for what joins them."""
+    """Each link by its name; a robot's only link is `link`, and beside two links `link` is what joins them."""
     links: dict[str, dict[str, str]] = {}
     for key, text in values.items():
         found = _LINK.fullmatch(key)
         if key == "link":
             links.setdefault("link", {})["description"] = text
         elif found is not None:
-            line, what = found.groups()
-            if line is not None and line not in _LINES:  # a dotted count, such as refused.crc
-                line, what = None, f"{line}.{what}"
-            if (line or "link") in links or len(links) < _MOST_LINKS:
-                links.setdefault(line or "link", {})[what] = text
+            link, what = found.groups()
+            if link is not None and link not in _LINKS:  # a dotted count, such as refused.crc
+                link, what = None, f"{link}.{what}"
+            if (link or "link") in links or len(links) < _MOST_LINKS:
+                links.setdefault(link or "link", {})[what] = text
     return links
-
-
-def _beat(text: str) -> tuple[str, int]:
-    station, _, stamp = text.rpartition(" ")
-    return (station, int(stamp)) if station and len(stamp) < len(str(2**64)) and _is_digits(stamp) else ("", 0)
-
-
-def _is_digits(text: str) -> bool:
-    return text.isascii() and text.isdigit()
-
-
-def _ns_of_ms(text: str) -> int:
-    age = _number(text)
-    return round(age * _NS_PER_MS) if age is not None and age > 0.0 else 0
 
 
 def _number(text: str) -> float | None:

@@ -1,7 +1,7 @@
 """The ROS side of one robot: its topics and services, taken straight from their handles; no executor runs.
 
-Measured on rclpy 7.1: an idle take costs 3 us, one that makes an Odometry 200 us. So of what comes at the loop's rate
-DDS keeps only the newest, which is taken at the pace of the picture.
+Measured on rclpy 7.1: an idle take costs 3 us, one that makes an Odometry 200 us. So of what arrives at the loop's
+rate DDS keeps only the newest, which is taken at the pace of the picture.
 """
 
 import time
@@ -12,8 +12,6 @@ from segway_ecc.deploy.station.connection import ServiceResponse
 from segway_ecc.deploy.station.discovery import MODE_TOPIC, MODE_TYPE, topic
 from segway_ecc.deploy.station.odometry import read_odometry
 from segway_ecc.deploy.station.robot_messages import (
-    Health,
-    ModeReport,
     Pitch,
     RobotMessage,
     SetpointReport,
@@ -28,24 +26,24 @@ from segway_ecc.node.safety.modes import Action
 
 _NEWEST: Final = 1
 _ALL: Final = 10
-"""Modes must not be missed; more than these cannot come between two looks of an honest robot."""
+"""Modes must not be missed; a robot that keeps to its rate publishes no more between two polls."""
 _SENT_DEPTH: Final = 10
 _AHEAD_DEPTH: Final = 500
 
 
 class ReceivedMessage(NamedTuple):
-    """What was heard and when it reached this machine, ns since the Unix epoch."""
+    """A message and when it reached this machine, ns since the Unix epoch."""
 
-    heard: RobotMessage
+    message: RobotMessage
     wall_ns: int
 
 
 class RosRobotConnection:
-    """See `RobotConnection`; besides, hears the robot.
+    """A `RobotConnection` that receives the robot's topics, too.
 
     Attributes:
-        model_node: The name of the robot's node, whose services are asked.
-        refused: How many of its messages were not as they must be.
+        model_node: The name of the robot's node, whose services are called.
+        refused: How many of its messages were not valid.
     """
 
     def __init__(self, node: RosObject, robot: str, model_node: str) -> None:
@@ -56,12 +54,17 @@ class RosRobotConnection:
         self._robot = robot
         self._mode = self._subscribe(MODE_TYPE, MODE_TOPIC, _ALL)
         self._odometry = self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST)
-        self._setpoint = self._subscribe("geometry_msgs/msg/TwistStamped", "setpoint", _NEWEST)
-        self._pitch = self._subscribe("std_msgs/msg/Float64", "pitch", _NEWEST)
-        self._battery = self._subscribe("sensor_msgs/msg/BatteryState", "battery_state", _NEWEST)
-        self._diagnostics = self._subscribe("diagnostic_msgs/msg/DiagnosticArray", "diagnostics", _NEWEST)
+        self._others = [
+            (self._subscribe(type_name, name, _NEWEST), decode)
+            for type_name, name, decode in (
+                ("geometry_msgs/msg/TwistStamped", "setpoint", _setpoint),
+                ("std_msgs/msg/Float64", "pitch", lambda message: Pitch(message.data)),
+                ("sensor_msgs/msg/BatteryState", "battery_state", lambda message: Supply(message.voltage)),
+                ("diagnostic_msgs/msg/DiagnosticArray", "diagnostics", _diagnostics),
+            )
+        ]
         self._drive = self._publisher("geometry_msgs/msg/Twist", "cmd_vel", _SENT_DEPTH)
-        self._say = self._publisher("geometry_msgs/msg/TwistStamped", "cmd_vel_stamped", _AHEAD_DEPTH)
+        self._drive_stamped = self._publisher("geometry_msgs/msg/TwistStamped", "cmd_vel_stamped", _AHEAD_DEPTH)
         self._stand = self._publisher("std_msgs/msg/Float64", "set/stand", _SENT_DEPTH)
         self._beat = self._publisher("std_msgs/msg/Header", "station", _NEWEST)
         self._trigger = message_type("std_srvs/srv/Trigger")
@@ -70,7 +73,7 @@ class RosRobotConnection:
         self.serve_by(model_node)
 
     def serve_by(self, model_node: str) -> None:
-        """Ask the services of this node from now on; what an earlier one was asked is not answered any more."""
+        """Call the services of this node from now on; pending requests to an earlier one are not answered any more."""
         for client in self._clients.values():
             self._node.destroy_client(client)
         self.model_node = model_node
@@ -79,28 +82,23 @@ class RosRobotConnection:
             for action in Action
         }
 
-    def hear_mode(self) -> Iterator[ReceivedMessage]:
-        """Every word on the topic `mode` that has come."""
+    def take_modes(self) -> Iterator[ReceivedMessage]:
+        """Every message on the topic `mode` that has arrived."""
         for _ in range(_ALL):
             taken = self._mode.handle.take_message(self._mode.msg_type, False)  # noqa: FBT003 - rclpy's form: not raw
             if taken is None:
                 return
-            yield from self._as_heard(_mode(taken[0]), taken)
+            yield from self._received(decode_mode(taken[0].name, _values(taken[0])), taken)
 
-    def hear(self) -> Iterator[ReceivedMessage]:
-        """The newest of everything else that has come."""
+    def take_others(self) -> Iterator[ReceivedMessage]:
+        """The newest of everything else that has arrived."""
         taken = self._odometry.handle.take_message(self._odometry.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
         if taken is not None:
-            yield from self._as_heard(read_odometry(taken[0]), taken)
-        for subscription, read in (
-            (self._setpoint, _setpoint),
-            (self._pitch, _pitch),
-            (self._battery, _battery),
-            (self._diagnostics, _diagnostics),
-        ):
+            yield from self._received(read_odometry(taken[0]), taken)
+        for subscription, decode in self._others:
             taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's form
             if taken is not None:
-                yield from self._as_heard(read(taken[0]), taken)
+                yield from self._received(decode(taken[0]), taken)
 
     def beat(self, station: str, stamp_ns: int) -> None:
         """Send a heartbeat."""
@@ -117,8 +115,8 @@ class RosRobotConnection:
         """See `RobotConnection.call`."""
         return int(self._clients[action].handle.send_request(self._request))
 
-    def answers(self) -> Iterable[ServiceResponse]:
-        """See `RobotConnection.answers`."""
+    def responses(self) -> Iterable[ServiceResponse]:
+        """See `RobotConnection.responses`."""
         for action, client in self._clients.items():
             for _ in range(_ALL):
                 header, response = client.handle.take_response(self._response)
@@ -126,64 +124,46 @@ class RosRobotConnection:
                     break
                 yield ServiceResponse(action, header.request_id.sequence_number, response.success, response.message)
 
-    def drive(self, setpoint: Setpoint) -> None:
+    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
         """See `RobotConnection.drive`."""
-        message = self._drive.msg_type()
-        message.linear.x, message.angular.z = setpoint
-        self._drive.publish(message)
-
-    def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
-        """See `RobotConnection.say`."""
-        message = self._say.msg_type()
-        set_stamp(message.header, stamp_ns)
-        message.twist.linear.x, message.twist.angular.z = setpoint
-        self._say.publish(message)
+        publisher = self._drive if stamp_ns is None else self._drive_stamped
+        message = publisher.msg_type()
+        twist = message if stamp_ns is None else message.twist
+        if stamp_ns is not None:
+            set_stamp(message.header, stamp_ns)
+        twist.linear.x, twist.angular.z = setpoint
+        publisher.publish(message)
 
     def flush(self, within_ns: int) -> None:
-        """Wait until the robot has taken the set-points that were sent."""
-        for publisher in (self._drive, self._say):
+        """Wait until the robot has acknowledged the set-points that were sent, ns at most for each topic."""
+        for publisher in (self._drive, self._drive_stamped):
             publisher.wait_for_all_acked(duration(within_ns * 1e-9))
 
     def stand(self, *, up: bool) -> None:
         """See `RobotConnection.stand`."""
         self._stand.publish(self._stand.msg_type(data=1.0 if up else 0.0))
 
-    def _as_heard(self, heard: RobotMessage | None, taken: RosObject) -> Iterator[ReceivedMessage]:
-        if heard is None:
+    def _received(self, message: RobotMessage | None, taken: RosObject) -> Iterator[ReceivedMessage]:
+        if message is None:
             self.refused += 1
         else:
-            yield ReceivedMessage(heard, taken[1]["received_timestamp"] or time.time_ns())
+            yield ReceivedMessage(message, taken[1]["received_timestamp"] or time.time_ns())
 
     def _subscribe(self, type_name: str, name: str, depth: int) -> RosObject:
-        return self._node.create_subscription(message_type(type_name), topic(self._robot, name), _never_called, depth)
+        # No callback is ever called: that would take an executor.
+        return self._node.create_subscription(message_type(type_name), topic(self._robot, name), lambda *_: None, depth)
 
     def _publisher(self, type_name: str, name: str, depth: int) -> RosObject:
         return self._node.create_publisher(message_type(type_name), topic(self._robot, name), depth)
-
-
-def _never_called(*_: RosObject) -> None:
-    """Stand in for the callbacks that only an executor would call."""
 
 
 def _values(message: RosObject) -> Mapping[str, str]:
     return {pair.key: pair.value for pair in message.values}
 
 
-def _mode(message: RosObject) -> ModeReport | None:
-    return decode_mode(message.name, _values(message))
-
-
-def _setpoint(message: RosObject) -> SetpointReport:
+def _setpoint(message: RosObject) -> RobotMessage:
     return SetpointReport(stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z)
 
 
-def _pitch(message: RosObject) -> Pitch:
-    return Pitch(message.data)
-
-
-def _battery(message: RosObject) -> Supply:
-    return Supply(message.voltage)
-
-
-def _diagnostics(message: RosObject) -> Health:
+def _diagnostics(message: RosObject) -> RobotMessage:
     return decode_health((status.name, _values(status)) for status in message.status)

@@ -1,7 +1,7 @@
 """Plays a sequence to one robot through its stamped set-points. Pure: time is given."""
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Final
 
 from segway_ecc.deploy.station.connection import Reply, RobotConnection
@@ -12,7 +12,7 @@ from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, TimedSetpoint
 from segway_ecc.node.sequence.player import Odometry, Player, PlayState
 
 LONGEST_TEXT: Final = 65_536
@@ -20,7 +20,7 @@ _LONGEST_NAME: Final = 80
 _SHORTEST_S: Final = 0.01
 """Of a segment: thousands of shorter ones would have to be sent at once."""
 _FOLLOWS_NS: Final = 1_500_000_000
-"""Longer than it takes to see that a robot is lost, which is the better reason."""
+"""Longer than it takes to detect a lost robot, which is the better reason."""
 
 
 @enum.unique
@@ -79,7 +79,7 @@ class SequencePlayback:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing of it is still to come."""
+        """Whether it ended."""
         return self._state not in (_State.WAITING, _State.RUNNING)
 
     @property
@@ -94,15 +94,15 @@ class SequencePlayback:
         """For the event log."""
         return f"sequence {self._name}: {self._state.value}" + (f": {self._reason}" if self._reason else "")
 
-    def hear(self, setpoint: SetpointReport, now_ns: int) -> None:
-        """Learn which set-point is in force."""
+    def on_setpoint(self, setpoint: SetpointReport, now_ns: int) -> None:
+        """Note which set-point is in force."""
         start_ns = self._player.start_ns
         if self.is_over or start_ns is None or setpoint.stamp_ns < start_ns or setpoint.stamp_ns == self._setpoint_ns:
             return
         self._setpoint_ns, self._followed_ns, self._state = setpoint.stamp_ns, now_ns, _State.RUNNING
         self._answer(accepted=True, text=f"{self._name} is being played")
 
-    def step(self, line: RobotConnection, odometry: Odometry | None, now_ns: int) -> None:
+    def step(self, connection: RobotConnection, odometry: Odometry | None, now_ns: int) -> None:
         """Send what is due by the robot's own time."""
         if self.is_over:
             return
@@ -111,21 +111,22 @@ class SequencePlayback:
             self._end(_State.DONE, "")
             return
         self._player.received.clear()
-        self._send(line, [(said.offset_ns, said.setpoint) for said in self._player.due_setpoints()])
+        self._send(connection, self._player.due_setpoints())
         patience_ns = _FOLLOWS_NS if self._state is _State.RUNNING else WITHIN_NS
         if now_ns - self._followed_ns > patience_ns:
-            self.break_off(line, "the robot does not follow: none of the set-points came into force", failed=True)
+            why = "the robot does not follow: none of the set-points came into force"
+            self.break_off(connection, why, failed=True)
 
-    def break_off(self, line: RobotConnection, reason: str, *, failed: bool = False) -> None:
-        """End it: the robot is told to rest, in place of all that was sent ahead."""
+    def break_off(self, connection: RobotConnection, reason: str, *, failed: bool = False) -> None:
+        """End it: zeros replace all set-points that were sent ahead."""
         if self.is_over:
             return
-        self._send(line, [(said.offset_ns, said.setpoint) for said in self._player.abandon()])
+        self._send(connection, self._player.abandon())
         self._end(_State.FAILED if failed else _State.BROKEN_OFF, reason)
 
-    def _send(self, line: RobotConnection, said: Sequence[tuple[int, Setpoint]]) -> None:
-        for offset_ns, setpoint in said:
-            line.say((self._player.start_ns or 0) + offset_ns, setpoint)
+    def _send(self, connection: RobotConnection, setpoints: Iterable[TimedSetpoint]) -> None:
+        for timed in setpoints:
+            connection.drive(timed.setpoint, (self._player.start_ns or 0) + timed.offset_ns)
 
     def _end(self, state: _State, reason: str) -> None:
         self._state, self._reason = state, reason

@@ -1,4 +1,4 @@
-"""The base station's connection to the robots: one thread speaks ROS; every other thread gives and reads here."""
+"""The base station's connection to the robots: one ROS thread, and methods for every other thread."""
 
 import logging
 import threading
@@ -23,25 +23,26 @@ from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
 LIMITS: Final = Setpoint(3.0, 6.0)
-"""The fastest that an operator may ask for: m/s, rad/s. A robot may allow less."""
+"""The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
 _TICK_NS: Final = 50_000_000
 _WAITING_S: Final = 0.004
-"""How often a robot is listened to whose word is waited for."""
+"""How often a robot is polled whose confirmation is awaited."""
 _MOST_COMMANDS: Final = 256
 _MOST_SEQUENCES: Final = 4
 _ENDS_WITHIN_S: Final = 5.0
-_TOLD_AT_MOST: Final = 100
+_MOST_FAILURES: Final = 100
+_ENDS: Final = "the station ends"
 _logger = logging.getLogger(__name__)
 
 
 class Station:
-    """The robots on the ROS network, and what is asked of them. Every method may be called from any thread.
+    """The robots on the ROS network, and the commands to them. Every method may be called from any thread.
 
     Attributes:
-        limits: The fastest that an operator may ask for.
+        limits: The fastest that an operator may request.
     """
 
-    def __init__(  # noqa: PLR0913 - what differs between a station, a glance and a test
+    def __init__(  # noqa: PLR0913 - what differs between a station, a status query and a test
         self,
         name: str,
         *,
@@ -54,12 +55,12 @@ class Station:
         """Prepare a station; `open` starts it.
 
         Args:
-            name: What the robots know it by.
+            name: Its name in the robots' reports.
             clock_ns: The monotonic clock, ns.
             wall_ns: The wall clock, ns since the Unix epoch.
-            limits: The fastest that an operator may ask for, m/s and rad/s.
+            limits: The fastest that an operator may request, m/s and rad/s.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
-            is_watching: Whether it only looks: then it sends no heartbeats, so no robot comes to rely on it.
+            is_watching: Whether it only watches: then it sends no heartbeats, so no robot comes to rely on it.
         """
         self.limits = limits
         self._clock_ns = clock_ns
@@ -67,9 +68,9 @@ class Station:
         self._ros_arguments = ros_arguments
         self._events = EventLog(wall_ns)
         beats = Heartbeats(name)
-        self._desk = CommandHandler(self._events, beats, limits)
-        self._radio = RosBridge(self._desk, None if is_watching else beats, clock_ns, wall_ns, self._events)
-        self._told: set[str] = set()
+        self._handler = CommandHandler(self._events, beats, limits)
+        self._bridge = RosBridge(self._handler, None if is_watching else beats, clock_ns, wall_ns, self._events)
+        self._failures: set[str] = set()
         self._stops: deque[SubmittedCommand] = deque()
         self._commands: deque[SubmittedCommand | str] = deque()
         self._drives: dict[tuple[str, str], tuple[Drive, int]] = {}
@@ -94,7 +95,7 @@ class Station:
         self.close()
 
     def open(self) -> None:
-        """Start the thread that speaks ROS.
+        """Start the ROS thread.
 
         Raises:
             RosUnavailableError: ROS is not there or does not start.
@@ -105,7 +106,7 @@ class Station:
             raise self._failure
 
     def close(self) -> None:
-        """Tell what moves by us to rest, answer every command, and end the thread."""
+        """Bring what moves by us to rest, answer every command, and end the thread."""
         with self._lock:
             self._is_ending = True
         self._wake.set()
@@ -119,7 +120,7 @@ class Station:
         return self._picture
 
     def refused(self) -> Mapping[str, int]:
-        """Commands, set-points and messages that were refused or cut, by cause; never waits."""
+        """Commands, set-points and messages that were refused or clamped, by cause; never waits."""
         return self._refused
 
     def events(self, after: int) -> Sequence[EventView]:
@@ -130,16 +131,23 @@ class Station:
         """Have a command carried out.
 
         Args:
-            who: Whose it is.
-            command: What is asked.
+            who: The operator.
+            command: The command.
             reply: Called once, from another thread, with whether it was confirmed and the text. Where the station is
                 ending or has too much to do it is called at once, from this thread.
         """
-        asked = SubmittedCommand(who, command, once(reply), self._clock_ns())
-        if command.act is Act.PLAY:
-            self._read_then_take(asked)
+        submitted = SubmittedCommand(who, command, once(reply), self._clock_ns())
+        if command.act is not Act.PLAY:
+            self._enqueue(submitted)
+        elif not self._reading.acquire(blocking=False):
+            submitted.reply(False, "other sequences are still being read; try again")  # noqa: FBT003
         else:
-            self._take(asked)
+            try:
+                # In a thread of its own: a long sequence takes a second.
+                self._readers.submit(self._read, submitted)
+            except RuntimeError:  # it was shut down
+                self._reading.release()
+                submitted.reply(False, _ENDS)  # noqa: FBT003 - the contract's form
 
     def drive(self, who: str, drive: Drive) -> None:
         """Have a robot driven; the newest of each operator for each robot wins."""
@@ -148,53 +156,43 @@ class Station:
                 self._drives[who, drive.robot] = (drive, self._clock_ns())
         self._wake.set()
 
-    def left(self, who: str) -> None:
-        """An operator's browser is gone: they lose control, and what they drove is told to rest."""
+    def leave(self, who: str) -> None:
+        """An operator's browser is gone: they lose control, and what they drove is brought to rest."""
         with self._lock:
             for key in [key for key in self._drives if key[0] == who]:
                 del self._drives[key]
             self._commands.append(who)
         self._wake.set()
 
-    def _take(self, asked: SubmittedCommand) -> None:
+    def _enqueue(self, submitted: SubmittedCommand) -> None:
         with self._lock:
-            waiting = self._stops if asked.command.act is Act.STOP else self._commands
+            waiting = self._stops if submitted.command.act is Act.STOP else self._commands
             if self._is_ending:
-                refusal = "the station ends"
+                refusal = _ENDS
             elif len(waiting) >= _MOST_COMMANDS:
                 refusal = "the station has too much to do"
             else:
                 refusal = ""
-                waiting.append(asked)
+                waiting.append(submitted)
         self._wake.set()
         if refusal:
-            asked.reply(False, refusal)  # noqa: FBT003 - the contract's form
+            submitted.reply(False, refusal)  # noqa: FBT003 - the contract's form
 
-    def _read_then_take(self, asked: SubmittedCommand) -> None:
-        """Read a sequence in a thread of its own: a long one takes a second."""
-        if not self._reading.acquire(blocking=False):
-            asked.reply(False, "other sequences are still being read; try again")  # noqa: FBT003 - the contract's form
-            return
-        try:
-            self._readers.submit(self._read, asked)
-        except RuntimeError:  # it was shut down
-            self._reading.release()
-            asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form
-
-    def _read(self, asked: SubmittedCommand) -> None:
+    def _read(self, submitted: SubmittedCommand) -> None:
+        command = submitted.command
         manoeuvre: Manoeuvre | str
         try:
-            manoeuvre = read_sequence(asked.command.text, asked.command.name[:80] or "the sequence", self.limits)
+            manoeuvre = read_sequence(command.text, command.name[:80] or "the sequence", self.limits)
         except ConfigurationError as error:
             manoeuvre = str(error)
         finally:
             self._reading.release()
-        self._take(SubmittedCommand(asked.who, asked.command, asked.reply, asked.at_ns, manoeuvre))
+        self._enqueue(SubmittedCommand(submitted.who, command, submitted.reply, submitted.at_ns, manoeuvre))
 
     def _run(self) -> None:
         try:
             with ros_node("base_station", "", self._ros_arguments) as node:
-                self._radio.use(node)
+                self._bridge.use(node)
                 self._has_begun.set()
                 self._loop()
         except RosUnavailableError as error:
@@ -209,53 +207,49 @@ class Station:
             now_ns = self._clock_ns()
             self._carry_out()
             is_tick = now_ns >= next_tick_ns
-            self._guarded(self._look, is_tick)
+            self._guarded(self._step, is_tick)
             if is_tick:
                 next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
             wait_s = max(next_tick_ns - self._clock_ns(), 0) * 1e-9
-            self._wake.wait(min(wait_s, _WAITING_S) if self._radio.is_waiting else wait_s)
+            self._wake.wait(min(wait_s, _WAITING_S) if self._bridge.is_waiting else wait_s)
             self._wake.clear()
-        self._guarded(lambda: self._desk.close(self._clock_ns()))
-        self._guarded(self._radio.flush)
+        self._guarded(lambda: self._handler.close(self._clock_ns()))
+        self._guarded(self._bridge.flush)
 
-    def _look(self, is_tick: bool) -> None:  # noqa: FBT001 - handed on by `_guarded`
-        self._radio.listen(to_all=is_tick)
+    def _step(self, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
+        self._bridge.poll(everything=is_tick)
         now_ns = self._clock_ns()
-        self._desk.step(now_ns)
+        self._handler.step(now_ns)
         if is_tick:
-            self._radio.beat(now_ns)
-            self._picture = self._desk.view(now_ns)
-            self._refused = dict(self._desk.refused) | dict(self._radio.refused())
-            self._radio.discover(now_ns)
+            self._bridge.beat(now_ns)
+            self._picture = self._handler.view(now_ns)
+            self._refused = dict(self._handler.refused) | dict(self._bridge.refused())
+            self._bridge.discover(now_ns)
 
     def _carry_out(self) -> None:
-        """What operators asked since the last look: stops before everything else."""
+        """What operators submitted since the last step: stops before everything else."""
         with self._lock:
             stops, self._stops = self._stops, deque()
             commands, self._commands = self._commands, deque()
             drives, self._drives = self._drives, {}
-        for asked in stops:
-            self._answered(self._desk.stop, asked)
-        for item in commands:
-            if isinstance(item, SubmittedCommand):
-                self._answered(self._desk.command, item)
-            else:
-                self._guarded(self._desk.left, item, self._clock_ns())
+        for item in (*stops, *commands):
+            if isinstance(item, str):
+                self._guarded(self._handler.leave, item, self._clock_ns())
+                continue
+            carry_out = self._handler.stop if item.command.act is Act.STOP else self._handler.command
+            if not self._guarded(carry_out, item, self._clock_ns()):
+                item.reply(False, "the station failed; see its messages")  # noqa: FBT003 - the contract's form
         for (who, _), (drive, at_ns) in drives.items():
-            self._guarded(self._desk.drive, who, drive, at_ns, self._clock_ns())
-
-    def _answered(self, carry_out: Callable[[SubmittedCommand, int], None], asked: SubmittedCommand) -> None:
-        if not self._guarded(carry_out, asked, self._clock_ns()):
-            asked.reply(False, "the station failed; see its messages")  # noqa: FBT003 - the contract's form
+            self._guarded(self._handler.drive, who, drive, at_ns, self._clock_ns())
 
     def _guarded(self, function: Callable[..., None], *arguments: object) -> bool:
-        """Whether it went well; what fails for one command or robot must not take the next stop with it."""
+        """Whether it succeeded; what fails for one command or robot must not take the next stop with it."""
         try:
             function(*arguments)
         except Exception as error:
             text = f"{type(error).__name__}: {error}"
-            if text not in self._told and len(self._told) < _TOLD_AT_MOST:
-                self._told.add(text)
+            if text not in self._failures and len(self._failures) < _MOST_FAILURES:
+                self._failures.add(text)
                 self._events.add("", f"the station failed: {text}", level="error")
                 _logger.exception("the station failed and goes on")
             return False
@@ -267,5 +261,5 @@ class Station:
             self._is_ending = True
             late = [*self._stops, *(item for item in self._commands if isinstance(item, SubmittedCommand))]
             self._stops, self._commands = deque(), deque()
-        for asked in late:
-            asked.reply(False, "the station ends")  # noqa: FBT003 - the contract's form
+        for submitted in late:
+            submitted.reply(False, _ENDS)  # noqa: FBT003 - the contract's form

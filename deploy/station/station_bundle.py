@@ -1,46 +1,36 @@
-"""The support bundle of a robot as the station gives it: the robot's own, and what the station knows of it."""
+"""The support bundle of a robot as the station makes it: the robot's own, and what the station knows of the robot."""
 
 import functools
 import os
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Final, Protocol
+from typing import IO, Final
 
 import msgspec
 
 from segway_ecc.deploy.station.bundle_part import picture
-from segway_ecc.deploy.station.views import EventView, FleetView
+from segway_ecc.deploy.station.views import FleetStatus
 from segway_ecc.deploy.support.bundle import Collected, Part, Stored, write_parts
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 
 _NS_PER_S: Final = 1_000_000_000
 
 
-class Knows(Protocol):
-    """What the station knows of the robots."""
-
-    def fleet(self) -> FleetView:
-        """The newest picture."""
-
-    def events(self, after: int) -> Sequence[EventView]:
-        """What happened since."""
-
-
 class StationBundle:
-    """Makes them; called with a robot's namespace it gives an open file, which is the caller's to close."""
+    """Makes bundles; called with a robot's namespace it returns an open file, which is the caller's to close."""
 
     def __init__(
         self,
-        station: Knows,
+        station: FleetStatus,
         fetch: Callable[[str], Path],
         folder: Path,
         logs: Path,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Make them of what a station knows.
+        """Make bundles of what a station knows.
 
         Args:
             station: The station.
@@ -52,16 +42,16 @@ class StationBundle:
         self._station = station
         self._fetch = fetch
         self._folder = folder
-        self._wish = BundleOptions(logs, log_count=0, station=folder)
+        self._options = BundleOptions(logs, log_count=0, station=folder)
         self._wall_ns = wall_ns
 
     def __call__(self, robot: str) -> IO[bytes]:
-        """The bundle, from its beginning; on the disk, and gone from it once it is closed."""
+        """The bundle, from its beginning; the file is unlinked already, so closing it removes it."""
         parts = [
             Part("robot's own bundle", functools.partial(self._own, robot)),
             Part("picture", functools.partial(self._picture, robot)),
             Part("events", functools.partial(self._events, robot)),
-            *machine_parts(self._wish),
+            *machine_parts(self._options),
         ]
         made = datetime.fromtimestamp(self._wall_ns() // _NS_PER_S, UTC).isoformat()
         stream = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - the caller's to close

@@ -1,14 +1,15 @@
-"""What the station knows, as the page and `status` are given it; every struct is JSON as it stands."""
+"""What the station sends to the page and prints with `status`, and what the page sends; every struct is JSON."""
 
 import enum
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import msgspec
 
 
 @enum.unique
 class Act(enum.StrEnum):
-    """What an operator can ask of a robot."""
+    """What an operator can command."""
 
     STOP = "stop"
     """Torque off, latched until cleared."""
@@ -18,7 +19,7 @@ class Act(enum.StrEnum):
     STAND = "stand"
     SIT = "sit"
     TAKE_CONTROL = "take_control"
-    """Become the one who commands; from whoever is."""
+    """Become the one who commands, in place of whoever does."""
     RELEASE_CONTROL = "release_control"
     PLAY = "play"
     """Play a sequence, whose text is the command's `text`."""
@@ -26,15 +27,11 @@ class Act(enum.StrEnum):
     """End the sequence that is being played."""
 
 
-class _View(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind"):
-    """A message to the page."""
-
-
 class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
     """A sequence that is played, or was last.
 
     Attributes:
-        name: What the operator calls it.
+        name: Its name.
         fraction: How much of it has passed, 0 to 1.
         state: `waiting`, `running`, `done`, `broken off`, `failed`.
         reason: Why it ended, where it did not end by itself.
@@ -47,19 +44,19 @@ class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RobotView(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known of a robot; None is what it does not tell.
+    """What is known of a robot; None is what it does not report.
 
     Attributes:
         robot: Its namespace, which names it: `/` or `/alice`.
-        name: What its file calls it.
-        is_alive: Whether it was heard within the last second.
-        age_s: Since its last word, s.
+        name: Its name in the robot file.
+        is_alive: Whether its `mode` was received within the last second.
+        age_s: Since its last `mode`, s.
         round_trip_s: From our heartbeat to the robot's echo of it, s.
         mode: DISARMED, ARMED, HOLD, FAULT.
         reason: Why.
-        drives: `on`, `off`, `unconfirmed` where not every drive says that it is off, or `none` where it has none.
+        drives: `on`, `off`, `unconfirmed` where not every drive reports that it is off, or `none` where it has none.
         is_zero: Whether the commands of its newest cycle were all zero.
-        stop: Empty, `asked`, or `confirmed`: in FAULT, with drives that say that they are off, or with none and zero.
+        stop: Empty, `requested`, or `confirmed`: in FAULT, with drives that report off, or with no drives and zero.
         stop_after_s: From our request to that confirmation, s.
         pitch: Forward lean, rad.
         linear_velocity: m/s.
@@ -70,12 +67,12 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         y: m.
         heading: rad.
         supply_v: Battery, V.
-        checklist: What blocks arming by the name of the check, or `ok`.
+        checklist: The pre-arm checks by name: why each fails, or `ok`.
         links: Health of each link, by name: `state`, frames, errors, load and so on, as in its diagnostics.
         timing: Rate, deadlines and percentiles of the phases, as in its diagnostics.
         controller: Who commands it from this station, or empty.
         sequence: What is played.
-        can_stand: Whether it can be told to stand up and to sit down.
+        can_stand: Whether it can stand up and sit down by command.
     """
 
     robot: str
@@ -106,11 +103,11 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
     can_stand: bool = False
 
 
-class FleetView(_View, frozen=True, kw_only=True, tag="fleet"):
-    """Every robot that was ever heard since the station began, sorted by namespace.
+class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fleet"):
+    """Every robot that was found since the station began, sorted by namespace.
 
     Attributes:
-        time_s: The station's monotonic clock, s: a picture whose time does not move is frozen.
+        time_s: The station's monotonic clock, s: a picture whose time does not advance is stale.
         robots: The robots.
     """
 
@@ -118,7 +115,7 @@ class FleetView(_View, frozen=True, kw_only=True, tag="fleet"):
     robots: Sequence[RobotView]
 
 
-class EventView(_View, frozen=True, kw_only=True, tag="event"):
+class EventView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="event"):
     """Something that happened.
 
     Attributes:
@@ -138,13 +135,26 @@ class EventView(_View, frozen=True, kw_only=True, tag="event"):
     who: str = ""
 
 
-class ReplyView(_View, frozen=True, kw_only=True, tag="reply"):
+class FleetStatus(Protocol):
+    """The robots as the station knows them; nothing of it waits."""
+
+    def fleet(self) -> FleetView:
+        """The newest picture."""
+
+    def events(self, after: int) -> Sequence[EventView]:
+        """The events that are kept and whose number is greater than `after`."""
+
+    def refused(self) -> Mapping[str, int]:
+        """What the station itself refused, by cause."""
+
+
+class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="reply"):
     """What came of a command.
 
     Attributes:
         id: The command's.
         is_accepted: Whether the robot confirmed it.
-        text: What it said, or why it failed.
+        text: Its answer, or why it failed.
     """
 
     id: int
@@ -152,15 +162,15 @@ class ReplyView(_View, frozen=True, kw_only=True, tag="reply"):
     text: str
 
 
-class HelloView(_View, frozen=True, kw_only=True, tag="hello"):
+class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="hello"):
     """The first message of a socket.
 
     Attributes:
-        who: Whom the station takes this browser for.
+        who: The operator's name.
         role: `viewer` or `operator`.
         version: Of segway-ecc.
         drive_period_s: How often a driving browser is to send, s.
-        max_linear: The fastest that the page may ask for, m/s.
+        max_linear: The fastest that the page may request, m/s.
         max_angular: The same for turning, rad/s.
     """
 
@@ -173,14 +183,14 @@ class HelloView(_View, frozen=True, kw_only=True, tag="hello"):
 
 
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="command", forbid_unknown_fields=True):
-    """What the page asks.
+    """A command of the page.
 
     Attributes:
         id: Counts up within a socket; one that does not is refused, as a replayed one.
         robot: Which robot.
         act: What.
         text: The sequence to play, as YAML, for `play`.
-        name: What the operator calls it.
+        name: The sequence's name.
     """
 
     id: int

@@ -55,5 +55,5 @@ class Robots(Protocol):
     def drive(self, who: str, drive: Drive) -> None:
         """Have a robot driven."""
 
-    def left(self, who: str) -> None:
+    def leave(self, who: str) -> None:
         """Somebody is gone."""

@@ -91,7 +91,7 @@ class WebSocketHub:
         browser.gone()
         browser.session.sockets -= 1
         if browser.session.sockets == 0:
-            self._robots.left(browser.session.who)
+            self._robots.leave(browser.session.who)
         if not self._browsers:
             self.is_empty.set()
 

@@ -1,4 +1,4 @@
-"""A line to a robot that notes what is sent, replies that note what came of it, and robots in a process."""
+"""A connection that records what is sent, replies that record outcomes, and robots in a process."""
 
 import contextlib
 import json
@@ -29,14 +29,14 @@ ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False, sta
 _FAKE = Path(__file__).with_name("fake_robot.py")
 
 
-class NotingLine:
+class RecordingConnection:
     def __init__(self) -> None:
         self.ready = True
         self.calls: list[Action] = []
         self.driven: list[tuple[float, float]] = []
-        self.said: list[tuple[int, tuple[float, float]]] = []
+        self.stamped: list[tuple[int, tuple[float, float]]] = []
         self.stands: list[bool] = []
-        self.answered: list[ServiceResponse] = []
+        self.pending: list[ServiceResponse] = []
 
     def is_ready(self, _action: Action) -> bool:
         return self.ready
@@ -45,15 +45,15 @@ class NotingLine:
         self.calls.append(action)
         return len(self.calls)
 
-    def answers(self) -> list[ServiceResponse]:
-        answered, self.answered = self.answered, []
-        return answered
+    def responses(self) -> list[ServiceResponse]:
+        responses, self.pending = self.pending, []
+        return responses
 
-    def drive(self, setpoint: Setpoint) -> None:
-        self.driven.append((setpoint[0], setpoint[1]))
-
-    def say(self, stamp_ns: int, setpoint: Setpoint) -> None:
-        self.said.append((stamp_ns, (setpoint[0], setpoint[1])))
+    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
+        if stamp_ns is None:
+            self.driven.append((setpoint[0], setpoint[1]))
+        else:
+            self.stamped.append((stamp_ns, (setpoint[0], setpoint[1])))
 
     def stand(self, *, up: bool) -> None:
         self.stands.append(up)
@@ -77,24 +77,24 @@ class FakeRobots:
 
 
 class Bench:
-    """A desk with one robot `/a` and a clock that only the test moves."""
+    """A command handler with one robot `/a` and a clock that only the test moves."""
 
-    def __init__(self, events: EventLog, line: Any, replies: Any) -> None:
-        self.desk = CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0))
-        self.line, self.replies = line, replies
+    def __init__(self, events: EventLog, connection: Any, replies: Any) -> None:
+        self.handler = CommandHandler(events, Heartbeats("base"), Setpoint(3.0, 6.0))
+        self.connection, self.replies = connection, replies
         self.now = 0
-        self.desk.add("/a", line)
+        self.handler.add("/a", connection)
 
-    def hear(self, mode: ModeReport = ARMED) -> None:
-        self.desk.hear("/a", mode, self.now * NS_PER_MS)
+    def report(self, mode: ModeReport = ARMED) -> None:
+        self.handler.on_message("/a", mode, self.now * NS_PER_MS)
 
     def ask(self, who: str, act: Act, robot: str = "/a", manoeuvre: Any = "") -> None:
         command = Command(id=1, robot=robot, act=act, name="one")
         asked = SubmittedCommand(who, command, self.replies, self.now * NS_PER_MS, manoeuvre)
-        (self.desk.stop if act is Act.STOP else self.desk.command)(asked, self.now * NS_PER_MS)
+        (self.handler.stop if act is Act.STOP else self.handler.command)(asked, self.now * NS_PER_MS)
 
     def drive(self, who: str, linear: float, angular: float = 0.0) -> None:
-        self.desk.drive(
+        self.handler.drive(
             who, Drive(id=1, robot="/a", linear=linear, angular=angular), self.now * NS_PER_MS, self.now * NS_PER_MS
         )
 
@@ -102,12 +102,12 @@ class Bench:
         while self.now < until_ms:
             self.now += 50
             if alive:
-                self.desk.hear("/a", self.desk.fleet.robots["/a"].mode, self.now * NS_PER_MS)
-                self.desk.hear("/a", Odometry(self.now * NS_PER_MS, 0, 0, 0, 0, 0), self.now * NS_PER_MS)
-                for stamp, setpoint in list(self.line.said):
+                self.handler.on_message("/a", self.handler.fleet.robots["/a"].mode, self.now * NS_PER_MS)
+                self.handler.on_message("/a", Odometry(self.now * NS_PER_MS, 0, 0, 0, 0, 0), self.now * NS_PER_MS)
+                for stamp, setpoint in list(self.connection.stamped):
                     if stamp == self.now * NS_PER_MS:
-                        self.desk.hear("/a", SetpointReport(stamp, *setpoint), self.now * NS_PER_MS)
-            self.desk.step(self.now * NS_PER_MS)
+                        self.handler.on_message("/a", SetpointReport(stamp, *setpoint), self.now * NS_PER_MS)
+            self.handler.step(self.now * NS_PER_MS)
 
     def play(self, who: str) -> None:
         self.ask(who, Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
@@ -115,7 +115,7 @@ class Bench:
 
     @property
     def robot(self) -> RobotView:
-        return self.desk.view(self.now * NS_PER_MS).robots[0]
+        return self.handler.view(self.now * NS_PER_MS).robots[0]
 
     @property
     def state(self) -> tuple[str, str]:
@@ -124,8 +124,8 @@ class Bench:
 
 
 @pytest.fixture
-def line() -> NotingLine:
-    return NotingLine()
+def connection() -> RecordingConnection:
+    return RecordingConnection()
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def fake_robots(ros_domain: None) -> Iterator[Callable[..., FakeRobots]]:  # noq
 
 
 @pytest.fixture
-def bench(events: EventLog, line: NotingLine, replies: Replies) -> Bench:
-    bench = Bench(events, line, replies)
-    bench.hear()
+def bench(events: EventLog, connection: RecordingConnection, replies: Replies) -> Bench:
+    bench = Bench(events, connection, replies)
+    bench.report()
     return bench

@@ -6,7 +6,7 @@ import os
 import threading
 import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -72,7 +72,7 @@ class Bench:
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     monkeypatch.setattr("segway_ecc.deploy.station.archive_fetch._RETRY_S", 0.001)
-    monkeypatch.setattr("segway_ecc.deploy.station.archive_fetch._LOOK_S", 0.001)
+    monkeypatch.setattr("segway_ecc.deploy.station.archive_fetch._POLL_S", 0.001)
     return Bench(tmp_path)
 
 
@@ -143,13 +143,13 @@ def test_a_log_that_comes_damaged_again_and_again_is_not_kept(bench: Bench) -> N
 @pytest.mark.parametrize(
     ("name", "answer", "why"),
     [
-        ("log/a.mcap/0", b"", "the robot has no more of a.mcap at byte 0: it is gone, or was cut"),
-        ("log/a.mcap/0", None, "the robot has no more of a.mcap at byte 0: it is gone, or was cut"),
-        ("log/a.mcap/0", "text", "the robot has no more of a.mcap at byte 0: it is gone, or was cut"),
-        (f"sha256/a.mcap/{len(CONTENT)}", None, "the robot cannot tell the SHA-256 of a.mcap: it is gone"),
-        (f"sha256/a.mcap/{len(CONTENT)}", "failed: x", "the robot cannot tell the SHA-256 of a.mcap: failed: x"),
+        ("log/a.mcap/0", b"", "the robot has no more of a.mcap at byte 0: it was deleted or shortened"),
+        ("log/a.mcap/0", None, "the robot has no more of a.mcap at byte 0: it was deleted or shortened"),
+        ("log/a.mcap/0", "text", "the robot has no more of a.mcap at byte 0: it was deleted or shortened"),
+        (f"sha256/a.mcap/{len(CONTENT)}", None, "the robot has no SHA-256 of a.mcap: it is gone"),
+        (f"sha256/a.mcap/{len(CONTENT)}", "failed: x", "the robot has no SHA-256 of a.mcap: failed: x"),
         ("logs", ["b 1 1"], "the robot has no log a.mcap any more"),
-        ("logs", "text", "the archive of robot /alice does not tell which logs it has"),
+        ("logs", "text", "the archive of robot /alice returns no list of logs"),
         ("logs", [f"a.mcap {2**40} 1"], "a.mcap has 1099511627776 bytes, more than the"),
     ],
 )
@@ -203,6 +203,9 @@ class _Station:
             EventView(number=n, wall_ns=0, robot=robot, text=f"of {robot}") for n, robot in enumerate(robots, after)
         ]
 
+    def refused(self) -> Mapping[str, int]:
+        return {}
+
 
 @contextlib.contextmanager
 def _bundle(bench: Bench, folder: Path) -> Iterator[zipfile.ZipFile]:
@@ -248,7 +251,7 @@ def test_without_the_robots_bundle_the_station_gives_its_own_and_says_why(bench:
         ("failed: no room", "the robot made no bundle: no room"),
         (f"b.zip {2**60} {'0' * 64}", "the robot's bundle has"),
         (f"robot.zip 5 {'0' * 64}", "the robot's bundle came damaged; try again"),
-        (None, "the robot made no bundle: it says nothing"),
+        (None, "the robot made no bundle: it gives no reason"),
         (f"../b {5} {'0' * 64}", "the robot made no bundle"),
     ],
 )

@@ -34,7 +34,7 @@ def _ann_gives_up_control(bench: Any) -> None:
 
 
 def _ann_leaves(bench: Any) -> None:
-    bench.desk.left("ann", bench.now * MS)
+    bench.handler.leave("ann", bench.now * MS)
 
 
 def _ann_drives(bench: Any) -> None:
@@ -50,8 +50,8 @@ def _bob_stops(bench: Any) -> None:
 
 
 def _the_robot_faults(bench: Any) -> None:
-    bench.hear(OFF)
-    bench.desk.step(bench.now * MS)
+    bench.report(OFF)
+    bench.handler.step(bench.now * MS)
 
 
 def _the_robot_is_lost(bench: Any) -> None:
@@ -59,7 +59,7 @@ def _the_robot_is_lost(bench: Any) -> None:
 
 
 def _the_station_ends(bench: Any) -> None:
-    bench.desk.close(bench.now * MS)
+    bench.handler.close(bench.now * MS)
 
 
 @pytest.mark.parametrize(
@@ -81,28 +81,28 @@ def test_what_ends_a_sequence_tells_the_robot_to_rest(
     bench: Any, texts: Callable[[], list[str]], end: Callable[[Any], None], reason: str
 ) -> None:
     bench.play("ann")
-    before = len(bench.line.said)
+    before = len(bench.connection.stamped)
     end(bench)
     assert bench.state == ("broken off", reason)
     assert texts().count(f"sequence one: broken off: {reason}") == 1
-    rests = bench.line.said[before:]
+    rests = bench.connection.stamped[before:]
     assert any(setpoint == (0.0, 0.0) for _, setpoint in rests)
-    count = len(bench.line.said)
+    count = len(bench.connection.stamped)
     bench.pass_time(bench.now + 500)
-    assert len(bench.line.said) == count
+    assert len(bench.connection.stamped) == count
 
 
 def test_zeros_while_a_sequence_is_played_do_not_end_it(bench: Any) -> None:
     bench.play("ann")
     bench.drive("ann", 0.0)
     assert bench.state[0] == "running"
-    assert not bench.line.driven
+    assert not bench.connection.driven
 
 
 def test_a_sequence_needs_an_armed_robot_and_control(bench: Any) -> None:
-    bench.hear(ARMED._replace(mode=Mode.DISARMED, reason="just started"))
+    bench.report(ARMED._replace(mode=Mode.DISARMED, reason="just started"))
     bench.ask("ann", Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
-    bench.hear()
+    bench.report()
     bench.drive("bob", 1.0)
     bench.ask("ann", Act.PLAY, manoeuvre=single_segment(1.0, 0.0, 5.0))
     bench.ask("bob", Act.PLAY, manoeuvre="one is not YAML")

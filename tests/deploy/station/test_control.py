@@ -27,13 +27,13 @@ def test_what_ends_movement_gives_no_control(control: Control, act: Act) -> None
 
 @pytest.mark.parametrize("act", sorted(set(Act) - {Act.STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL}))
 def test_a_second_operator_is_refused_and_told_whom_to_ask(control: Control, act: Act) -> None:
-    control.take("/a", "ann")
+    control.give("/a", "ann")
     assert control.refusal("/a", "bob", act) == "ann has control; take it first"
     assert control.refusal("/a", "ann", act) is None
 
 
 def test_a_stop_needs_no_control(control: Control) -> None:
-    control.take("/a", "ann")
+    control.give("/a", "ann")
     assert control.refusal("/a", "bob", Act.STOP) is None
     assert control.of("/a") == "ann"
 
@@ -47,15 +47,15 @@ def test_driving(control: Control) -> None:
 def test_taking_over_is_told_with_both_names(
     control: Control, events: EventLog, texts: Callable[[], list[str]]
 ) -> None:
-    assert control.take("/a", "ann") == ""
-    assert control.take("/a", "bob") == "ann"
-    assert control.take("/a", "bob") == "bob"
+    assert control.give("/a", "ann") == ""
+    assert control.give("/a", "bob") == "ann"
+    assert control.give("/a", "bob") == "bob"
     assert texts() == ["ann has control", "bob took control from ann"]
     assert [event.level for event in events.after(0)] == ["info", "warning"]
 
 
 def test_only_who_has_control_gives_it_up(control: Control, texts: Callable[[], list[str]]) -> None:
-    control.take("/a", "ann")
+    control.give("/a", "ann")
     assert not control.release("/a", "bob")
     assert control.robots_of("ann") == ["/a"]
     assert control.release("/a", "ann")

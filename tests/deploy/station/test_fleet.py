@@ -25,7 +25,7 @@ def fleet(events: EventLog) -> Fleet:
 
 
 def view(fleet: Fleet, now_s: float) -> RobotView:
-    fleet.look(round(now_s * S))
+    fleet.mark_lost(round(now_s * S))
     return fleet.robots["/a"].view(round(now_s * S), Heartbeats("base"))
 
 
@@ -42,8 +42,8 @@ def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
         Supply(9.0),
         health,
     ):
-        fleet.hear("/a", heard, S + S // 100)
-    beats.hear("/a", mode, S + S // 100)
+        fleet.update("/a", heard, S + S // 100)
+    beats.on_mode("/a", mode, S + S // 100)
     seen = fleet.robots["/a"].view(S + S // 10, beats)
     assert (seen.age_s, seen.round_trip_s) == pytest.approx((0.09, 0.009))
     assert msgspec.structs.replace(seen, age_s=0.0, round_trip_s=None) == RobotView(
@@ -71,8 +71,8 @@ def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
 
 
 def test_a_lost_robot_has_no_numbers_and_grows_older(fleet: Fleet) -> None:
-    fleet.hear("/a", ARMED, 0)
-    fleet.hear("/a", Pitch(0.1), 0)
+    fleet.update("/a", ARMED, 0)
+    fleet.update("/a", Pitch(0.1), 0)
     assert view(fleet, 1.0).is_alive
     assert view(fleet, 1.0).pitch == 0.1
     lost = view(fleet, 1.001)
@@ -82,19 +82,19 @@ def test_a_lost_robot_has_no_numbers_and_grows_older(fleet: Fleet) -> None:
 
 
 def test_only_its_mode_keeps_a_robot_alive(fleet: Fleet) -> None:
-    fleet.hear("/a", ARMED, 0)
-    fleet.hear("/a", Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), 2 * S)
+    fleet.update("/a", ARMED, 0)
+    fleet.update("/a", Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), 2 * S)
     assert not view(fleet, 2.0).is_alive
     assert view(fleet, 2.0).x is None
 
 
 def test_what_was_heard_too_long_ago_is_not_known_any_more(fleet: Fleet) -> None:
-    fleet.hear("/a", ARMED, 0)
+    fleet.update("/a", ARMED, 0)
     for heard in (Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), SetpointReport(5, 6.0, 7.0), Pitch(8.0), Supply(9.0)):
-        fleet.hear("/a", heard, 0)
-    fleet.hear("/a", Health({"rate": "ok"}, {}, {}), 0)
+        fleet.update("/a", heard, 0)
+    fleet.update("/a", Health({"rate": "ok"}, {}, {}), 0)
     for now in (1.0, 2.0, 5.0, 6.0, 10.0, 11.0):
-        fleet.hear("/a", ARMED, round(now * S))
+        fleet.update("/a", ARMED, round(now * S))
         seen = view(fleet, now)
         assert [seen.x, seen.linear_setpoint, seen.pitch] == ([1.0, 6.0, 8.0] if now <= 1.0 else [None] * 3)
         assert seen.supply_v == (9.0 if now <= 10.0 else None)
@@ -102,33 +102,33 @@ def test_what_was_heard_too_long_ago_is_not_known_any_more(fleet: Fleet) -> None
 
 
 def test_a_setpoint_is_shown_only_while_one_is_in_force(fleet: Fleet) -> None:
-    fleet.hear("/a", ARMED, 0)
-    fleet.hear("/a", SetpointReport(5, 6.0, 7.0), 0)
-    fleet.hear("/a", ARMED._replace(mode=Mode.HOLD), 1)
+    fleet.update("/a", ARMED, 0)
+    fleet.update("/a", SetpointReport(5, 6.0, 7.0), 0)
+    fleet.update("/a", ARMED._replace(mode=Mode.HOLD), 1)
     assert (view(fleet, 0.1).linear_setpoint, view(fleet, 0.1).angular_setpoint) == (0.0, 0.0)
-    fleet.hear("/a", ARMED._replace(mode=Mode.DISARMED), 2)
+    fleet.update("/a", ARMED._replace(mode=Mode.DISARMED), 2)
     assert view(fleet, 0.1).linear_setpoint is None
 
 
 def test_numbers_that_are_none_are_not_shown(fleet: Fleet) -> None:
-    fleet.hear("/a", ARMED, 0)
+    fleet.update("/a", ARMED, 0)
     for heard in (Pitch(math.nan), Supply(math.inf), SetpointReport(1, math.nan, 2.0)):
-        fleet.hear("/a", heard, 0)
+        fleet.update("/a", heard, 0)
     seen = view(fleet, 0.1)
     assert (seen.pitch, seen.supply_v, seen.linear_setpoint, seen.angular_setpoint) == (None, None, None, 2.0)
 
 
 def test_found_lost_and_back_are_told_once_each(fleet: Fleet, events: EventLog, texts: Callable[[], list[str]]) -> None:
-    fleet.hear("/a", ARMED, 0)
-    fleet.hear("/a", ARMED, S)
+    fleet.update("/a", ARMED, 0)
+    fleet.update("/a", ARMED, S)
     for now in (1.5, 2.5, 3.0):
         view(fleet, now)
-    fleet.hear("/a", ARMED._replace(mode=Mode.HOLD, reason="silent"), 4 * S)
+    fleet.update("/a", ARMED._replace(mode=Mode.HOLD, reason="silent"), 4 * S)
     assert view(fleet, 4.0).is_alive
-    fleet.hear("/a", ARMED._replace(mode=Mode.FAULT, reason="stop"), 4 * S)
+    fleet.update("/a", ARMED._replace(mode=Mode.FAULT, reason="stop"), 4 * S)
     assert texts() == [
         "found alice: ARMED: asked to arm",
-        "lost: it says nothing any more",
+        "lost: no messages any more",
         "back after 3.0 s: HOLD: silent",
         "FAULT: stop",
     ]
@@ -136,11 +136,11 @@ def test_found_lost_and_back_are_told_once_each(fleet: Fleet, events: EventLog, 
 
 
 def test_a_robot_is_known_from_its_mode_on(fleet: Fleet) -> None:
-    fleet.hear("/a", Pitch(0.1), 0)
+    fleet.update("/a", Pitch(0.1), 0)
     assert not fleet.robots
 
 
 def test_no_more_robots_are_kept_than_allowed(fleet: Fleet) -> None:
     for index in range(MOST_ROBOTS + 5):
-        fleet.hear(f"/r{index}", ARMED, 0)
+        fleet.update(f"/r{index}", ARMED, 0)
     assert len(fleet.robots) == MOST_ROBOTS

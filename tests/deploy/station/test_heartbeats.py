@@ -18,7 +18,7 @@ def test_ten_a_second() -> None:
 
 
 def heard(beats: Heartbeats, told: ModeReport, at_ns: int, robot: str = "/a") -> float | None:
-    beats.hear(robot, told, at_ns)
+    beats.on_mode(robot, told, at_ns)
     return beats.round_trip_s(robot, at_ns)
 
 
@@ -44,7 +44,7 @@ def test_it_stands_for_a_second_while_the_robot_tells_other_stations() -> None:
     beats = Heartbeats("base")
     beats.due(1000 * MS)
     assert heard(beats, echo(1000 * MS), 1004 * MS) == pytest.approx(0.004)
-    beats.hear("/a", echo(7, station="other"), 1100 * MS)
+    beats.on_mode("/a", echo(7, station="other"), 1100 * MS)
     assert beats.round_trip_s("/a", 2004 * MS) == pytest.approx(0.004)
     assert beats.round_trip_s("/a", 2005 * MS) is None
     assert beats.round_trip_s("/b", 1100 * MS) is None

@@ -14,47 +14,47 @@ SITS = STANDS._replace(stand=0.0)
 
 
 @pytest.fixture
-def stand(line: Any) -> PostureRequest:
-    return PostureRequest(line)
+def stand(connection: Any) -> PostureRequest:
+    return PostureRequest(connection)
 
 
-def test_it_is_confirmed_once_by_the_value_in_force(stand: PostureRequest, line: Any, replies: Any) -> None:
-    stand.ask(replies, 0, up=False)
-    stand.hear(STANDS)
-    assert (line.stands, replies, stand.is_pending) == ([False], [], True)
-    stand.hear(SITS)
-    stand.hear(SITS)
+def test_it_is_confirmed_once_by_the_value_in_force(stand: PostureRequest, connection: Any, replies: Any) -> None:
+    stand.send(replies, 0, up=False)
+    stand.on_mode(STANDS)
+    assert (connection.stands, replies, stand.is_pending) == ([False], [], True)
+    stand.on_mode(SITS)
+    stand.on_mode(SITS)
     stand.step(5000 * MS)
-    assert (line.stands, stand.is_pending) == ([False], False)
-    assert replies == [(True, "the robot has taken it: sit down")]
+    assert (connection.stands, stand.is_pending) == ([False], False)
+    assert replies == [(True, "the robot has accepted it: sit down")]
 
 
 def test_it_is_told_again_until_then_and_given_up_after_two_seconds(
-    stand: PostureRequest, line: Any, replies: Any
+    stand: PostureRequest, connection: Any, replies: Any
 ) -> None:
-    stand.ask(replies, 0, up=True)
+    stand.send(replies, 0, up=True)
     for now in range(0, 2001, 20):
-        stand.hear(SITS)
+        stand.on_mode(SITS)
         stand.step(now * MS)
-    assert (line.stands, replies) == ([True] * 21, [])
+    assert (connection.stands, replies) == ([True] * 21, [])
     stand.step(2001 * MS)
-    assert replies == [(False, "the robot has not taken it within 2 s")]
+    assert replies == [(False, "the robot has not accepted it within 2 s")]
     stand.step(2200 * MS)
-    assert len(line.stands) == 21
+    assert len(connection.stands) == 21
 
 
-def test_what_is_said_last_counts(stand: PostureRequest, line: Any, replies: Any) -> None:
-    stand.ask(replies, 0, up=True)
-    stand.ask(replies, 10 * MS, up=False)
-    assert replies == [(False, "it was told otherwise before it had taken this")]
-    stand.hear(STANDS)
+def test_what_is_said_last_counts(stand: PostureRequest, connection: Any, replies: Any) -> None:
+    stand.send(replies, 0, up=True)
+    stand.send(replies, 10 * MS, up=False)
+    assert replies == [(False, "replaced by a later request before it was confirmed")]
+    stand.on_mode(STANDS)
     assert len(replies) == 1
-    stand.hear(SITS)
-    assert (line.stands, replies[1]) == ([True, False], (True, "the robot has taken it: sit down"))
+    stand.on_mode(SITS)
+    assert (connection.stands, replies[1]) == ([True, False], (True, "the robot has accepted it: sit down"))
 
 
 def test_the_end_of_the_station_answers_it(stand: PostureRequest, replies: Any) -> None:
-    stand.fail("nobody asked")
-    stand.ask(replies, 0, up=True)
-    stand.fail("the station ends")
+    stand.end("nobody asked")
+    stand.send(replies, 0, up=True)
+    stand.end("the station ends")
     assert replies == [(False, "the station ends")]

@@ -10,68 +10,70 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def requests(line: Any) -> Requests:
-    return Requests(line)
+def requests(connection: Any) -> Requests:
+    return Requests(connection)
 
 
 @pytest.mark.parametrize("accepted", [True, False])
-def test_the_robots_own_words_come_back(requests: Requests, line: Any, replies: Any, *, accepted: bool) -> None:
-    requests.ask(Action.ARM, replies, 0)
-    assert line.calls == [Action.ARM]
+def test_the_robots_own_words_come_back(requests: Requests, connection: Any, replies: Any, *, accepted: bool) -> None:
+    requests.send(Action.ARM, replies, 0)
+    assert connection.calls == [Action.ARM]
     assert requests.is_pending
-    requests.take(ServiceResponse(Action.ARM, 1, accepted, "tilt: too much"))
+    requests.on_response(ServiceResponse(Action.ARM, 1, accepted, "tilt: too much"))
     assert replies == [(accepted, "tilt: too much")]
     assert not requests.is_pending
 
 
-def test_one_that_is_not_answered_fails_after_two_seconds_and_once(requests: Requests, line: Any, replies: Any) -> None:
-    requests.ask(Action.ARM, replies, 0)
+def test_one_that_is_not_answered_fails_after_two_seconds_and_once(
+    requests: Requests, connection: Any, replies: Any
+) -> None:
+    requests.send(Action.ARM, replies, 0)
     requests.step(2 * S)
     assert not replies
     requests.step(2 * S + 1)
     requests.step(3 * S)
-    requests.take(ServiceResponse(Action.ARM, 1, accepted=True, message="too late"))
+    requests.on_response(ServiceResponse(Action.ARM, 1, accepted=True, message="too late"))
     assert replies == [(False, "no answer within 2 s")]
-    assert line.calls == [Action.ARM]
+    assert connection.calls == [Action.ARM]
 
 
-def test_it_is_sent_as_soon_as_somebody_serves_it(requests: Requests, line: Any, replies: Any) -> None:
-    line.ready = False
-    requests.ask(Action.ARM, replies, 0)
+def test_it_is_sent_as_soon_as_somebody_serves_it(requests: Requests, connection: Any, replies: Any) -> None:
+    connection.ready = False
+    requests.send(Action.ARM, replies, 0)
     requests.step(S)
-    assert not line.calls
-    line.ready = True
+    assert not connection.calls
+    connection.ready = True
     requests.step(S)
     requests.step(S)
-    assert line.calls == [Action.ARM]
+    assert connection.calls == [Action.ARM]
 
 
-def test_nobody_serves_it(requests: Requests, line: Any, replies: Any) -> None:
-    line.ready = False
-    requests.ask(Action.DISARM, replies, 0)
+def test_nobody_serves_it(requests: Requests, connection: Any, replies: Any) -> None:
+    connection.ready = False
+    requests.send(Action.DISARM, replies, 0)
     requests.step(2 * S + 1)
-    assert replies == [(False, "nobody offers disarm there; no answer within 2 s")]
+    assert replies == [(False, "no node offers disarm there; no answer within 2 s")]
 
 
 def test_the_answer_to_an_earlier_request_is_not_taken_for_this_one(
-    requests: Requests, line: Any, replies: Any
+    requests: Requests, connection: Any, replies: Any
 ) -> None:
-    requests.ask(Action.ARM, replies, 0)
+    requests.send(Action.ARM, replies, 0)
     requests.step(3 * S)
-    requests.ask(Action.ARM, replies, 3 * S)
-    requests.take(ServiceResponse(Action.ARM, 1, accepted=True, message="of the first"))
-    assert len(line.calls) == 2
+    requests.send(Action.ARM, replies, 3 * S)
+    requests.on_response(ServiceResponse(Action.ARM, 1, accepted=True, message="of the first"))
+    assert len(connection.calls) == 2
     assert replies == [(False, "no answer within 2 s")]
-    requests.take(ServiceResponse(Action.ARM, 2, accepted=True, message="of the second"))
+    requests.on_response(ServiceResponse(Action.ARM, 2, accepted=True, message="of the second"))
     assert replies[1:] == [(True, "of the second")]
 
 
-def test_the_same_twice_is_refused_and_another_is_not(requests: Requests, line: Any, replies: Any) -> None:
-    requests.ask(Action.ARM, replies, 0)
-    requests.ask(Action.ARM, replies, 1)
-    requests.ask(Action.DISARM, replies, 1)
-    assert replies == [(False, "it has been asked already, and has not answered yet")]
-    assert line.calls == [Action.ARM, Action.DISARM]
+def test_the_same_twice_is_refused_and_another_is_not(requests: Requests, connection: Any, replies: Any) -> None:
+    requests.send(Action.ARM, replies, 0)
+    requests.send(Action.ARM, replies, 1)
+    requests.send(Action.DISARM, replies, 1)
+    assert replies == [(False, "the same request is pending; wait for its answer")]
+    assert connection.calls == [Action.ARM, Action.DISARM]
     requests.fail("the end")
     assert replies[1:] == 2 * [(False, "the end")]
 

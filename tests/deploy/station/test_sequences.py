@@ -27,90 +27,96 @@ def playing(replies: Any) -> SequencePlayback:
 
 
 def play(
-    playing: SequencePlayback, line: Any, until_ms: int, *, follows_until_ms: int = 99_999, start_ms: int = 0
+    playing: SequencePlayback, connection: Any, until_ms: int, *, follows_until_ms: int = 99_999, start_ms: int = 0
 ) -> None:
     """Let time pass, the robot bringing each set-point into force at its time."""
     for now in range(start_ms, until_ms, 50):
-        for stamp, setpoint in list(line.said):
+        for stamp, setpoint in list(connection.stamped):
             if stamp == START + now * MS and now < follows_until_ms:
-                playing.hear(SetpointReport(stamp, *setpoint), now * MS)
-        playing.step(line, at(now), now * MS)
+                playing.on_setpoint(SetpointReport(stamp, *setpoint), now * MS)
+        playing.step(connection, at(now), now * MS)
 
 
-def test_set_points_are_stamped_half_a_second_ahead_in_the_robots_time(playing: SequencePlayback, line: Any) -> None:
-    playing.step(line, at(0), 0)
-    assert line.said == [(START + 500 * MS, (1.0, 0.0))]
-    playing.step(line, at(100), 100 * MS)
-    assert line.said[1:] == [(START + 600 * MS, (1.0, 0.0))]
+def test_set_points_are_stamped_half_a_second_ahead_in_the_robots_time(
+    playing: SequencePlayback, connection: Any
+) -> None:
+    playing.step(connection, at(0), 0)
+    assert connection.stamped == [(START + 500 * MS, (1.0, 0.0))]
+    playing.step(connection, at(100), 100 * MS)
+    assert connection.stamped[1:] == [(START + 600 * MS, (1.0, 0.0))]
 
 
-def test_it_is_played_to_its_end(playing: SequencePlayback, line: Any, replies: Any) -> None:
+def test_it_is_played_to_its_end(playing: SequencePlayback, connection: Any, replies: Any) -> None:
     assert playing.view == SequenceView(name="one", fraction=0.0, state="waiting")
-    play(playing, line, 500)
+    play(playing, connection, 500)
     assert not replies
-    play(playing, line, 1001, start_ms=500)
+    play(playing, connection, 1001, start_ms=500)
     assert replies == [(True, "one is being played")]
     assert playing.view == SequenceView(name="one", fraction=0.5, state="running")
-    play(playing, line, 2000, start_ms=1050)
+    play(playing, connection, 2000, start_ms=1050)
     assert playing.view == SequenceView(name="one", fraction=1.0, state="done")
     assert playing.outcome == "sequence one: done"
-    assert [setpoint for _, setpoint in line.said] == 10 * [(1.0, 0.0)] + [(0.0, 0.0)]
+    assert [setpoint for _, setpoint in connection.stamped] == 10 * [(1.0, 0.0)] + [(0.0, 0.0)]
     assert len(replies) == 1
 
 
-def test_a_robot_that_does_not_take_it_up_makes_it_fail(playing: SequencePlayback, line: Any, replies: Any) -> None:
-    play(playing, line, 2051, follows_until_ms=0)
+def test_a_robot_that_does_not_take_it_up_makes_it_fail(
+    playing: SequencePlayback, connection: Any, replies: Any
+) -> None:
+    play(playing, connection, 2051, follows_until_ms=0)
     text = "the robot does not follow: none of the set-points came into force"
     assert replies == [(False, f"sequence one: failed: {text}")]
     assert playing.view.state == "failed"
 
 
-def test_a_robot_that_follows_no_more_makes_it_fail(replies: Any, line: Any) -> None:
+def test_a_robot_that_follows_no_more_makes_it_fail(replies: Any, connection: Any) -> None:
     playing = SequencePlayback(
         read_sequence(ONE.replace("duration: 1.0", "duration: 60"), "long", LIMITS), "", replies, 0
     )
-    play(playing, line, 2501, follows_until_ms=1001)
+    play(playing, connection, 2501, follows_until_ms=1001)
     assert playing.view.state == "running"
-    play(playing, line, 2601, follows_until_ms=1001, start_ms=2550)
+    play(playing, connection, 2601, follows_until_ms=1001, start_ms=2550)
     assert playing.view.state == "failed"
-    assert line.said[-1][1] == (0.0, 0.0)
+    assert connection.stamped[-1][1] == (0.0, 0.0)
 
 
-def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: SequencePlayback, line: Any, replies: Any) -> None:
-    playing.step(line, None, 2 * S)
+def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: SequencePlayback, connection: Any, replies: Any) -> None:
+    playing.step(connection, None, 2 * S)
     assert playing.view.state == "waiting"
-    playing.step(line, None, 2 * S + 1)
+    playing.step(connection, None, 2 * S + 1)
     assert playing.view.state == "failed"
-    assert not line.said
+    assert not connection.stamped
     assert replies[0][0] is False
 
 
-def test_an_earlier_set_point_is_none_of_ours(playing: SequencePlayback, line: Any, replies: Any) -> None:
-    playing.hear(SetpointReport(START, 1.0, 0.0), 0)
-    playing.step(line, at(0), 0)
-    playing.hear(SetpointReport(START + 499 * MS, 1.0, 0.0), 0)
+def test_an_earlier_set_point_is_none_of_ours(playing: SequencePlayback, connection: Any, replies: Any) -> None:
+    playing.on_setpoint(SetpointReport(START, 1.0, 0.0), 0)
+    playing.step(connection, at(0), 0)
+    playing.on_setpoint(SetpointReport(START + 499 * MS, 1.0, 0.0), 0)
     assert not replies
 
 
-def test_breaking_off_replaces_what_was_sent_ahead(playing: SequencePlayback, line: Any, replies: Any) -> None:
-    play(playing, line, 701)
-    ahead = {stamp for stamp, _ in line.said if stamp >= START + 700 * MS}
-    line.said.clear()
-    playing.break_off(line, "bob took control")
-    assert {stamp for stamp, _ in line.said} == ahead | {START + 700 * MS}
-    assert all(setpoint == (0.0, 0.0) for _, setpoint in line.said)
+def test_breaking_off_replaces_what_was_sent_ahead(playing: SequencePlayback, connection: Any, replies: Any) -> None:
+    play(playing, connection, 701)
+    ahead = {stamp for stamp, _ in connection.stamped if stamp >= START + 700 * MS}
+    connection.stamped.clear()
+    playing.break_off(connection, "bob took control")
+    assert {stamp for stamp, _ in connection.stamped} == ahead | {START + 700 * MS}
+    assert all(setpoint == (0.0, 0.0) for _, setpoint in connection.stamped)
     assert playing.view.state == "broken off"
     assert playing.view.reason == "bob took control"
-    line.said.clear()
-    playing.step(line, at(750), 750 * MS)
-    playing.break_off(line, "again")
-    assert not line.said
+    connection.stamped.clear()
+    playing.step(connection, at(750), 750 * MS)
+    playing.break_off(connection, "again")
+    assert not connection.stamped
     assert replies == [(True, "one is being played")]
 
 
-def test_one_that_is_broken_off_before_it_began_has_failed(playing: SequencePlayback, line: Any, replies: Any) -> None:
-    playing.break_off(line, "ann pressed stop")
-    assert not line.said
+def test_one_that_is_broken_off_before_it_began_has_failed(
+    playing: SequencePlayback, connection: Any, replies: Any
+) -> None:
+    playing.break_off(connection, "ann pressed stop")
+    assert not connection.stamped
     assert replies == [(False, "sequence one: broken off: ann pressed stop")]
 
 

@@ -96,7 +96,7 @@ def test_a_stop_that_the_drive_does_not_obey_fails_whatever_the_service_says(
     robots.ask("/a", set={"drives_stay_on": True})
     accepted, text = operated.submit("ann", Act.STOP)()
     assert not accepted
-    assert text == "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"
+    assert text == "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; retries continue"
     stops = [heard for heard in robots.ask("/a", **HEARD) if heard[0] == "stop"]
     assert len(stops) > 1
     robots.ask("/a", set={"drives": "off"})
@@ -112,9 +112,9 @@ def test_a_stop_of_drives_that_do_not_say_that_they_are_off_is_not_confirmed(
     robots.ask("/a", set={"drives_fall_silent": True})
     assert operated.submit("ann", Act.STOP)() == (
         False,
-        "it answered 'FAULT: stop was pressed', but it is FAULT, drives unconfirmed; it is tried on",
+        "it answered 'FAULT: stop was pressed', but it is FAULT, drives unconfirmed; retries continue",
     )
-    shown = operated.wait_for("/a", lambda robot: robot.stop == "asked")
+    shown = operated.wait_for("/a", lambda robot: robot.stop == "requested")
     assert (shown.drives, shown.is_zero) == ("unconfirmed", True)
 
 
@@ -146,7 +146,7 @@ def test_driving_ends_in_zeros_and_then_silence(operated: Operated, fake_robots:
     operated.wait_for("/a", lambda robot: robot.mode == "HOLD")
     driven = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "drive"]
     assert driven[-6:] == [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
-    assert "ann no longer drives: told to rest" in operated.texts()
+    assert "ann no longer drives: brought to rest" in operated.texts()
 
 
 @over_ros
@@ -158,7 +158,7 @@ def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(operated: 
     said = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "say"]
     assert said == 10 * [0.5] + [0.0]
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE.replace("1.0", "60"))()[0]
-    operated.station.left("ann")
+    operated.station.leave("ann")
     ended = operated.wait_for("/a", lambda robot: robot.controller == "")
     assert ended.sequence is not None
     assert (ended.sequence.state, ended.sequence.reason) == ("broken off", "ann is gone")

@@ -22,20 +22,20 @@ def told() -> list[tuple[str, str]]:
 
 
 @pytest.fixture
-def stop(line: Any, told: list[tuple[str, str]]) -> Stop:
-    return Stop(line, lambda text, level: told.append((text, level)))
+def stop(connection: Any, told: list[tuple[str, str]]) -> Stop:
+    return Stop(connection, lambda text, level: told.append((text, level)))
 
 
 def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
-    stop: Stop, line: Any, replies: Any, told: list[tuple[str, str]]
+    stop: Stop, connection: Any, replies: Any, told: list[tuple[str, str]]
 ) -> None:
-    stop.ask(replies, 1000 * MS, 1001 * MS)
-    assert line.calls == [Action.STOP]
-    stop.take(ServiceResponse(Action.STOP, 1, accepted=True, message="FAULT: stop was pressed"))
-    stop.hear(ARMED, 1005 * MS)
-    stop.hear(ON, 1010 * MS)
-    assert (stop.state, list(replies)) == (StopState.ASKED, [])
-    stop.hear(OFF, 1023 * MS)
+    stop.send(replies, 1000 * MS, 1001 * MS)
+    assert connection.calls == [Action.STOP]
+    stop.on_response(ServiceResponse(Action.STOP, 1, accepted=True, message="FAULT: stop was pressed"))
+    stop.on_mode(ARMED, 1005 * MS)
+    stop.on_mode(ON, 1010 * MS)
+    assert (stop.state, list(replies)) == (StopState.REQUESTED, [])
+    stop.on_mode(OFF, 1023 * MS)
     assert stop.state is StopState.CONFIRMED
     assert stop.after_s == pytest.approx(0.023)
     assert replies == [(True, "stopped after 23 ms: drives off; stop was pressed")]
@@ -43,9 +43,9 @@ def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
 
 
 def test_commands_of_zero_confirm_it_of_a_robot_without_drives(stop: Stop, replies: Any) -> None:
-    stop.ask(replies, 0, 0)
-    stop.hear(ON._replace(drives="none"), 4 * MS)
-    stop.hear(ON._replace(drives="none", is_zero=True), 5 * MS)
+    stop.send(replies, 0, 0)
+    stop.on_mode(ON._replace(drives="none"), 4 * MS)
+    stop.on_mode(ON._replace(drives="none", is_zero=True), 5 * MS)
     assert replies == [(True, "stopped after 5 ms: commands zero; stop was pressed")]
 
 
@@ -53,36 +53,36 @@ def test_commands_of_zero_confirm_it_of_a_robot_without_drives(stop: Stop, repli
 def test_commands_of_zero_do_not_confirm_it_of_drives_that_do_not_say_that_they_are_off(
     stop: Stop, replies: Any, drives: str
 ) -> None:
-    stop.ask(replies, 0, 0)
-    stop.hear(ON._replace(drives=drives, is_zero=True), S)
-    assert (stop.state, list(replies)) == (StopState.ASKED, [])
+    stop.send(replies, 0, 0)
+    stop.on_mode(ON._replace(drives=drives, is_zero=True), S)
+    assert (stop.state, list(replies)) == (StopState.REQUESTED, [])
     stop.step(2 * S + 1)
-    assert replies == [(False, f"no answer, but it is FAULT, drives {drives or 'unknown'}; it is tried on")]
-    stop.hear(OFF, 3 * S)
+    assert replies == [(False, f"no answer, but it is FAULT, drives {drives or 'unknown'}; retries continue")]
+    stop.on_mode(OFF, 3 * S)
     assert stop.state is StopState.CONFIRMED
 
 
 def test_what_was_heard_before_it_was_asked_confirms_nothing(stop: Stop, replies: Any) -> None:
-    stop.ask(replies, 1000 * MS, 1001 * MS)
-    stop.hear(OFF, 1000 * MS)
-    assert stop.state is StopState.ASKED
+    stop.send(replies, 1000 * MS, 1001 * MS)
+    stop.on_mode(OFF, 1000 * MS)
+    assert stop.state is StopState.REQUESTED
 
 
 def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
-    stop: Stop, line: Any, replies: Any, told: list[tuple[str, str]]
+    stop: Stop, connection: Any, replies: Any, told: list[tuple[str, str]]
 ) -> None:
-    stop.ask(replies, 0, 0)
+    stop.send(replies, 0, 0)
     for now in range(0, 2001, 20):
         stop.step(now * MS)
-    assert line.calls == 21 * [Action.STOP]
+    assert connection.calls == 21 * [Action.STOP]
     assert not replies
     stop.step(2001 * MS)
-    assert replies == [(False, "no answer within 2 s, tried 21 times; it is tried on")]
-    assert (stop.state, stop.is_pending) == (StopState.ASKED, False)
+    assert replies == [(False, "no answer within 2 s, tried 21 times; retries continue")]
+    assert (stop.state, stop.is_pending) == (StopState.REQUESTED, False)
     for now in range(2001, 5001, 20):
         stop.step(now * MS)
-    assert len(line.calls) == 23
-    stop.hear(OFF, 6000 * MS)
+    assert len(connection.calls) == 23
+    stop.on_mode(OFF, 6000 * MS)
     assert stop.state is StopState.CONFIRMED
     assert len(replies) == 1
     assert told == [("stopped after 6000 ms: drives off; stop was pressed", "warning")]
@@ -91,54 +91,54 @@ def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
 @pytest.mark.parametrize(
     ("accepted", "text"),
     [
-        (True, "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"),
-        (False, "it answered 'refused: FAULT: stop was pressed', but it is FAULT, drives on; it is tried on"),
+        (True, "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; retries continue"),
+        (False, "it answered 'refused: FAULT: stop was pressed', but it is FAULT, drives on; retries continue"),
     ],
 )
 def test_why_it_failed(stop: Stop, replies: Any, text: str, *, accepted: bool) -> None:
-    stop.ask(replies, 0, 0)
-    stop.take(ServiceResponse(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
-    stop.hear(ON, S)
+    stop.send(replies, 0, 0)
+    stop.on_response(ServiceResponse(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
+    stop.on_mode(ON, S)
     stop.step(2 * S + 1)
     assert replies == [(False, text)]
 
 
 def test_it_is_latched_until_the_robot_leaves_its_fault(stop: Stop, replies: Any, told: list[tuple[str, str]]) -> None:
-    stop.ask(replies, 0, 0)
-    stop.hear(OFF, 1)
-    stop.hear(OFF._replace(reason="tilt"), 2)
+    stop.send(replies, 0, 0)
+    stop.on_mode(OFF, 1)
+    stop.on_mode(OFF._replace(reason="tilt"), 2)
     assert stop.state is StopState.CONFIRMED
-    stop.hear(ModeReport("a", Mode.DISARMED, "fault cleared", "off"), 3)
+    stop.on_mode(ModeReport("a", Mode.DISARMED, "fault cleared", "off"), 3)
     assert (stop.state, stop.after_s) == (StopState.NONE, None)
     assert told[-1] == ("the stop is over: DISARMED: fault cleared", "warning")
 
 
-def test_a_second_press_joins_the_first_and_is_sent_at_once(stop: Stop, line: Any, replies: Any) -> None:
-    stop.ask(replies, 0, 0)
-    stop.ask(replies, 10 * MS, 10 * MS)
-    assert len(line.calls) == 2
-    stop.hear(OFF, 20 * MS)
+def test_a_second_press_joins_the_first_and_is_sent_at_once(stop: Stop, connection: Any, replies: Any) -> None:
+    stop.send(replies, 0, 0)
+    stop.send(replies, 10 * MS, 10 * MS)
+    assert len(connection.calls) == 2
+    stop.on_mode(OFF, 20 * MS)
     assert replies == 2 * [(True, "stopped after 20 ms: drives off; stop was pressed")]
 
 
 def test_a_press_after_a_failure_is_a_new_one(stop: Stop, replies: Any) -> None:
-    stop.ask(replies, 0, 0)
+    stop.send(replies, 0, 0)
     stop.step(3 * S)
-    stop.ask(replies, 4 * S, 4 * S)
-    stop.hear(OFF, 4 * S + MS)
+    stop.send(replies, 4 * S, 4 * S)
+    stop.on_mode(OFF, 4 * S + MS)
     assert replies[1:] == [(True, "stopped after 1 ms: drives off; stop was pressed")]
 
 
 def test_pressing_without_end_is_bounded(stop: Stop, replies: Any) -> None:
     for _ in range(101):
-        stop.ask(replies, 0, 0)
-    assert replies == [(False, "it has been asked already, and is not confirmed yet")]
+        stop.send(replies, 0, 0)
+    assert replies == [(False, "a stop is pending and not confirmed yet")]
 
 
-def test_clearing_the_fault_drops_one_that_is_not_confirmed(stop: Stop, line: Any, replies: Any) -> None:
-    stop.drop("cleared")
+def test_clearing_the_fault_drops_one_that_is_not_confirmed(stop: Stop, connection: Any, replies: Any) -> None:
+    stop.cancel("cleared")
     assert not replies
-    stop.ask(replies, 0, 0)
-    stop.drop("cleared")
+    stop.send(replies, 0, 0)
+    stop.cancel("cleared")
     stop.step(10 * S)
-    assert (stop.state, list(replies), len(line.calls)) == (StopState.NONE, [(False, "cleared")], 1)
+    assert (stop.state, list(replies), len(connection.calls)) == (StopState.NONE, [(False, "cleared")], 1)

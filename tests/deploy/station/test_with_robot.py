@@ -64,7 +64,7 @@ class Operator(Operated):
 
     def hears(self, name: str, station: str) -> bool:
         """Whether a robot echoes the heartbeats of a station that need not be ours."""
-        robot = self.station._desk.fleet.robots.get(name)
+        robot = self.station._handler.fleet.robots.get(name)
         return robot is not None and robot.mode.station == station
 
 

@@ -74,7 +74,7 @@ def test_tokens_made_at_random_are_hidden_wherever_they_stand() -> None:
         "/opt/ros/jazzy/lib/python3.12/site-packages/rclpy/__init__.py",
         "/home/Ann/.local/state/segway-ecc/logs/cart-20261120T120000Z-4711.mcap",
         "segway_ecc.node.models.segway:SegwayVoltageController",
-        "NobodyListensError: no robot was heard within 5 s",
+        "NobodyListensError: no robot was found within 5 s",
         "set_point_timeout_of_the_robot_2: 1.0",
         "keyboard: us",
         "    mtu 1500 qdisc noqueue state UP mode DEFAULT group default qlen 1000",

@@ -45,7 +45,7 @@ class ScriptedStation:
     def drive(self, who: str, drive: Drive) -> None:
         self.drives.append((who, drive))
 
-    def left(self, who: str) -> None:
+    def leave(self, who: str) -> None:
         self.gone.append(who)
 
 
