@@ -1,8 +1,8 @@
-// Who is at the page: the session, and the form that begins one.
+// The session, and the form that begins one.
 
 import { byId, text, visible } from "./dom.js";
 
-/** What the station knows of us: {login, who, role}; null where it does not answer. */
+/** The session by the station: {login, who, role}; null where it does not answer. */
 export async function session() {
   try {
     const response = await fetch("/session", { cache: "no-store" });
@@ -39,7 +39,7 @@ async function signIn(name, token) {
   }
 }
 
-/** End the session; nothing is said where the station is not there: it ends by itself. */
+/** End the session; a station that does not answer is no error: the session expires. */
 export async function signOut() {
   try {
     await post("/logout", {});

@@ -1,4 +1,4 @@
-// The page of the base station. What the station tells comes in here, and is drawn at most once per frame.
+// The page of the base station. The station's messages arrive here, and are drawn at most once per frame.
 
 import { LoginForm, session, signOut } from "./access.js";
 import { Checklist } from "./checklist.js";
@@ -65,9 +65,9 @@ const receive = {
     // The selection never moves by itself: STOP goes to the robot that the operator looks at.
     selected ||= robots[0]?.robot ?? "";
     plots.add(fields);
-    announcer.look(robots);
-    stop.look(robots);
-    driving.look();
+    announcer.update(robots);
+    stop.update(robots);
+    driving.check();
     redraw();
   },
   event: (fields) => {
@@ -81,7 +81,7 @@ const receive = {
 };
 
 function changed(isFresh) {
-  driving.look();
+  driving.check();
   text(byId("alarm"), isFresh ? "" : "No connection to the base station");
   text(byId("announcer"), isFresh ? "Connected to the base station" : "");
   redraw();
@@ -92,7 +92,7 @@ async function closed() {
   commands.lost();
   redraw();
   const known = await session();
-  if (known?.login) askWho();
+  if (known?.login) showLogin();
 }
 
 function choose(namespace) {
@@ -141,11 +141,11 @@ function drawDriving(seen) {
   text(byId("speed-text"), limits);
   attribute(byId("speed"), "aria-valuetext", limits);
   const { linear, angular } = driving.speeds;
-  const asked = `Asking ${figure(linear, 2, "m/s")}, ${figure(angular, 2, "rad/s")}`;
-  text(byId("drive-now"), driving.isActive ? asked : "Not driving");
+  const requested = `Requesting ${figure(linear, 2, "m/s")}, ${figure(angular, 2, "rad/s")}`;
+  text(byId("drive-now"), driving.isActive ? requested : "Not driving");
 }
 
-function askWho() {
+function showLogin() {
   connection.close();
   showStation(false);
   login.show();
@@ -158,7 +158,7 @@ function showStation(isShown) {
 
 async function start() {
   const known = await session();
-  if (known?.login) return askWho();
+  if (known?.login) return showLogin();
   login.hide();
   showStation(true);
   connection.open();
@@ -171,7 +171,7 @@ byId("speed").addEventListener("pointerup", () => byId("speed").blur());
 byId("change-user").addEventListener("click", async () => {
   driving.end();
   await signOut();
-  askWho();
+  showLogin();
 });
 setInterval(redraw, DRAW_MS);
 void start();

@@ -1,4 +1,4 @@
-// Commands: each waits for its reply where it can be seen, and a failure says why.
+// Commands: each waits for its reply where it can be seen, and a failure gives its reason.
 
 import { attribute, byId, make, text, visible } from "./dom.js";
 import { whyNoCommand, whyNot } from "./permissions.js";
@@ -30,7 +30,7 @@ export class Commands {
   /**
    * @param {object} connection to the station
    * @param {function} now what is known now
-   * @param {Record<string, function>} fill by act, what else the command carries; it may throw an Error that says why not
+   * @param {Record<string, function>} fill by act, what else the command carries; it may throw an Error with the reason
    */
   constructor(connection, now, fill) {
     this._connection = connection;
@@ -40,26 +40,26 @@ export class Commands {
     this._buttons = Object.entries(BUTTONS).flatMap(([place, acts]) => acts.map((act) => this._button(place, act)));
   }
 
-  /** Ask the robot for something; `answered(isAccepted, text)` is called once. False where it could not be sent. */
+  /** Send a command to the robot; `answered(isAccepted, text)` is called once. False where it could not be sent. */
   send(act, robot, fields = {}, answered = null) {
     const id = this._connection.send("command", { robot: robot.robot, act, ...fields });
     if (id === null) return false;
     const label = `${LABELS[act]} ${titleOf(robot)}`;
     const timer = setTimeout(() => this.reply({ id, is_accepted: false, text: "the base station did not answer" }), ANSWER_MS);
     this._pending.set(id, { act, robot: robot.robot, label, answered, timer });
-    this._say(`${label}: asked`, "");
+    this._show(`${label}: requested`, "");
     return true;
   }
 
-  /** Take a reply; one to nothing that is waited for is passed over. */
-  reply({ id, is_accepted: isAccepted, text: said }) {
-    const asked = this._pending.get(id);
-    if (!asked) return;
-    clearTimeout(asked.timer);
+  /** Take a reply; one that is no longer waited for is ignored. */
+  reply({ id, is_accepted: isAccepted, text: answer }) {
+    const pending = this._pending.get(id);
+    if (!pending) return;
+    clearTimeout(pending.timer);
     this._pending.delete(id);
-    asked.answered?.(isAccepted, said);
-    if (isAccepted) this._say(`${asked.label}: ${said || "done"}`, "");
-    else this._say("", `${asked.label} failed: ${said || "no reason was given"}`);
+    pending.answered?.(isAccepted, answer);
+    if (isAccepted) this._show(`${pending.label}: ${answer || "done"}`, "");
+    else this._show("", `${pending.label} failed: ${answer || "no reason was given"}`);
   }
 
   /** The socket closed: what was not answered never will be. */
@@ -69,9 +69,9 @@ export class Commands {
     }
   }
 
-  /** Say why something failed that was not even sent. */
+  /** Show why something was not even sent. */
   fail(why) {
-    this._say("", why);
+    this._show("", why);
   }
 
   draw(now) {
@@ -88,7 +88,7 @@ export class Commands {
   }
 
   _isWaiting(act, robot) {
-    return [...this._pending.values()].some((asked) => asked.act === act && asked.robot === robot.robot);
+    return [...this._pending.values()].some((pending) => pending.act === act && pending.robot === robot.robot);
   }
 
   _button(place, act) {
@@ -100,7 +100,7 @@ export class Commands {
     return { act, button };
   }
 
-  /** A button that is disabled keeps the focus and says why. */
+  /** A button that is disabled keeps the focus and shows why. */
   _press(act) {
     const now = this._now();
     const why = whyNot(act, now);
@@ -115,7 +115,7 @@ export class Commands {
     return undefined;
   }
 
-  _say(state, failure) {
+  _show(state, failure) {
     text(byId("command-state"), state);
     text(byId("command-failure"), failure);
   }

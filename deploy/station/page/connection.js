@@ -2,12 +2,12 @@
 
 /** A picture older than this is no longer one of the present, ms. */
 const FRESH_MS = 1000;
-/** A socket that says nothing for this long is dead, whatever TCP believes, ms. */
+/** A socket that is silent for this long is dead, whatever TCP believes, ms. */
 const DEAD_MS = 4000;
-const LOOK_MS = 100;
+const CHECK_MS = 100;
 const FIRST_RETRY_MS = 250;
 const LAST_RETRY_MS = 5000;
-/** Set-points are dropped while this much waits to be sent: an old one is worse than none, bytes. */
+/** Set-points are discarded while this much waits to be sent: an old one is worse than none, bytes. */
 const BACKLOG_BYTES = 16384;
 
 export class Connection {
@@ -27,7 +27,7 @@ export class Connection {
     this._isWanted = false;
     this._hasHello = false;
     this._isFirst = true;
-    setInterval(() => this._look(), LOOK_MS);
+    setInterval(() => this._check(), CHECK_MS);
     addEventListener("online", () => this._retryNow());
     document.addEventListener("visibilitychange", () => !document.hidden && this._retryNow());
   }
@@ -42,7 +42,7 @@ export class Connection {
   close() {
     this._isWanted = false;
     clearTimeout(this._timer);
-    this._drop();
+    this._disconnect();
   }
 
   get isOpen() {
@@ -79,7 +79,7 @@ export class Connection {
     this._openedMs = performance.now();
     this._isFirst = true;
     socket.onmessage = (event) => socket === this._socket && this._receive(event.data);
-    socket.onclose = () => socket === this._socket && this._drop();
+    socket.onclose = () => socket === this._socket && this._disconnect();
   }
 
   _receive(data) {
@@ -95,31 +95,31 @@ export class Connection {
       this.pictureMs = performance.now();
     }
     this.handlers.message(kind, fields);
-    this._look();
+    this._check();
   }
 
-  /** A picture whose time stands still is an old one, however often it is sent; a new station may begin anywhere. */
+  /** A picture whose time does not advance is an old one, however often it is sent; a new station may begin anywhere. */
   _isNewer(timeS) {
     return this._isFirst ? timeS !== this._timeS : timeS > this._timeS;
   }
 
-  _look() {
+  _check() {
     const now = performance.now();
     const isFresh = this.isOpen && !this._isFirst && now - this.pictureMs < FRESH_MS;
     if (isFresh !== this.isFresh) {
       this.isFresh = isFresh;
       this.handlers.change(isFresh);
     }
-    if (this._socket && now - Math.max(this.pictureMs ?? 0, this._openedMs) > DEAD_MS) this._drop();
+    if (this._socket && now - Math.max(this.pictureMs ?? 0, this._openedMs) > DEAD_MS) this._disconnect();
   }
 
-  _drop() {
+  _disconnect() {
     const socket = this._socket;
     if (!socket) return;
     this._socket = null;
     this._hasHello = false;
     socket.close();
-    this._look();
+    this._check();
     if (!this._isWanted) return;
     this._timer = setTimeout(() => this._retryNow(), this._retryMs);
     this._retryMs = Math.min(2 * this._retryMs, LAST_RETRY_MS);

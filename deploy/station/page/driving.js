@@ -16,7 +16,7 @@ export function isTextField(target) {
 const takes = (target, code) => isTextField(target) || (target.type === "range" && code.startsWith("Arrow"));
 
 /** What is held, as shares of the fastest: -1 to 1. */
-function wishOf(keys, lever) {
+function requestOf(keys, lever) {
   const sum = (table) => [...keys].reduce((total, code) => total + (table[code] ?? 0), 0);
   const limit = (value) => Math.max(-1, Math.min(1, value));
   return { linear: limit(sum(LINEAR) + lever.linear), angular: limit(sum(ANGULAR) + lever.angular) };
@@ -27,12 +27,12 @@ const REST = { linear: 0, angular: 0 };
 export class Driving {
   /**
    * @param {object} connection to the station
-   * @param {{now: function, why: function, speed: function, changed: function}} seat `now()` what is known, `why(now)` why
+   * @param {{now: function, why: function, speed: function, changed: function}} context `now()` what is known, `why(now)` why
    *   not, `speed()` the share of the fastest, `changed()` when there is something to draw
    */
-  constructor(connection, seat) {
+  constructor(connection, context) {
     this._connection = connection;
-    this._seat = seat;
+    this._context = context;
     this._keys = new Set();
     this._lever = REST;
     this._robot = null;
@@ -44,12 +44,12 @@ export class Driving {
     return this._robot !== null;
   }
 
-  /** The speeds that are asked for now: m/s, rad/s. */
+  /** The speeds that are requested now: m/s, rad/s. */
   get speeds() {
-    const { hello } = this._seat.now();
-    const wish = wishOf(this._keys, this._lever);
-    const share = this._seat.speed();
-    return { linear: wish.linear * share * (hello?.max_linear ?? 0), angular: wish.angular * share * (hello?.max_angular ?? 0) };
+    const { hello } = this._context.now();
+    const request = requestOf(this._keys, this._lever);
+    const share = this._context.speed();
+    return { linear: request.linear * share * (hello?.max_linear ?? 0), angular: request.angular * share * (hello?.max_angular ?? 0) };
   }
 
   /** Move the joystick: shares of -1 to 1. True where that drives. */
@@ -58,11 +58,11 @@ export class Driving {
     return this._hold();
   }
 
-  /** Look whether driving must end: when a picture came, and when the connection changed. */
-  look() {
+  /** End driving where it is no longer allowed: after a picture arrived, and after the connection changed. */
+  check() {
     if (!this.isActive) return;
-    const now = this._seat.now();
-    if (now.robot?.robot !== this._robot || this._seat.why(now)) this.end();
+    const now = this._context.now();
+    if (now.robot?.robot !== this._robot || this._context.why(now)) this.end();
   }
 
   /** Zero, at once, and nothing after it; what is still held counts no more until it is pressed anew. */
@@ -75,13 +75,13 @@ export class Driving {
     clearInterval(this._timer);
     this._connection.send("drive", { robot, ...REST });
     this.ended();
-    this._seat.changed();
+    this._context.changed();
   }
 
   _hold() {
     if (this.isActive) return true;
-    const now = this._seat.now();
-    if (this._seat.why(now)) {
+    const now = this._context.now();
+    if (this._context.why(now)) {
       this._keys.clear();
       this._lever = REST;
       return false;
@@ -93,10 +93,10 @@ export class Driving {
   }
 
   _renew() {
-    this.look();
+    this.check();
     if (!this.isActive) return;
     if (!this._connection.isCongested) this._connection.send("drive", { robot: this._robot, ...this.speeds });
-    this._seat.changed();
+    this._context.changed();
   }
 
   _press(event) {

@@ -3,7 +3,7 @@
 import { byId, make } from "./dom.js";
 
 const SHOWN = 200;
-/** More than the station keeps, so that what it tells again is known. */
+/** More than the station keeps, so that repeated events are recognised. */
 const REMEMBERED = 2000;
 
 const clock = new Intl.DateTimeFormat(undefined, {
@@ -15,10 +15,10 @@ function row(event) {
   const time = make("time", "", clock.format(when));
   time.dateTime = when.toISOString();
   const where = make("span", "event-robot", event.robot || "station");
-  const said = make("span", "event-text", event.who ? `${event.text} (${event.who})` : event.text);
+  const message = make("span", "event-text", event.who ? `${event.text} (${event.who})` : event.text);
   const level = event.level === "info" ? "" : event.level;
-  const item = make("li", level, "", time, where, said);
-  if (level) said.prepend(make("strong", "", `${level}: `));
+  const item = make("li", level, "", time, where, message);
+  if (level) message.prepend(make("strong", "", `${level}: `));
   return item;
 }
 
@@ -28,7 +28,7 @@ export class EventLog {
     this._last = new Map();
   }
 
-  /** A new socket tells of the events before it again; what is shown already is passed over. */
+  /** A new socket repeats the events before it; what is shown already is ignored. */
   add(event) {
     const key = `${event.number} ${event.wall_ns}`;
     if (this._last.has(key)) return;

@@ -1,4 +1,4 @@
-// Numbers as an operator reads them. A value that the robot does not tell is a dash.
+// Numbers as an operator reads them. A value that the robot does not report is a dash.
 
 const MINUS = "\u2212";
 export const DASH = "\u2013";

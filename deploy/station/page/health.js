@@ -38,7 +38,7 @@ function pair(name) {
 }
 
 function drawLink(card, health, isOwner) {
-  // What joins two lines has no state of its own.
+  // What joins two links has no state of its own.
   visible(card.state, "state" in health);
   attribute(card.state, "data-check", grade(health.state));
   text(card.state, health.state ?? "");
@@ -55,7 +55,7 @@ function drawLink(card, health, isOwner) {
 export class Links {
   constructor() {
     this._cards = new Map();
-    this._none = make("p", "muted", "The robot has none, or does not tell.");
+    this._none = make("p", "muted", "The robot reports none.");
     byId("links").after(this._none);
   }
 
@@ -79,7 +79,7 @@ function rate(timing) {
   const parts = [];
   if (timing.rate_hz) parts.push(`${Number(timing.rate_hz).toFixed(2)} Hz of ${timing.wanted_rate_hz ?? "?"} Hz`);
   for (const name of ["late", "overrun", "skipped"]) if (name in timing) parts.push(`${name} ${timing[name]}`);
-  return parts.join("  \u00b7  ") || "Not told yet.";
+  return parts.join("  \u00b7  ") || "Not reported yet.";
 }
 
 export class Timing {

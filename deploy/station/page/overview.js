@@ -15,7 +15,7 @@ const MAIN = [
   ["Battery, V", (r) => figure(r.supply_v, 1)],
 ];
 const MORE = [
-  ["Last word", (r, since) => duration(r.age_s + since)],
+  ["Last message", (r, since) => duration(r.age_s + since)],
   ["Round trip", (r) => milliseconds(r.round_trip_s)],
   ["Drives", (r) => drives(r)],
   ["Control", (r) => r.controller || "nobody"],
@@ -50,11 +50,11 @@ export class Overview {
     text(byId("mode"), word);
     attribute(byId("mode-box"), "data-mode", kind);
     text(byId("reason"), robot.is_alive ? robot.reason : lostReason(robot, since));
-    for (const { value, tell } of this._values) text(value, tell(robot, since));
+    for (const { value, format } of this._values) text(value, format(robot, since));
     this._lean(robot);
   }
 
-  /** A robot that never told a tilt has none to be drawn; of one that told it and is lost, only the body is missing. */
+  /** A robot that never reported a tilt has no drawing; of one that reported it and is lost, only the body is missing. */
   _lean({ robot: namespace, pitch }) {
     if (pitch !== null) this._leaning.add(namespace);
     visible(byId("attitude"), this._leaning.has(namespace));
@@ -64,14 +64,14 @@ export class Overview {
 }
 
 function figures(place, readouts) {
-  return readouts.map(([label, tell]) => {
+  return readouts.map(([label, format]) => {
     const value = make("dd");
     byId(place).append(make("div", "", "", make("dt", "", label), value));
-    return { value, tell };
+    return { value, format };
   });
 }
 
 function lostReason(robot, since) {
   const last = robot.mode ? ` It was ${robot.mode}: ${robot.reason}` : "";
-  return `No word for ${duration(robot.age_s + since)}.${last}`;
+  return `No message for ${duration(robot.age_s + since)}.${last}`;
 }

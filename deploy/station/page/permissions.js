@@ -1,10 +1,10 @@
-// What may be asked for now, and why not. The robot and the station decide; this says beforehand what they would.
+// Which commands are allowed now, and why not. The robot and the station decide; this predicts their decision.
 
 const ACTIVE = ["ARMED", "HOLD"];
 const PLAYING = ["waiting", "running"];
-export const VIEWER = "You are signed in as a viewer: you see everything and command nothing";
+export const VIEWER = "You are signed in as a viewer: you can watch but not command";
 
-/** What stands against any command to the selected robot, or an empty text. */
+/** Why no command to the selected robot is allowed, or an empty text. */
 export function whyNoCommand({ isFresh, hello, robot }) {
   if (!robot) return "No robot is selected";
   if (!isFresh) return "No connection to the base station";
@@ -43,7 +43,7 @@ function whyNotActive(now) {
 /** These are between the operators and the station, whatever has become of the robot. */
 const STATIONS_OWN = ["take_control", "release_control"];
 
-/** Why this cannot be asked for now, or an empty text. */
+/** Why this command is not allowed now, or an empty text. */
 export function whyNot(act, now) {
   const whyNotHere = STATIONS_OWN.includes(act) ? "" : whyNotReached(now) || whyNotOurs(now);
   return whyNoCommand(now) || whyNotHere || WHY[act](now);

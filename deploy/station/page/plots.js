@@ -1,4 +1,4 @@
-// Tilt, speed and turning over the last 20 s, as they come; they stand still and turn grey when nothing comes.
+// Tilt, speed and turning over the last 20 s, as they arrive; they stop and turn grey when nothing arrives.
 
 import uPlot from "./vendor/uplot.js";
 import { attribute, byId, make, text, visible } from "./dom.js";
@@ -24,7 +24,7 @@ const GRAPHS = [
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-/** What was heard of one robot: a column of times, s of the station's clock, and one for each line of each graph. */
+/** The history of one robot: a column of times, s of the station's clock, and one for each line of each graph. */
 class History {
   constructor() {
     this.times = [];
@@ -51,7 +51,7 @@ class History {
   }
 }
 
-/** The smallest round limit that holds all values, so that the scale stands still while it can. */
+/** The smallest round limit that holds all values, so that the scale rarely changes. */
 function symmetric(least, low, high) {
   const most = Math.max(least, Math.abs(low ?? 0), Math.abs(high ?? 0));
   const limit = LIMITS.find((round) => round >= most) ?? most;
@@ -116,7 +116,7 @@ export class Plots {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this._plots?.forEach((plot) => plot.redraw()));
   }
 
-  /** Take a picture of the fleet. */
+  /** Add a picture of the fleet. */
   add({ time_s: timeS, robots }) {
     for (const robot of robots) {
       if (!this._histories.has(robot.robot)) this._histories.set(robot.robot, new History());

@@ -60,25 +60,25 @@ export class RobotList {
       attribute(button, "aria-current", robot === selected ? "true" : null);
     });
     visible(byId("no-robots"), !selected);
-    text(byId("no-robots"), robots.length ? `${wanted} was not heard. Choose a robot.` : "None heard yet. They are found by themselves.");
+    text(byId("no-robots"), robots.length ? `${wanted} was not found. Choose a robot.` : "None found yet; discovery is automatic.");
     text(byId("summary"), summary(robots));
   }
 }
 
-/** Tells a screen reader when a robot's mode changes, is lost or comes back; numbers that stream are not told. */
+/** Announces to screen readers when a robot's mode changes, is lost or comes back; numbers that stream are not announced. */
 export class Announcer {
   constructor() {
-    this._told = new Map();
+    this._announced = new Map();
   }
 
-  look(robots) {
+  update(robots) {
     for (const robot of robots) {
       const { word } = modeOf(robot);
-      const before = this._told.get(robot.robot);
-      this._told.set(robot.robot, word);
+      const before = this._announced.get(robot.robot);
+      this._announced.set(robot.robot, word);
       if (before === undefined || before === word) continue;
       const isAlarm = word === "LOST" || word === "FAULT";
-      const reason = word === "LOST" ? "no word from it" : robot.reason;
+      const reason = word === "LOST" ? "no messages from it" : robot.reason;
       text(byId(isAlarm ? "alarm" : "announcer"), `${titleOf(robot)}: ${word}, ${reason}`);
     }
   }

@@ -2,13 +2,13 @@
 
 import { byId, text } from "./dom.js";
 
-/** The station takes no more, bytes. */
+/** The station accepts no more, bytes. */
 const LARGEST_BYTES = 64 * 1024;
 
 const sizeOf = (value) => new TextEncoder().encode(value).length;
 
 async function load(file) {
-  if (file.size > LARGEST_BYTES) throw new Error(`${file.name} has ${file.size} bytes; at most ${LARGEST_BYTES} are taken`);
+  if (file.size > LARGEST_BYTES) throw new Error(`${file.name} has ${file.size} bytes; at most ${LARGEST_BYTES} are allowed`);
   byId("sequence-text").value = await file.text();
   byId("sequence-name").value = file.name.slice(0, 80);
 }
@@ -21,7 +21,7 @@ function state(sequence) {
 }
 
 export class Sequence {
-  /** @param {function} fail says why a file was not taken */
+  /** @param {function} fail called with why a file was not accepted */
   constructor(fail) {
     byId("sequence-file").addEventListener("change", async (event) => {
       const [file] = event.target.files;

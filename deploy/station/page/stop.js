@@ -1,7 +1,7 @@
-// STOP: always there, one key, latched until it is cleared, and confirmed by what the drives did.
+// STOP: always there, one key, latched until it is cleared, and confirmed by the drives.
 //
 // Both Esc and Space stop. Esc works everywhere, in a text field too. Space works everywhere but in a text field, where it
-// types; it presses no button, since who hits it in fright may have the focus on `Arm`: buttons are pressed with Enter.
+// types; it presses no button, as the focus may be on `Arm` when it is hit in haste: buttons are pressed with Enter.
 
 import { attribute, byId, text, visible } from "./dom.js";
 import { isTextField } from "./driving.js";
@@ -11,7 +11,7 @@ import { titleOf } from "./robots.js";
 
 /** A stop that could not be sent is sent when the station is back within this time; later it would come as a surprise. */
 const KEPT_MS = 10_000;
-/** A stop that is not confirmed within this time is told as such. */
+/** A stop that is not confirmed within this time is shown as not confirmed. */
 const SLOW_MS = 1000;
 
 export class Stop {
@@ -29,7 +29,7 @@ export class Stop {
     this._before();
     // Not where the picture is stale: it may be the way to us that is broken, not the one to the robot.
     if (this._now().hello?.role === "viewer") return this._commands.fail(`STOP: ${VIEWER}`);
-    for (const robot of robots) this._ask(robot);
+    for (const robot of robots) this._request(robot);
     return undefined;
   }
 
@@ -37,12 +37,12 @@ export class Stop {
   reconnected(robots) {
     for (const robot of robots) {
       const latch = this._latches.get(robot.robot);
-      if (latch?.state === "unsent" && performance.now() - latch.askedMs < KEPT_MS) this._ask(robot);
+      if (latch?.state === "unsent" && performance.now() - latch.requestedMs < KEPT_MS) this._request(robot);
     }
   }
 
-  /** Follow what the station says of the stops. */
-  look(robots) {
+  /** Follow the stops as the station reports them. */
+  update(robots) {
     for (const robot of robots) {
       const latch = this._latches.get(robot.robot);
       if (!latch) continue;
@@ -54,17 +54,17 @@ export class Stop {
 
   draw(now) {
     const { robot, robots } = now;
-    const said = robot ? this._tell(robot) : { kind: "", words: "" };
+    const status = robot ? this._status(robot) : { kind: "", words: "" };
     text(byId("stop-robot"), robot ? titleOf(robot) : "");
-    text(byId("stop-state"), said.words);
-    attribute(byId("bar"), "data-stop", said.kind || null);
+    text(byId("stop-state"), status.words);
+    attribute(byId("bar"), "data-stop", status.kind || null);
     attribute(byId("stop"), "aria-disabled", !robot || now.hello?.role === "viewer" ? "true" : null);
-    visible(byId("stop-clear"), said.kind !== "");
+    visible(byId("stop-clear"), status.kind !== "");
     visible(byId("stop-all"), robots.length > 1);
   }
 
-  _ask(robot) {
-    const latch = { askedMs: performance.now(), state: "asked", why: "", wasSeen: false };
+  _request(robot) {
+    const latch = { requestedMs: performance.now(), state: "requested", why: "", wasSeen: false };
     this._latches.set(robot.robot, latch);
     const isSent = this._commands.send("stop", robot, {}, (isAccepted, why) => {
       if (!isAccepted) Object.assign(latch, { state: "failed", why });
@@ -72,23 +72,23 @@ export class Stop {
     if (!isSent) latch.state = "unsent";
   }
 
-  _tell(robot) {
+  _status(robot) {
     const latch = this._latches.get(robot.robot);
     if (latch?.state === "unsent") return { kind: "failed", words: unsent(latch) };
     if (robot.stop === "confirmed") return { kind: "confirmed", words: confirmed(robot) };
     if (latch?.state === "failed") return { kind: "failed", words: `Stop failed: ${latch.why}. Use the robot's own switch` };
-    if (!latch && robot.stop !== "asked") return { kind: "", words: "" };
-    const waitedMs = latch ? performance.now() - latch.askedMs : 0;
-    if (waitedMs < SLOW_MS) return { kind: "asked", words: "Stop asked" };
-    return { kind: "failed", words: `Stop asked ${duration(waitedMs / 1e3)} ago, not confirmed` };
+    if (!latch && robot.stop !== "requested") return { kind: "", words: "" };
+    const waitedMs = latch ? performance.now() - latch.requestedMs : 0;
+    if (waitedMs < SLOW_MS) return { kind: "requested", words: "Stop requested" };
+    return { kind: "failed", words: `Stop requested ${duration(waitedMs / 1e3)} ago, not confirmed` };
   }
 
   _clear() {
     const { robot } = this._now();
     if (!robot) return;
-    const forget = () => this._latches.delete(robot.robot);
-    if (robot.stop === "" && robot.mode !== "FAULT") return forget();
-    if (!this._commands.send("clear_fault", robot, {}, (isAccepted) => isAccepted && forget())) {
+    const clearLatch = () => this._latches.delete(robot.robot);
+    if (robot.stop === "" && robot.mode !== "FAULT") return clearLatch();
+    if (!this._commands.send("clear_fault", robot, {}, (isAccepted) => isAccepted && clearLatch())) {
       this._commands.fail("Clear stop: no connection to the base station");
     }
   }
@@ -135,6 +135,6 @@ function confirmed(robot) {
 }
 
 function unsent(latch) {
-  const isKept = performance.now() - latch.askedMs < KEPT_MS;
+  const isKept = performance.now() - latch.requestedMs < KEPT_MS;
   return `Stop not sent: no connection. ${isKept ? "It is sent as soon as there is one" : "Press again, or use the robot's own switch"}`;
 }

@@ -85,7 +85,7 @@ def drive(stack: Stack, seat: Seat) -> None:
 
 def test_a_robot_is_found_by_itself_and_armed(stack: Stack, seat: Seat) -> None:
     seat.page.wait_for_selector("body[data-fresh=true]")
-    seat.shows("#no-robots", "None heard yet")
+    seat.shows("#no-robots", "None found yet")
     seat.look("no-robot")
     stack.start_robot()
     seat.page.wait_for_selector("#robot[data-live=true]")
@@ -105,7 +105,7 @@ def test_the_keyboard_drives_it_and_letting_go_is_zero(stack: Stack, standing: S
     begun = stack.truth()
     drive(stack, standing)
     standing.shows("#mode", "ARMED")
-    standing.shows("#drive-now", "Asking 0.90 m/s")
+    standing.shows("#drive-now", "Requesting 0.90 m/s")
     until(lambda: stack.truth().x > begun.x + 0.2, f"it gets on; {standing.situation()}")
     standing.look("driving")
     standing.page.keyboard.up("ArrowUp")
@@ -166,7 +166,7 @@ def test_a_robot_that_is_killed_is_shown_as_lost_and_comes_back_by_itself(stack:
     after_s = time.monotonic() - killed_s
     sys.stderr.write(f"lost: shown {after_s:.2f} s after the robot was killed\n")
     standing.page.wait_for_selector("#robot[data-live=false]")
-    standing.shows("#reason", "No word for")
+    standing.shows("#reason", "No message for")
     standing.shows("#drive-reason", "The robot is lost")
     assert standing.text("#readouts").count("\N{EN DASH}") + standing.text("#readouts").count("-") >= 4, "no number"
     standing.look("lost")

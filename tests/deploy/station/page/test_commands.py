@@ -65,7 +65,7 @@ def test_a_command_waits_visibly_and_is_not_sent_twice(page: "Page", station: Fa
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
     there(page, "[data-act=disarm][aria-busy=true]")
-    shows(page, "#command-state", "Disarm Alice: asked")
+    shows(page, "#command-state", "Disarm Alice: requested")
     press(page, "disarm")
     station.wait_frames(3)
     assert len(station.commands) == 1

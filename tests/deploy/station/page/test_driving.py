@@ -115,7 +115,7 @@ ENDS: dict[str, Callable[[Any, FakeStation], object]] = {
     "the robot is disarmed": lambda _, station: station.robot(mode="DISARMED"),
     "the robot is in fault": lambda _, station: station.robot(mode="FAULT"),
     "another takes control": lambda _, station: station.robot(controller="bert"),
-    "another stops it": lambda _, station: station.robot(stop="asked"),
+    "another stops it": lambda _, station: station.robot(stop="requested"),
     "the picture is stale": lambda _, station: setattr(station.script, "sends", False),
     "the picture stands still": lambda _, station: setattr(station.script, "ticks", False),
 }
@@ -178,7 +178,7 @@ WHY_NOT: dict[str, dict[str, object]] = {
     "bert has control; take it first": {"controller": "bert"},
     "Arm the robot first": {"mode": "DISARMED"},
     "The robot is lost": {"is_alive": False},
-    "Clear the stop first": {"stop": "asked"},
+    "Clear the stop first": {"stop": "requested"},
 }
 
 

@@ -78,10 +78,10 @@ def test_a_lost_robot_says_so_with_a_growing_age_and_no_figures(page: "Page", st
     station.robot("/bob", **armed(name="Bob"))
     station.robot(**lost())
     shows(page, "#mode", "LOST")
-    shows(page, "#reason", "No word for 3.4 s. It was ARMED: armed by ann")
+    shows(page, "#reason", "No message for 3.4 s. It was ARMED: armed by ann")
     shows(page, "#robots li:first-child", "for 3.4 s")
     station.robot(age_s=65.0)
-    shows(page, "#reason", "No word for 1 min 5 s")
+    shows(page, "#reason", "No message for 1 min 5 s")
     assert _figures(page)["Tilt, °"] == "\u2013"
     shows(page, "#plots-state", "stopped")
     assert page.get_attribute("#plots", "data-live") == "false"
@@ -109,14 +109,14 @@ def test_plots_follow_the_pictures(page: "Page", station: FakeStation) -> None:
     assert station.frames > 0
 
 
-def test_what_blocks_arming_comes_first_with_how_to_mend_it(page: "Page", station: FakeStation) -> None:
+def test_failing_pre_arm_checks_come_first_with_their_fix(page: "Page", station: FakeStation) -> None:
     station.robot(checklist=CHECKS, mode="DISARMED")
-    shows(page, "#checklist-summary", "2 checks stand against arming")
+    shows(page, "#checklist-summary", "2 checks fail")
     rows = page.locator("#checklist li").all_inner_texts()
-    assert [row.split("\n")[0] for row in rows] == ["Blocks", "Blocks", "Warning", "OK", "OK", "OK"]
+    assert [row.split("\n")[0] for row in rows] == ["Fails", "Fails", "Warning", "Passes", "Passes", "Passes"]
     assert "0.31 rad from upright, allowed is 0.1 rad\nTo do: hold the robot upright" in rows[1]
     station.robot(checklist=dict.fromkeys(CHECKS, "ok"))
-    shows(page, "#checklist-summary", "Nothing stands against arming")
+    shows(page, "#checklist-summary", "All checks pass")
     station.robot(mode="HOLD")
     shows(page, "#checklist-summary", "Armed already")
 
@@ -192,7 +192,7 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
     station.wait_frames(3)
     assert page.inner_text("#robot-name") == "Alice"
     del station.script.robots["/alice"]
-    shows(page, "#no-robots", "/alice was not heard. Choose a robot.")
+    shows(page, "#no-robots", "/alice was not found. Choose a robot.")
     gone(page, "#robot")
     assert page.inner_text("#stop-robot") == ""
 

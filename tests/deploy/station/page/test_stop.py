@@ -81,9 +81,9 @@ def test_the_button_can_be_pressed_with_enter(page: "Page", station: FakeStation
 def test_a_stop_is_latched_until_it_is_cleared(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = None
     page.keyboard.press("Escape")
-    shows(page, "#stop-state", "Stop asked")
-    station.robot(stop="asked")
-    shows(page, "#stop-state", "Stop asked")
+    shows(page, "#stop-state", "Stop requested")
+    station.robot(stop="requested")
+    shows(page, "#stop-state", "Stop requested")
     station.robot(stop="confirmed", stop_after_s=0.0123, mode="FAULT", drives="off", reason="stopped by ann")
     shows(page, "#stop-state", "Stop confirmed after 12 ms: drives off")
     station.wait_frames(10)
@@ -105,7 +105,7 @@ def test_zero_commands_confirm_too_and_are_told_as_that(page: "Page", station: F
 def test_a_stop_that_is_not_confirmed_says_so(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = None
     page.keyboard.press("Escape")
-    station.robot(stop="asked")
+    station.robot(stop="requested")
     shows(page, "#stop-state", "not confirmed")
 
 
@@ -204,4 +204,4 @@ def test_a_reply_belongs_to_its_own_command(page: "Page", station: FakeStation) 
     station.script.answers[Act.DISARM] = (True, "disarmed")
     page.click("[data-act=disarm]")
     shows(page, "#command-state", "Disarm Alice: disarmed")
-    shows(page, "#stop-state", "Stop asked")
+    shows(page, "#stop-state", "Stop requested")
