@@ -104,8 +104,7 @@ def _serve(
     place: SiteAddress,
     means: tuple[Access | None, ssl.SSLContext | None, Path],
 ) -> Mapping[str, object]:
-    # Only here, so that what is missing is reported in one line: both need aiohttp.
-    serving = importlib.import_module("segway_ecc.deploy.station.web.serve")
+    # Only here, so that missing aiohttp is reported in one line.
     server = importlib.import_module("segway_ecc.deploy.station.web.server")
     access, tls, folder = means
     name = str(options.name or socket.gethostname())[:_LONGEST_NAME]
@@ -126,7 +125,7 @@ def _serve(
             bundle=StationBundle(station, archive.bundle, folder, logs),
             archive=archive,
         )
-        report: Mapping[str, object] = serving.serve(
+        report: Mapping[str, object] = server.serve(
             station, sockets, settings, stopped_by_signals, lambda: _log_address(options, place)
         )
     return report

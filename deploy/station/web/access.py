@@ -1,7 +1,7 @@
 """The tokens: made once, shown once, and kept as salted hashes.
 
 A token is 160 random bits, so a plain SHA-256 of it cannot be searched through; a slow hash, as the passwords of people
-need it, would only let a stranger make the station work.
+need it, would only let a stranger load the station.
 """
 
 import contextlib
@@ -25,13 +25,13 @@ _LONGEST_TOKEN: Final = 200
 
 @enum.unique
 class Role(enum.StrEnum):
-    """What somebody may do: a viewer looks, an operator commands."""
+    """What somebody may do: a viewer watches, an operator commands."""
 
     VIEWER = "viewer"
     OPERATOR = "operator"
 
 
-class _Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The file.
 
     Attributes:
@@ -44,10 +44,10 @@ class _Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Access:
-    """Tells a role by its token."""
+    """Finds the role of a token."""
 
     def __init__(self, salt: bytes, hashes: Mapping[Role, bytes]) -> None:
-        """Know the hashes of the tokens."""
+        """Use the salt and the hashes of the tokens."""
         self._salt = salt
         self._hashes = dict(hashes)
 
@@ -68,7 +68,7 @@ class Access:
         Raises:
             ConfigurationError: It cannot be written.
         """
-        kept = _Kept(self._salt.hex(), {role: digest.hex() for role, digest in self._hashes.items()})
+        kept = _Stored(self._salt.hex(), {role: digest.hex() for role, digest in self._hashes.items()})
         try:
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             _write(path, msgspec.json.encode(kept))
@@ -77,7 +77,7 @@ class Access:
 
 
 def new_access() -> tuple[Access, Mapping[Role, str]]:
-    """New tokens, by role, and what tells them."""
+    """New tokens, by role, and the access that accepts them."""
     salt = secrets.token_bytes(_SALT_BYTES)
     tokens = {role: secrets.token_urlsafe(_TOKEN_BYTES) for role in (Role.OPERATOR, Role.VIEWER)}
     return Access(salt, {role: _digest(salt, token) for role, token in tokens.items()}), tokens
@@ -92,7 +92,7 @@ def load_access(path: Path) -> Access | None:
     try:
         content = path.read_bytes()
         path.chmod(0o600)
-        kept = msgspec.json.decode(content, type=_Kept)
+        kept = msgspec.json.decode(content, type=_Stored)
         hashes = {role: bytes.fromhex(kept.hashes[role]) for role in Role}
         return Access(bytes.fromhex(kept.salt), hashes)
     except FileNotFoundError:

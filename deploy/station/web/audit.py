@@ -1,10 +1,11 @@
 """Who did what, and what came of it: lines of JSON that are only ever appended.
 
-A thread of its own writes them, so that a slow disk holds nobody up; a full one stops nothing and is told once.
+A thread of its own writes them, so that a slow disk blocks nothing; a full one stops nothing and is logged once.
 """
 
 import contextlib
 import datetime as dt
+import itertools
 import logging
 import os
 import queue
@@ -35,8 +36,8 @@ class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         act: What: one of `Act`, or `login`, `logout`, `drive`, `rest`, `bundle`, `log`, `fetch`, `starts`, `ends`.
         robot: Which robot.
         number: The command's number on its socket, which joins what was asked with what came of it.
-        outcome: `asked`, then `accepted`, `failed` or `refused`; `done` for what is not asked of a robot.
-        text: What was said, or what it is about.
+        outcome: `asked`, then `accepted`, `failed` or `refused`; `done` for what no robot has to confirm.
+        text: The answer, or what it is about.
     """
 
     time: str = ""
@@ -79,7 +80,7 @@ class AuditLog:
         self._waiting: queue.Queue[bytes | None] = queue.Queue(_MOST_WAITING)
         self._lock = threading.Lock()
         self._lost = 0
-        self._has_told = False
+        self._has_logged = False
         self._file: int | None = None
         self._is_torn = False
         self._thread = threading.Thread(target=self._run, name="audit", daemon=True)
@@ -118,10 +119,9 @@ class AuditLog:
 
     def _write(self, line: bytes) -> None:
         if self._file is None:
-            self._open()
+            flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+            self._file = os.open(self._path, flags, 0o600)
         file = self._file
-        if file is None:
-            return
         if os.fstat(file).st_size + len(line) > self._most_bytes:
             self._put_aside()
             self._write(line)
@@ -132,11 +132,7 @@ class AuditLog:
         self._is_torn = written != len(whole)
         if self._is_torn:
             raise OSError(0, "the disk is full")
-        self._has_told = False
-
-    def _open(self) -> None:
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-        self._file = os.open(self._path, flags, 0o600)
+        self._has_logged = False
 
     def _close(self) -> None:
         if self._file is not None:
@@ -147,18 +143,14 @@ class AuditLog:
 
     def _put_aside(self) -> None:
         self._close()
-        for number in range(self._kept, 0, -1):
-            newer = self._path if number == 1 else self._aside(number - 1)
+        paths = [self._path, *(self._path.with_suffix(f".{number + 1}.jsonl") for number in range(self._kept))]
+        for newer, older in reversed(list(itertools.pairwise(paths))):
             with contextlib.suppress(FileNotFoundError):
-                newer.replace(self._aside(number))
-        self._open()
-
-    def _aside(self, number: int) -> Path:
-        return self._path.with_suffix(f".{number}.jsonl")
+                newer.replace(older)
 
     def _lose(self, why: str) -> None:
         with self._lock:
             self._lost += 1
-            has_told, self._has_told = self._has_told, True
-        if not has_told:
+            has_logged, self._has_logged = self._has_logged, True
+        if not has_logged:
             _logger.error("the audit log %s cannot be written: %s; the station goes on without it", self._path, why)

@@ -1,4 +1,4 @@
-"""What a request passes before anything is done for it, and how somebody comes to have a session."""
+"""Checks every request before anything is done for it, and begins and ends sessions."""
 
 import asyncio
 import ipaddress
@@ -12,9 +12,8 @@ from segway_ecc.deploy.station.web.access import Access, Role
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
 from segway_ecc.deploy.station.web.origins import SiteAddress
-from segway_ecc.deploy.station.web.refusals import Cause
-from segway_ecc.deploy.station.web.responses import RefusedRequestError
-from segway_ecc.deploy.station.web.sessions import LONGEST_S, Session, Sessions, UsedKeys
+from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError
+from segway_ecc.deploy.station.web.sessions import LONGEST_S, Session, Sessions
 
 _BODY_S: Final = 5.0
 
@@ -25,12 +24,12 @@ class _Login(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AuthenticationMiddleware:
-    """Lets in who belongs here."""
+    """Checks requests by address, host, origin and session."""
 
     def __init__(
         self, place: SiteAddress, access: Access | None, limits: Limits, audit: AuditLog, clock_ns: Callable[[], int]
     ) -> None:
-        """Guard a place; without `access` everybody who reaches it is an operator."""
+        """Guard the station at `place`; without `access` everybody who reaches it is an operator."""
         self.sessions = Sessions(limits)
         self._place = place
         self._access = access
@@ -38,23 +37,23 @@ class AuthenticationMiddleware:
         self._clock_ns = clock_ns
         # Browsers tell cookies apart by the machine and not by the port.
         self._cookie = f"station_{place.port}"
-        self._keys = UsedKeys()
         self._requests = Buckets(limits.requests)
         self._logins = Buckets(limits.logins)
         self._all_logins = Bucket(limits.all_logins, clock_ns())
 
     def check(self, request: web.Request) -> None:
-        """Whether the request may be looked at.
+        """Check the rate, host and origin of a request.
 
         Raises:
-            RefusedRequestError: It may not.
+            RefusedRequestError: One of them is not allowed.
         """
         now_ns = self._clock_ns()
         if not self._requests.of(site_of(address_of(request)), now_ns).take(now_ns):
             raise RefusedRequestError(Cause.REQUEST_RATE)
         if len(request.headers.getall("Host", [])) != 1 or not self._place.is_ours(request.headers.get("Host")):
             raise RefusedRequestError(Cause.FOREIGN_HOST)
-        if not self._place.may_ask(request.method, request.headers, opens_socket=_opens_socket(request)):
+        opens_socket = request.path == "/socket" or "Upgrade" in request.headers
+        if not self._place.may_request(request.method, request.headers, opens_socket=opens_socket):
             raise RefusedRequestError(Cause.FOREIGN_ORIGIN)
 
     def session(self, request: web.Request, role: Role = Role.VIEWER) -> Session:
@@ -79,27 +78,24 @@ class AuthenticationMiddleware:
                 return None
             return self._begin(request, response, "", Role.OPERATOR)
 
-    def use_key(self, request: web.Request) -> None:
-        """Use the key of a socket, which is good for one.
-
-        Raises:
-            RefusedRequestError: It was used before.
-        """
-        if not self._keys.use(request.headers.get("Sec-WebSocket-Key", "")):
-            raise RefusedRequestError(Cause.REPLAYED_SOCKET)
-
     async def login(self, request: web.Request) -> web.Response:
         """Begin a session with a name and a token."""
-        asked = await self._body(request)
-        role = self._role(request, asked)
+        # Another site's form cannot send this type without a preflight request, which is never answered here.
+        if request.content_type != "application/json":
+            raise RefusedRequestError(Cause.BAD_REQUEST)
+        try:
+            given = msgspec.json.decode(await _body(request), type=_Login)
+        except (msgspec.DecodeError, UnicodeError, RecursionError):
+            raise RefusedRequestError(Cause.BAD_REQUEST) from None
+        role = Role.OPERATOR if self._access is None else self._role(request, self._access, given.token)
         response = web.Response(status=204)
         self._leave(request)
-        self._begin(request, response, asked.name, role)
+        self._begin(request, response, given.name, role)
         return response
 
     async def logout(self, request: web.Request) -> web.Response:
-        """End a session; nobody is told whether there was one."""
-        await self._read(request)
+        """End a session; the response does not show whether there was one."""
+        await _body(request)
         self._leave(request)
         response = web.Response(status=204)
         response.del_cookie(self._cookie, path="/", httponly=True, samesite="Strict", secure=self._is_secure)
@@ -109,19 +105,17 @@ class AuthenticationMiddleware:
     def _is_secure(self) -> bool:
         return self._place.scheme == "https"
 
-    def _role(self, request: web.Request, asked: _Login) -> Role:
-        if self._access is None:
-            return Role.OPERATOR
+    def _role(self, request: web.Request, access: Access, token: str) -> Role:
         now_ns = self._clock_ns()
         each = self._logins.of(site_of(address_of(request)), now_ns)
         # Only what fails is counted, so that a whole workshop can log in behind one address.
-        if not each.holds(now_ns) or not self._all_logins.holds(now_ns):
+        if not each.has_token(now_ns) or not self._all_logins.has_token(now_ns):
             raise RefusedRequestError(Cause.LOGIN_RATE)
-        role = self._access.role(asked.token)
+        role = access.role(token)
         if role is None:
             each.take(now_ns)
             self._all_logins.take(now_ns)
-            self._note(request, "login", outcome="refused", text="the token is not right")
+            self._note(request, "login", outcome="refused", text="the token is wrong")
             raise RefusedRequestError(Cause.WRONG_TOKEN)
         return role
 
@@ -155,29 +149,17 @@ class AuthenticationMiddleware:
             AuditEntry(who=who, role=role, address=address_of(request), act=act, outcome=outcome, text=text)
         )
 
-    async def _body(self, request: web.Request) -> _Login:
-        # Another site's form cannot send this type without asking first, which nobody here answers.
-        if request.content_type != "application/json":
-            raise RefusedRequestError(Cause.BAD_REQUEST)
-        try:
-            return msgspec.json.decode(await self._read(request), type=_Login)
-        except (msgspec.DecodeError, UnicodeError, RecursionError):
-            raise RefusedRequestError(Cause.BAD_REQUEST) from None
 
-    async def _read(self, request: web.Request) -> bytes:
-        try:
-            async with asyncio.timeout(_BODY_S):
-                return await request.read()
-        except TimeoutError:
-            raise RefusedRequestError(Cause.BAD_REQUEST) from None
-
-
-def _opens_socket(request: web.Request) -> bool:
-    return request.path == "/socket" or "Upgrade" in request.headers
+async def _body(request: web.Request) -> bytes:
+    try:
+        async with asyncio.timeout(_BODY_S):
+            return await request.read()
+    except TimeoutError:
+        raise RefusedRequestError(Cause.BAD_REQUEST) from None
 
 
 def address_of(request: web.Request) -> str:
-    """Whose request it is; nobody stands between, so no header is believed about that."""
+    """The address that a request came from; there is no proxy in between, so no header is believed about that."""
     address = request.remote or ""
     try:
         return str(ipaddress.ip_address(address))

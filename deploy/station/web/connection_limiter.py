@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import Final
 
 from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
-from segway_ecc.deploy.station.web.refusals import Cause, Refusals
+from segway_ecc.deploy.station.web.refusals import Cause
 
 _AT_ONCE: Final = 64
-"""Taken from the queue before everything else has its turn."""
+"""Accepted before everything else has its turn."""
 _SILENT_NS: Final = 10_000_000_000
 _HANDSHAKE_S: Final = 5.0
 _RESET: Final = struct.pack("ii", 1, 0)
@@ -26,17 +26,17 @@ class _Connection:
     site: str
     at_ns: int
     transport: asyncio.BaseTransport | None = None
-    has_spoken: bool = False
+    has_request: bool = False
 
 
 class ConnectionLimiter:
-    """Accepts what the limits allow, and hands it to a protocol."""
+    """Accepts the connections that the limits allow, and passes them to a protocol."""
 
     def __init__(
         self,
         protocol: Callable[[], asyncio.BaseProtocol],
         limits: Limits,
-        refusals: Refusals,
+        refusals: Counter[Cause],
         clock_ns: Callable[[], int],
         tls: ssl.SSLContext | None,
     ) -> None:
@@ -59,30 +59,31 @@ class ConnectionLimiter:
         self._sockets.append(listening)
         asyncio.get_running_loop().add_reader(listening, self._accept, listening)
 
-    def shut(self) -> None:
-        """Accept nobody any more."""
+    def close(self) -> None:
+        """Accept no more connections."""
         for listening in self._sockets:
             asyncio.get_running_loop().remove_reader(listening)
             listening.close()
         self._sockets.clear()
 
-    def heard(self, transport: asyncio.BaseTransport | None) -> None:
-        """A connection has made a whole request."""
-        connection = next((each for each in self._open if each.transport is transport), None)
-        if connection is not None:
-            connection.has_spoken = True
+    def on_request(self, transport: asyncio.BaseTransport | None) -> None:
+        """Note that a connection has made a whole request."""
+        for connection in self._open:
+            if connection.transport is transport:
+                connection.has_request = True
+                return
 
     def sweep(self) -> None:
-        """Forget what is closed, and close what never said anything."""
+        """Discard what is closed, and close what never made a request."""
         now_ns = self._clock_ns()
         for connection in list(self._open):
             transport = connection.transport
             if transport is None:
                 continue  # the handshake has a time-out of its own
             if transport.is_closing():
-                self._forget(connection)
-            elif not connection.has_spoken and now_ns - connection.at_ns > _SILENT_NS:
-                self._refusals.add(Cause.SILENT_CONNECTION)
+                self._discard(connection)
+            elif not connection.has_request and now_ns - connection.at_ns > _SILENT_NS:
+                self._refusals[Cause.SILENT_CONNECTION] += 1
                 transport.close()
 
     def _accept(self, listening: socket.socket) -> None:
@@ -93,22 +94,29 @@ class ConnectionLimiter:
                 return  # there is none, or it has gone, or we have no file descriptors left: all pass
             site = site_of(str(peer[0]))
             cause = self._refusal(site)
-            if cause is None:
-                self._take(accepted, site)
-            else:
-                self._refusals.add(cause)
-                _reset(accepted)
+            if cause is not None:
+                self._refusals[cause] += 1
+                with contextlib.suppress(OSError):
+                    accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+                accepted.close()
+                continue
+            connection = _Connection(site, self._clock_ns())
+            self._open.add(connection)
+            self._by_site[site] += 1
+            task = asyncio.get_running_loop().create_task(self._serve(accepted, connection))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
 
     def _refusal(self, site: str) -> Cause | None:
         now_ns = self._clock_ns()
         each = self._each.of(site, now_ns)
         # An address that is over its own limit uses up nothing of what is everybody's.
-        if not each.holds(now_ns) or not self._all.holds(now_ns):
+        if not each.has_token(now_ns) or not self._all.has_token(now_ns):
             return Cause.CONNECTION_RATE
         if self._is_full(site):
             self.sweep()
-        if self._is_full(site):
-            return Cause.TOO_MANY_CONNECTIONS
+            if self._is_full(site):
+                return Cause.TOO_MANY_CONNECTIONS
         each.take(now_ns)
         self._all.take(now_ns)
         return None
@@ -116,14 +124,6 @@ class ConnectionLimiter:
     def _is_full(self, site: str) -> bool:
         limits = self._limits
         return len(self._open) >= limits.open_connections or self._by_site[site] >= limits.open_connections_each
-
-    def _take(self, accepted: socket.socket, site: str) -> None:
-        connection = _Connection(site, self._clock_ns())
-        self._open.add(connection)
-        self._by_site[site] += 1
-        task = asyncio.get_running_loop().create_task(self._serve(accepted, connection))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     async def _serve(self, accepted: socket.socket, connection: _Connection) -> None:
         accepted.settimeout(0.0)
@@ -133,19 +133,13 @@ class ConnectionLimiter:
                 self._protocol, accepted, ssl=self._tls, ssl_handshake_timeout=timeout
             )
         except (OSError, TimeoutError):
-            self._refusals.add(Cause.BAD_HTTP)
-            self._forget(connection)
+            self._refusals[Cause.BAD_HTTP] += 1
+            self._discard(connection)
             accepted.close()
 
-    def _forget(self, connection: _Connection) -> None:
+    def _discard(self, connection: _Connection) -> None:
         if connection in self._open:
             self._open.remove(connection)
             self._by_site[connection.site] -= 1
             if not self._by_site[connection.site]:
                 del self._by_site[connection.site]
-
-
-def _reset(accepted: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
-    accepted.close()

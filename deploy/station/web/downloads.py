@@ -1,75 +1,69 @@
-"""Logs and support bundles, to be fetched."""
+"""Logs and support bundles for download."""
 
 import asyncio
 import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Final, NamedTuple
+from typing import Final
 
 from aiohttp import web
 
 from segway_ecc.deploy.station.views import FleetView
 from segway_ecc.deploy.station.web.interfaces import Archive, Bundle
 from segway_ecc.deploy.station.web.log_pages import RobotLogs, logs_page, path_of
-from segway_ecc.deploy.station.web.refusals import Cause
-from segway_ecc.deploy.station.web.responses import RefusedRequestError, json_answer
-from segway_ecc.deploy.station.web.robot_logs import RobotArchives, as_json
+from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError, json_response
+from segway_ecc.deploy.station.web.robot_logs import RobotArchives
 from segway_ecc.deploy.support.log_folder import logs_in, open_log
 
 _PIECE_BYTES: Final = 256 * 1024
 _NOT_PLAIN: Final = re.compile(r"[^A-Za-z0-9._-]")
 
 
-class DownloadSources(NamedTuple):
-    """What downloads are made of.
-
-    Attributes:
-        folder: Where the station's logs lie.
-        bundle: Makes support bundles, or None.
-        archive: Fetches logs from robots, or None.
-    """
-
-    folder: Path
-    bundle: Bundle | None = None
-    archive: Archive | None = None
-
-
 class Downloads:
-    """Serves what lies in the station's folder, what robots hand out, and what a function makes."""
+    """Serves the station's logs, those of the robots in the newest picture, and support bundles."""
 
-    def __init__(self, means: DownloadSources, fleet: Callable[[], FleetView], clock_ns: Callable[[], int]) -> None:
-        """Serve the station's logs and those of the robots in the newest picture."""
-        self._folder = means.folder
-        self._bundle = means.bundle
-        self._robots = RobotArchives(means.archive, clock_ns)
+    def __init__(
+        self,
+        folder: Path,
+        bundle: Bundle | None,
+        archive: Archive | None,
+        fleet: Callable[[], FleetView],
+        clock_ns: Callable[[], int],
+    ) -> None:
+        """Serve the logs of a folder, bundles that `bundle` makes, and logs that `archive` fetches from robots."""
+        self._folder = folder
+        self._bundle = bundle
+        self._robots = RobotArchives(archive, clock_ns)
         self._fleet = fleet
         self._making = asyncio.Lock()
 
     async def logs(self, request: web.Request, *, may_fetch: bool) -> web.Response:
-        """Which logs there are here and on the robots: a page, or JSON for who asks for that."""
+        """The logs here and on the robots: as a page, or as JSON where that is accepted."""
         own = await asyncio.to_thread(logs_in, self._folder)
         robots = await self._robots.of_all(self._fleet())
         if _wants_json(request):
-            return json_answer(as_json(own, robots))
+            return json_response(
+                {"logs": [log._asdict() for log in own], "robots": [each.as_json() for each in robots]}
+            )
         return web.Response(text=logs_page(own, robots, may_fetch=may_fetch), content_type="text/html")
 
     async def robot_logs(self, request: web.Request, *, may_fetch: bool) -> web.Response:
-        """Which logs a robot hands out."""
+        """The logs that a robot offers."""
         logs = await self._robots.of(self._known(request))
         status = 503 if logs.error else 200
         if _wants_json(request):
-            return json_answer(logs.as_json(), status)
+            return json_response(logs.as_json(), status)
         return web.Response(text=logs_page(None, [logs], may_fetch=may_fetch), content_type="text/html", status=status)
 
     async def log(self, request: web.Request) -> web.StreamResponse:
-        """One log of the station, as long as it was when it was asked for."""
+        """One log of the station, as long as it was at the request."""
         name = request.match_info["name"]
         try:
             file, size = await asyncio.to_thread(open_log, self._folder, name)
         except FileNotFoundError:
             raise RefusedRequestError(Cause.NOT_FOUND) from None
-        return await _sent(request, file, size, _attachment(_NOT_PLAIN.sub("_", name)))
+        return await _send(request, file, size, _attachment("", name))
 
     async def robot_log(self, request: web.Request) -> web.StreamResponse:
         """One log of a robot that was fetched."""
@@ -78,16 +72,18 @@ class Downloads:
             file, size = await self._robots.open(robot, name)
         except FileNotFoundError:
             text = f"this log is not on the station; see {path_of(robot)}, and fetch it first (POST to this address)"
-            return json_answer({"error": text}, 404)
-        return await _sent(request, file, size, _attachment(f"{_plain(robot)}-{_NOT_PLAIN.sub('_', name)}"))
+            return json_response({"error": text}, 404)
+        return await _send(request, file, size, _attachment(robot, name))
 
     async def fetch(self, request: web.Request) -> web.Response:
         """Begin to fetch a log from a robot."""
         robot, name = self._known(request), request.match_info["name"]
         logs: RobotLogs = await self._robots.of(robot)
-        why = logs.error or await self._begun(logs, name)
+        if not logs.error and all(log.name != name for log in logs.logs):
+            raise RefusedRequestError(Cause.NOT_FOUND)
+        why = logs.error or await self._robots.begin(robot, name)
         if _wants_json(request) or why:
-            return json_answer({"error": why} if why else {"see": path_of(robot)}, 503 if why else 202)
+            return json_response({"error": why} if why else {"see": path_of(robot)}, 503 if why else 202)
         return web.Response(status=303, headers={"Location": path_of(robot)})
 
     async def bundle(self, request: web.Request) -> web.StreamResponse:
@@ -95,19 +91,17 @@ class Downloads:
         make = self._bundle
         if make is None:
             text = "this station makes no support bundles; on the robot: segway-ecc log bundle"
-            return json_answer({"error": text}, 501)
+            return json_response({"error": text}, 501)
         robot = self._known(request)
         async with self._making:
             stream = await asyncio.to_thread(make, robot)
-        file, size = await asyncio.to_thread(_taken, stream)
-        response = _attachment(f"{_plain(robot)}-support.zip")
+        with stream:
+            file = os.dup(stream.fileno())
+        os.lseek(file, 0, os.SEEK_SET)
+        size = os.fstat(file).st_size
+        response = _attachment(robot, "support.zip")
         response.content_type = "application/zip"
-        return await _sent(request, file, size, response)
-
-    async def _begun(self, logs: RobotLogs, name: str) -> str:
-        if all(log.name != name for log in logs.logs):
-            raise RefusedRequestError(Cause.NOT_FOUND)
-        return await self._robots.begin(logs.robot, name)
+        return await _send(request, file, size, response)
 
     def _known(self, request: web.Request) -> str:
         robot = request.match_info["robot"]
@@ -116,7 +110,7 @@ class Downloads:
         return robot
 
 
-async def _sent(request: web.Request, file: int, size: int, response: web.StreamResponse) -> web.StreamResponse:
+async def _send(request: web.Request, file: int, size: int, response: web.StreamResponse) -> web.StreamResponse:
     """Send an open file, and close it."""
     try:
         response.content_length = size
@@ -127,17 +121,9 @@ async def _sent(request: web.Request, file: int, size: int, response: web.Stream
     finally:
         os.close(file)
     if size:
-        # It was cut short meanwhile: the other end must not take it for whole.
+        # It was shortened meanwhile: the other end must not take it for whole.
         response.force_close()
     return response
-
-
-def _taken(stream: IO[bytes]) -> tuple[int, int]:
-    """A descriptor of an open file, at its beginning, and its size; the stream is closed."""
-    with stream:
-        file = os.dup(stream.fileno())
-    os.lseek(file, 0, os.SEEK_SET)
-    return file, os.fstat(file).st_size
 
 
 def _read(file: int, size: int) -> bytes:
@@ -148,16 +134,13 @@ def _read(file: int, size: int) -> bytes:
         return b""
 
 
-def _attachment(name: str) -> web.StreamResponse:
-    """It is kept and never shown, whatever is in it."""
+def _attachment(robot: str, name: str) -> web.StreamResponse:
+    """A response that is saved and never shown, whatever is in it, named after the robot, if any, and the file."""
+    prefix = f"{robot.strip('/') or 'robot'}-" if robot else ""
     response = web.StreamResponse()
     response.content_type = "application/octet-stream"
-    response.headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    response.headers["Content-Disposition"] = f'attachment; filename="{_NOT_PLAIN.sub("_", prefix + name)}"'
     return response
-
-
-def _plain(robot: str) -> str:
-    return _NOT_PLAIN.sub("_", robot.strip("/")) or "robot"
 
 
 def _wants_json(request: web.Request) -> bool:

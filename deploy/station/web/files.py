@@ -1,7 +1,6 @@
-"""The page."""
+"""The page's files."""
 
 import importlib.resources
-from collections.abc import Iterator, Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,7 +16,6 @@ _TYPES: Final = {
     ".txt": "text/plain",
     "": "text/plain",
 }
-_TEXT: Final = ("text/", "image/svg")
 
 
 class PageFile(NamedTuple):
@@ -31,23 +29,20 @@ class PageFile(NamedTuple):
     content: bytes
     kind: str
 
+    @property
+    def charset(self) -> str | None:
+        """The encoding of a text; None for binary content."""
+        return "utf-8" if self.kind.startswith(("text/", "image/svg")) else None
 
-def page_files() -> Mapping[str, PageFile]:
-    """Every file of the page by its path; what is not among them cannot be asked for, whatever path is given."""
-    folder = importlib.resources.files("segway_ecc.deploy.station") / "page"
-    return dict(_page_files(folder, ""))
 
-
-def _page_files(folder: Traversable, prefix: str) -> Iterator[tuple[str, PageFile]]:
-    for item in folder.iterdir():
+def page_files(folder: Traversable | None = None, prefix: str = "") -> dict[str, PageFile]:
+    """Every file of the page by its path; nothing else can be requested, whatever path is given."""
+    found: dict[str, PageFile] = {}
+    for item in (folder or importlib.resources.files("segway_ecc.deploy.station") / "page").iterdir():
         path = f"{prefix}{item.name}"
         kind = _TYPES.get(Path(item.name).suffix)
         if item.is_dir():
-            yield from _page_files(item, f"{path}/")
+            found |= page_files(item, f"{path}/")
         elif kind is not None and not item.name.startswith("."):
-            yield path, PageFile(item.read_bytes(), kind)
-
-
-def charset(kind: str) -> str | None:
-    """What text is written in."""
-    return "utf-8" if kind.startswith(_TEXT) else None
+            found[path] = PageFile(item.read_bytes(), kind)
+    return found

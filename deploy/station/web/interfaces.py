@@ -5,7 +5,7 @@ from typing import IO, Protocol, TypeAlias
 
 from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.connection import Reply
-from segway_ecc.deploy.station.views import Command, Drive, EventView, FleetView
+from segway_ecc.deploy.station.views import Command, Drive, FleetStatus
 from segway_ecc.deploy.support.log_folder import LogFile
 from segway_ecc.node.cycle.setpoints import Setpoint
 
@@ -18,36 +18,27 @@ class Archive(Protocol):
     """Fetches the logs of robots; `deploy.station.archive_client.ArchiveClient` is one. Its methods may wait."""
 
     def logs(self, robot: str) -> Sequence[LogFile]:
-        """Which a robot hands out; raises a NodeError that says why it does not."""
+        """The logs that a robot offers; raises a NodeError with the reason where it offers none."""
 
     def begin(self, robot: str, name: str) -> None:
-        """Begin to fetch one; raises a NodeError that says why not."""
+        """Begin to fetch one; raises a NodeError with the reason where it cannot."""
 
     def progress(self, robot: str) -> Mapping[str, Progress]:
-        """How far those of a robot are; does not wait."""
+        """The progress of a robot's logs, by name; does not wait."""
 
     def open(self, robot: str, name: str) -> tuple[int, int]:
         """The descriptor and size of one that was fetched; raises FileNotFoundError."""
 
     def close(self) -> None:
-        """End what goes on; may be called again."""
+        """End all fetches; may be called again."""
 
 
-class Robots(Protocol):
-    """The robots; `deploy.station.station.Station` is one, and a test's script another. Nothing of it waits."""
+class CommandSink(Protocol):
+    """Accepts operators' commands; nothing of it waits."""
 
     @property
     def limits(self) -> Setpoint:
-        """The fastest that may be asked for."""
-
-    def fleet(self) -> FleetView:
-        """The newest picture."""
-
-    def events(self, after: int) -> Sequence[EventView]:
-        """What happened since."""
-
-    def refused(self) -> Mapping[str, int]:
-        """What the station itself refused, by cause."""
+        """The fastest that may be requested, m/s and rad/s."""
 
     def submit(self, who: str, command: Command, reply: Reply) -> None:
         """Have a command carried out; the reply may come from any thread."""
@@ -56,4 +47,8 @@ class Robots(Protocol):
         """Have a robot driven."""
 
     def leave(self, who: str) -> None:
-        """Somebody is gone."""
+        """An operator is gone."""
+
+
+class Robots(FleetStatus, CommandSink, Protocol):
+    """Both sides of a station; `deploy.station.station.Station` is one, and a test's script another."""

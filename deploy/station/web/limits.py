@@ -1,4 +1,4 @@
-"""How much anybody may ask for: token buckets on a clock that is given. Pure."""
+"""Rate limits: token buckets on a clock that is given. Pure."""
 
 import ipaddress
 from collections import OrderedDict
@@ -23,7 +23,7 @@ class Rate(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What the station bears.
+    """The limits of the station.
 
     Attributes:
         connections: New connections of one address.
@@ -35,12 +35,12 @@ class Limits(NamedTuple):
         commands: Commands of one session, stops apart.
         stops: Stops of one session; a bucket of their own, so that nothing else uses it up.
         drives: Set-points of one session.
-        mistakes: Messages that are no messages; one socket that makes more is closed.
+        mistakes: Messages that are refused; one socket that sends more is closed.
         open_connections: At the same time.
         open_connections_each: At the same time, of one address.
         sockets: Browsers at the same time.
         sockets_each: Browsers at the same time, of one address.
-        ping_s: How often a browser is asked whether it is there, s; it has half of that to answer.
+        ping_s: How often a browser is pinged, s; it has half of that to answer.
     """
 
     connections: Rate = Rate(50.0, 300)
@@ -71,7 +71,7 @@ class Bucket:
         self._tokens = float(rate.burst)
         self._at_ns = now_ns
 
-    def holds(self, now_ns: int) -> bool:
+    def has_token(self, now_ns: int) -> bool:
         """Whether there is a token."""
         gained = max(now_ns - self._at_ns, 0) * _NS * self._rate.per_s
         self._tokens = min(self._tokens + gained, float(self._rate.burst))
@@ -80,14 +80,14 @@ class Bucket:
 
     def take(self, now_ns: int) -> bool:
         """Take a token; False where there is none."""
-        if not self.holds(now_ns):
+        if not self.has_token(now_ns):
             return False
         self._tokens -= 1.0
         return True
 
 
 class Buckets:
-    """A bucket for each key; of too many keys the one that was silent for longest is forgotten."""
+    """A bucket for each key; of too many keys the one that was idle for longest is discarded."""
 
     def __init__(self, rate: Rate, most: int = _MOST_KEYS) -> None:
         """Keep at most `most` buckets."""

@@ -1,4 +1,4 @@
-"""The sockets that the station listens on, and what it is called there."""
+"""The sockets that the station listens on, and its address."""
 
 import ipaddress
 import socket
@@ -11,7 +11,7 @@ from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.node.errors import ConfigurationError
 
 _WAITING: Final = 128
-"""Connections that the kernel keeps until we come to them."""
+"""Connections that the kernel keeps until they are accepted."""
 
 
 def bind(address: str, port: int) -> list[socket.socket]:
@@ -22,9 +22,15 @@ def bind(address: str, port: int) -> list[socket.socket]:
     """
     sockets: list[socket.socket] = []
     try:
-        for family, place in _resolved(address, port):
-            chosen = port or (sockets[0].getsockname()[1] if sockets else 0)
-            sockets.append(_listening(family, (place, chosen)))
+        found = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        for family, host in dict.fromkeys((family, str(place[0])) for family, _, _, _, place in found):
+            bound = socket.socket(family, socket.SOCK_STREAM)
+            sockets.append(bound)
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            bound.bind((host, port or sockets[0].getsockname()[1]))
+            bound.listen(_WAITING)
     except OSError as error:
         for bound in sockets:
             bound.close()
@@ -34,7 +40,7 @@ def bind(address: str, port: int) -> list[socket.socket]:
 
 
 def site_address_of(sockets: Sequence[socket.socket], scheme: str, names: Sequence[str]) -> SiteAddress:
-    """Where we are: loopback if nothing else can reach any of the sockets, else what this machine is called too."""
+    """Our address: loopback if nothing else can reach any of the sockets, else with this machine's names."""
     port = int(sockets[0].getsockname()[1])
     is_loopback = all(ipaddress.ip_address(bound.getsockname()[0]).is_loopback for bound in sockets)
     known = {name.lower().rstrip(".") for name in names}
@@ -69,22 +75,3 @@ def tls_context(certificate: Path, key: Path | None) -> ssl.SSLContext:
         files = f"--certificate {certificate}" + (f" --key {key}" if key else "")
         raise ConfigurationError(f"{files} cannot be used: {why}") from None
     return context
-
-
-def _resolved(address: str, port: int) -> list[tuple[socket.AddressFamily, str]]:
-    found = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-    return list(dict.fromkeys((family, str(place[0])) for family, _, _, _, place in found))
-
-
-def _listening(family: socket.AddressFamily, place: tuple[str, int]) -> socket.socket:
-    bound = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:
-            bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        bound.bind(place)
-        bound.listen(_WAITING)
-    except OSError:
-        bound.close()
-        raise
-    return bound

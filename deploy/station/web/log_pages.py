@@ -34,8 +34,8 @@ class RobotLogs(NamedTuple):
 
     Attributes:
         robot: Its namespace.
-        logs: What it hands out.
-        error: Why it hands out nothing.
+        logs: What it offers.
+        error: Why it offers nothing.
         progress: Of what is fetched, by name.
         here: The logs that lie in the station's folder whole, by name: when each was written, ns since the Unix epoch.
     """
@@ -47,15 +47,15 @@ class RobotLogs(NamedTuple):
     here: Mapping[str, LogFile] = {}
 
     def as_json(self) -> dict[str, object]:
-        """As it goes out."""
-        logs = [{**log._asdict(), **self._state(log)} for log in self.logs]
+        """As it is sent."""
+        logs = []
+        for log in self.logs:
+            progress = self.progress.get(log.name)
+            state, fetched, why = "done" if log == self.here.get(log.name) else "on the robot", 0, ""
+            if progress is not None and progress.state != "done":
+                state, fetched, why = progress.state, progress.fetched, progress.why
+            logs.append({**log._asdict(), "state": state, "fetched": fetched, "why": why})
         return {"robot": self.robot, "logs": logs, "error": self.error}
-
-    def _state(self, log: LogFile) -> dict[str, object]:
-        progress = self.progress.get(log.name)
-        if progress is not None and progress.state != "done":
-            return {"state": progress.state, "fetched": progress.fetched, "why": progress.why}
-        return {"state": "done" if log == self.here.get(log.name) else "on the robot", "fetched": 0, "why": ""}
 
 
 def path_of(robot: str, name: str = "") -> str:
@@ -66,33 +66,34 @@ def path_of(robot: str, name: str = "") -> str:
 
 def logs_page(logs: Sequence[LogFile] | None, robots: Sequence[RobotLogs], *, may_fetch: bool) -> str:
     """The page: the station's own logs, where they are given, and those of robots."""
-    own = [] if logs is None else [_SECTION.format("On this station", _own_table(logs))]
-    others = [_SECTION.format(f"On robot {html.escape(each.robot)}", _robot(each, may_fetch)) for each in robots]
+    sections = []
+    if logs is not None:
+        own = [(log, _LINK.format(f"/logs/{urllib.parse.quote(log.name, safe='')}", _text(log)), "") for log in logs]
+        sections.append(_SECTION.format("On this station", _table(own, "")))
+    for robot in robots:
+        rows = [(log, _name(robot, log), f"<td>{_act(robot, log, may_fetch)}</td>") for log in robot.logs]
+        table = f"<p>{html.escape(robot.error)}</p>" if robot.error else _table(rows, '<th scope="col">Fetch</th>')
+        sections.append(_SECTION.format(f"On robot {html.escape(robot.robot)}", table))
     is_going_on = any(progress.is_going_on for each in robots for progress in each.progress.values())
-    return _PAGE.format(_REFRESH if is_going_on else "", "".join(own + others))
+    return _PAGE.format(_REFRESH if is_going_on else "", "".join(sections))
 
 
-def _own_table(logs: Sequence[LogFile]) -> str:
-    rows = "".join(
-        _row(log, _LINK.format(f"/logs/{urllib.parse.quote(log.name, safe='')}", _text(log))) for log in logs
-    )
-    return _TABLE.format("", rows) if rows else "<p>There are none.</p>"
-
-
-def _robot(robot: RobotLogs, may_fetch: bool) -> str:  # noqa: FBT001 - handed on
-    if robot.error:
-        return f"<p>{html.escape(robot.error)}</p>"
-    rows = "".join(_row(log, _name(robot, log), f"<td>{_act(robot, log, may_fetch)}</td>") for log in robot.logs)
-    return _TABLE.format('<th scope="col">Fetch</th>', rows) if rows else "<p>There are none.</p>"
+def _table(rows: Sequence[tuple[LogFile, str, str]], more: str) -> str:
+    """Rows of a log, its name as HTML and further cells; `more` heads these."""
+    if not rows:
+        return "<p>There are none.</p>"
+    text = ""
+    for log, name, cells in rows:
+        written = dt.datetime.fromtimestamp(min(log.changed_ns * _NS, _LATEST_S), dt.UTC).strftime("%Y-%m-%d %H:%M:%S")
+        text += _ROW.format(name, log.size, written, cells)
+    return _TABLE.format(more, text)
 
 
 def _name(robot: RobotLogs, log: LogFile) -> str:
-    if log.name not in robot.here:
-        return _text(log)
-    return _LINK.format(path_of(robot.robot, log.name), _text(log))
+    return _LINK.format(path_of(robot.robot, log.name), _text(log)) if log.name in robot.here else _text(log)
 
 
-def _act(robot: RobotLogs, log: LogFile, may_fetch: bool) -> str:  # noqa: FBT001 - handed on
+def _act(robot: RobotLogs, log: LogFile, may_fetch: bool) -> str:  # noqa: FBT001 - passed through
     progress = robot.progress.get(log.name)
     if progress is not None and progress.is_going_on:
         share = 100.0 * progress.fetched / max(progress.size, 1)
@@ -103,11 +104,6 @@ def _act(robot: RobotLogs, log: LogFile, may_fetch: bool) -> str:  # noqa: FBT00
     word = "Try again" if failed else "Fetch anew" if log.name in robot.here else "Fetch"
     button = _BUTTON.format(path_of(robot.robot, log.name), word, _text(log), word) if may_fetch else ""
     return f"{html.escape(progress.why)} {button}" if failed and progress is not None else button
-
-
-def _row(log: LogFile, name: str, more: str = "") -> str:
-    written = dt.datetime.fromtimestamp(min(log.changed_ns * _NS, _LATEST_S), dt.UTC).strftime("%Y-%m-%d %H:%M:%S")
-    return _ROW.format(name, log.size, written, more)
 
 
 def _text(log: LogFile) -> str:

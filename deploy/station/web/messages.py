@@ -1,4 +1,4 @@
-"""What a browser sends, decoded: nothing of it is trusted. Pure."""
+"""Decodes what a browser sends: nothing of it is trusted. Pure."""
 
 import math
 from typing import Final
@@ -20,7 +20,7 @@ _decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Co
 
 
 class RefusedMessageError(Exception):
-    """A message that is none; says the cause and why."""
+    """A message that is refused, with the cause and the reason."""
 
     def __init__(self, cause: Cause, text: str, number: int = 0) -> None:
         """Refuse a message; `number` is its id where it has one."""
@@ -42,32 +42,22 @@ def decode(message: str, max_linear: float, max_angular: float) -> Command | Dri
         decoded = _decoder.decode(content)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise RefusedMessageError(Cause.MALFORMED, f"not a message: {str(error)[:200]}") from None
-    _check_names(decoded)
-    if isinstance(decoded, Drive):
-        _check_speeds(decoded, max_linear, max_angular)
-    return decoded
-
-
-def _check_names(message: Command | Drive) -> None:
-    if not 0 < message.id <= _LARGEST_ID:
+    if not 0 < decoded.id <= _LARGEST_ID:
         raise RefusedMessageError(Cause.OUT_OF_RANGE, "an id counts up from 1")
-    _check_text("a robot's namespace", message.robot, _LONGEST_ROBOT, message.id)
-    if isinstance(message, Command):
-        _check_text("a name", message.name, _LONGEST_NAME, message.id)
-        if len(message.text.encode("utf-8", "surrogatepass")) > MOST_SEQUENCE_BYTES:
-            raise RefusedMessageError(
-                Cause.OVERSIZED, f"a sequence has at most {MOST_SEQUENCE_BYTES} bytes", message.id
-            )
+    _check_text("a robot's namespace", decoded.robot, _LONGEST_ROBOT, decoded.id)
+    if isinstance(decoded, Command):
+        _check_text("a name", decoded.name, _LONGEST_NAME, decoded.id)
+        if len(decoded.text.encode("utf-8", "surrogatepass")) > MOST_SEQUENCE_BYTES:
+            text = f"a sequence has at most {MOST_SEQUENCE_BYTES} bytes"
+            raise RefusedMessageError(Cause.OVERSIZED, text, decoded.id)
+        return decoded
+    for name, value, limit in (("linear", decoded.linear, max_linear), ("angular", decoded.angular, max_angular)):
+        if not (math.isfinite(value) and abs(value) <= limit):
+            raise RefusedMessageError(Cause.OUT_OF_RANGE, f"{name} is at most {limit:g} either way", decoded.id)
+    return decoded
 
 
 def _check_text(what: str, text: str, longest: int, number: int) -> None:
     if len(text) > longest or not text.isprintable():
-        raise RefusedMessageError(
-            Cause.OUT_OF_RANGE, f"{what} has at most {longest} letters, all of them printable", number
-        )
-
-
-def _check_speeds(drive: Drive, max_linear: float, max_angular: float) -> None:
-    for name, value, limit in (("linear", drive.linear, max_linear), ("angular", drive.angular, max_angular)):
-        if not (math.isfinite(value) and abs(value) <= limit):
-            raise RefusedMessageError(Cause.OUT_OF_RANGE, f"{name} is at most {limit:g} either way", drive.id)
+        why = f"{what} has at most {longest} letters, all of them printable"
+        raise RefusedMessageError(Cause.OUT_OF_RANGE, why, number)

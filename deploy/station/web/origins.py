@@ -1,7 +1,7 @@
-"""Which pages may speak to us, told by what a browser says of them. Pure.
+"""Which pages may send us requests, by the headers that browsers add. Pure.
 
 A page of another site can make a browser send us requests, and its name server can make its name point at us (DNS
-rebinding). Browsers then still tell the truth in Host, Origin and Sec-Fetch-Site, and a page cannot change these.
+rebinding). Browsers still send the true Host, Origin and Sec-Fetch-Site, and a page cannot change these.
 """
 
 import ipaddress
@@ -39,11 +39,11 @@ class SiteAddress(NamedTuple):
         name = match[1].strip("[]").lower().rstrip(".")
         return port == self.port and self._is_our_name(name)
 
-    def may_ask(self, method: str, headers: Mapping[str, str], *, opens_socket: bool = False) -> bool:
+    def may_request(self, method: str, headers: Mapping[str, str], *, opens_socket: bool = False) -> bool:
         """Whether a request comes from our own page, or from no page at all.
 
         What changes something, or opens a socket, names its origin; where none is named, no browser sent it, which is
-        believed only where nothing says otherwise: no cookie and nothing that browsers add.
+        believed only without a cookie and without anything that browsers add.
         """
         origin = headers.get("Origin")
         if origin is not None:

@@ -1,8 +1,10 @@
-"""What was refused, counted by cause."""
+"""Why requests and messages are refused, and the response to a refused request."""
 
 import enum
-from collections import Counter
-from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+from aiohttp import web
 
 
 @enum.unique
@@ -21,7 +23,6 @@ class Cause(enum.StrEnum):
     OVERSIZED = "oversized"
     MALFORMED = "malformed"
     OUT_OF_RANGE = "out of range"
-    REPLAYED_SOCKET = "replayed socket"
     REPLAYED_COMMAND = "replayed command"
     LOGIN_RATE = "login rate"
     CONNECTION_RATE = "connection rate"
@@ -34,24 +35,44 @@ class Cause(enum.StrEnum):
     SILENT_CONNECTION = "silent connection"
     TOO_SLOW = "too slow"
     FAILED = "failed"
-    """A defect of ours, told once in the station's messages."""
+    """A defect of ours, logged once in the station's messages."""
 
 
-class Refusals:
-    """Counts; used by one thread."""
+_STATUS: Final = {
+    Cause.FOREIGN_HOST: (421, "the station is not known by this name; see --host"),
+    Cause.FOREIGN_ORIGIN: (403, "a page of another site may not request this"),
+    Cause.NO_SESSION: (401, "log in first"),
+    Cause.WRONG_TOKEN: (403, "the token is wrong"),
+    Cause.VIEWER: (403, "a viewer may only watch"),
+    Cause.NOT_FOUND: (404, "there is nothing here"),
+    Cause.BAD_REQUEST: (400, "this is not a valid request here"),
+    Cause.OVERSIZED: (413, "this is too large"),
+    Cause.LOGIN_RATE: (429, "too many attempts; wait a moment"),
+    Cause.REQUEST_RATE: (429, "too many requests; wait a moment"),
+    Cause.TOO_MANY_SOCKETS: (503, "too many browsers are connected already"),
+    Cause.FAILED: (500, "the station failed at this; see its messages"),
+}
 
-    def __init__(self) -> None:
-        """Begin with nothing refused."""
-        self._counts: Counter[Cause] = Counter()
 
-    def add(self, cause: Cause) -> None:
-        """Count one."""
-        self._counts[cause] += 1
+class RefusedRequestError(Exception):
+    """A request that is refused."""
 
-    def of(self, cause: Cause) -> int:
-        """How many for this cause."""
-        return self._counts[cause]
+    def __init__(self, cause: Cause) -> None:
+        """Refuse for a cause that `refusal` has a text for."""
+        super().__init__(cause)
+        self.cause = cause
 
-    def counts(self) -> Mapping[str, int]:
-        """Every cause, most frequent first; those that never were are left out."""
-        return {cause.value: count for cause, count in self._counts.most_common()}
+
+def refusal(cause: Cause) -> web.Response:
+    """The response to a request that is refused."""
+    status, text = _STATUS[cause]
+    response = json_response({"error": text}, status)
+    if cause in {Cause.REQUEST_RATE, Cause.OVERSIZED, Cause.FOREIGN_HOST}:
+        # What else came on this connection is not even read.
+        response.force_close()
+    return response
+
+
+def json_response(value: object, status: int = 200) -> web.Response:
+    """Some value as JSON."""
+    return web.Response(body=msgspec.json.encode(value), status=status, content_type="application/json")

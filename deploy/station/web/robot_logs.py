@@ -5,7 +5,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final
+from typing import Final
 
 from segway_ecc.deploy.station.views import FleetView
 from segway_ecc.deploy.station.web.interfaces import Archive
@@ -20,13 +20,13 @@ NO_ARCHIVE: Final = "this station fetches no logs from robots"
 
 
 class RobotArchives:
-    """Asks robots, each of them at most once at a time and every two seconds, however many browsers look."""
+    """Lists the logs of robots, each at most once at a time and every two seconds, however many browsers ask."""
 
     def __init__(self, archive: Archive | None, clock_ns: Callable[[], int]) -> None:
-        """Ask by an archive, if there is one."""
+        """List by an archive, if there is one."""
         self._archive = archive
         self._clock_ns = clock_ns
-        # Of its own: what waits for robots must not hold up what reads files.
+        # Of its own: what waits for robots must not delay what reads files.
         self._pool = ThreadPoolExecutor(_AT_ONCE, "robot-logs")
         self._asking: dict[str, asyncio.Task[RobotLogs]] = {}
         self._asked: dict[str, tuple[int, RobotLogs]] = {}
@@ -54,7 +54,7 @@ class RobotArchives:
         return logs._replace(progress=self._archive.progress(robot), here=here)
 
     async def begin(self, robot: str, name: str) -> str:
-        """Begin to fetch; why not, or nothing."""
+        """Begin to fetch a log; return why it cannot be fetched, or an empty text."""
         if self._archive is None:
             return NO_ARCHIVE
         try:
@@ -67,7 +67,7 @@ class RobotArchives:
         """A log that was fetched: its descriptor, which is the caller's to close, and its size.
 
         Raises:
-            FileNotFoundError: It was not.
+            FileNotFoundError: It was not fetched.
         """
         if self._archive is None:
             raise FileNotFoundError
@@ -94,8 +94,3 @@ def _here(archive: Archive, robot: str, names: Iterable[str]) -> Mapping[str, Lo
             os.close(file)
             found[name] = LogFile(name, size, changed_ns)
     return found
-
-
-def as_json(own: Sequence[LogFile], robots: Sequence[RobotLogs]) -> dict[str, Any]:
-    """Everything as it goes out."""
-    return {"logs": [log._asdict() for log in own], "robots": [each.as_json() for each in robots]}

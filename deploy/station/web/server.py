@@ -6,42 +6,47 @@ import logging
 import socket
 import ssl
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self, TypeAlias
 
 from aiohttp import web
 
 from segway_ecc.deploy.station.web.access import Access
-from segway_ecc.deploy.station.web.app import Site
+from segway_ecc.deploy.station.web.app import WebApplication
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
 from segway_ecc.deploy.station.web.browser import SharedServices
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
-from segway_ecc.deploy.station.web.downloads import Downloads, DownloadSources
+from segway_ecc.deploy.station.web.downloads import Downloads
 from segway_ecc.deploy.station.web.interfaces import Archive, Bundle, Robots
 from segway_ecc.deploy.station.web.limits import Limits
 from segway_ecc.deploy.station.web.origins import SiteAddress
-from segway_ecc.deploy.station.web.refusals import Cause, Refusals
+from segway_ecc.deploy.station.web.refusals import Cause
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
 _KEPT_ALIVE_S: Final = 15.0
-_TOLD_WITHIN_S: Final = 2.0
+_ENDS_WITHIN_S: Final = 2.0
 _http_logger = logging.getLogger(f"{__name__}.http")
+
+Stoppable: TypeAlias = Callable[[Callable[[str], None]], AbstractContextManager[None]]
+"""Given what ends us, a context in which signals do."""
 
 
 class ServerSettings(NamedTuple):
     """How a station is served.
 
     Attributes:
-        place: Where it is.
+        place: Its address.
         folder: Where the audit log goes.
         logs: Where recorded logs lie.
         version: Of segway-ecc.
         access: Who has a token; None where none is needed.
         tls: The certificate, or None for plain HTTP.
-        limits: What it bears.
+        limits: Its limits.
         bundle: Makes support bundles.
         archive: Fetches logs from robots.
         clock_ns: Monotonic, ns.
@@ -62,60 +67,61 @@ class ServerSettings(NamedTuple):
 
 
 class Server:
-    """Serves while its context lasts."""
+    """Serves while its context lasts.
+
+    Attributes:
+        refusals: What was refused, by cause.
+        audit: The audit log.
+        hub: The browsers.
+    """
 
     def __init__(self, robots: Robots, sockets: Sequence[socket.socket], settings: ServerSettings) -> None:
         """Serve on sockets that are bound; they are ours from now on."""
-        self.refusals = Refusals()
+        self.refusals: Counter[Cause] = Counter()
         self._robots = robots
         self._sockets = sockets
         self._settings = settings
         self.audit = AuditLog(settings.folder, settings.wall_ns)
-        desk = SharedServices(robots, self.audit, self.refusals, settings.limits, settings.clock_ns)
-        self.crowd = WebSocketHub(robots, settings.limits, self.refusals, settings.clock_ns, settings.version)
-        self._gate = AuthenticationMiddleware(
-            settings.place, settings.access, settings.limits, self.audit, settings.clock_ns
-        )
-        downloads = Downloads(
-            DownloadSources(settings.logs, settings.bundle, settings.archive), robots.fleet, settings.clock_ns
-        )
-        self._site = Site(desk, self.crowd, self._gate, downloads)
+        limits, clock_ns = settings.limits, settings.clock_ns
+        shared = SharedServices(robots, self.audit, self.refusals, limits, clock_ns)
+        self.hub = WebSocketHub(robots, limits, self.refusals, clock_ns, settings.version)
+        self._authentication = AuthenticationMiddleware(settings.place, settings.access, limits, self.audit, clock_ns)
+        downloads = Downloads(settings.logs, settings.bundle, settings.archive, robots.fleet, clock_ns)
+        self._application = WebApplication(shared, self.hub, self._authentication, downloads)
 
     async def __aenter__(self) -> Self:
         _http_logger.addFilter(self._count_bad_http)
-        _http_logger.setLevel(logging.DEBUG)  # at which aiohttp says some of it
+        _http_logger.setLevel(logging.DEBUG)  # at which aiohttp logs some of it
         self._runner = web.AppRunner(
-            self._site.app(),
+            self._application.app(),
             access_log=None,
             logger=_http_logger,
             keepalive_timeout=_KEPT_ALIVE_S,
             lingering_time=0.0,
-            shutdown_timeout=_TOLD_WITHIN_S,
+            shutdown_timeout=_ENDS_WITHIN_S,
         )
         await self._runner.setup()
-        server = self._runner.server
+        server, settings = self._runner.server, self._settings
         if server is None:
             raise RuntimeError("aiohttp gave no server")
-        self._door = ConnectionLimiter(
-            server, self._settings.limits, self.refusals, self._settings.clock_ns, self._settings.tls
-        )
-        self._site.heard = self._door.heard
+        self._limiter = ConnectionLimiter(server, settings.limits, self.refusals, settings.clock_ns, settings.tls)
+        self._application.on_request = self._limiter.on_request
         for listening in self._sockets:
-            self._door.open(listening)
-        self._showing = asyncio.create_task(self.crowd.run(self._sweep))
-        self.audit.add(AuditEntry(act="starts", outcome="done", text=self._settings.version))
+            self._limiter.open(listening)
+        self._broadcasting = asyncio.create_task(self.hub.run(self._sweep))
+        self.audit.add(AuditEntry(act="starts", outcome="done", text=settings.version))
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let nobody in, tell who is there, and end; within a few seconds, whoever does not listen."""
-        self._door.shut()
-        self.crowd.end("the station ends")
+        """Close the listening sockets, then those of the browsers, and end; within a few seconds in any case."""
+        self._limiter.close()
+        self.hub.end("the station ends")
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_TOLD_WITHIN_S):
-                await self.crowd.is_empty.wait()
-        self._showing.cancel()
+            async with asyncio.timeout(_ENDS_WITHIN_S):
+                await self.hub.is_empty.wait()
+        self._broadcasting.cancel()
         if self._settings.archive is not None:
             # Before the threads that wait for robots are waited for.
             await asyncio.to_thread(self._settings.archive.close)
@@ -125,19 +131,55 @@ class Server:
         await asyncio.to_thread(self.audit.close)
 
     def report(self) -> Mapping[str, object]:
-        """What there was to count."""
+        """What was counted."""
         return {
-            "refused": dict(self.refusals.counts()),
+            "refused": dict(self.refusals.most_common()),
             "station_refused": dict(self._robots.refused()),
             "audit_lost": self.audit.lost,
         }
 
     def _sweep(self) -> None:
-        self._gate.sessions.sweep(self._settings.clock_ns())
-        self._door.sweep()
+        self._authentication.sessions.sweep(self._settings.clock_ns())
+        self._limiter.sweep()
 
     def _count_bad_http(self, record: logging.LogRecord) -> bool:
-        """What is no HTTP is counted and not written: strangers decide how much of it there is."""
+        """Bad HTTP is counted and not logged: strangers decide how much of it there is."""
         if str(record.msg).startswith("Error handling request"):
-            self.refusals.add(Cause.BAD_HTTP)
+            self.refusals[Cause.BAD_HTTP] += 1
         return False
+
+
+def serve(
+    robots: Robots,
+    sockets: Sequence[socket.socket],
+    settings: ServerSettings,
+    stoppable: Stoppable,
+    ready: Callable[[], None],
+) -> Mapping[str, object]:
+    """Serve until a signal; return what was counted.
+
+    Args:
+        robots: The robots.
+        sockets: Bound, and ours from now on.
+        settings: The settings.
+        stoppable: Lets signals end us.
+        ready: Called once browsers can connect.
+    """
+
+    async def serve_until_stopped() -> Mapping[str, object]:
+        ended = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        causes: list[str] = []
+
+        def end(cause: str) -> None:
+            causes.append(cause)
+            with contextlib.suppress(RuntimeError):  # a second signal, after the end
+                loop.call_soon_threadsafe(ended.set)
+
+        with stoppable(end):
+            async with Server(robots, sockets, settings) as server:
+                ready()
+                await ended.wait()
+        return {"ended_by": causes[0], **server.report()}
+
+    return asyncio.run(serve_until_stopped())

@@ -16,7 +16,6 @@ _S: Final = 1_000_000_000
 _ABSENT_NS: Final = 10 * _S
 """Somebody whose browser was gone for this long, and who logs in again, gets their name back."""
 _MOST: Final = 1000
-_MOST_KEYS: Final = 65_536
 
 
 @dataclasses.dataclass(slots=True, eq=False)
@@ -27,7 +26,7 @@ class Session:
         who: The operator's name; no two sessions at the same time have the same.
         role: What they may do.
         born_ns: When they logged in, monotonic.
-        seen_ns: When they were last heard of, monotonic.
+        seen_ns: When they were last active, monotonic.
         commands: Their budget of commands.
         stops: Their budget of stops.
         drives: Their budget of set-points.
@@ -50,7 +49,7 @@ class Sessions:
     """The sessions, by the secret that a browser keeps; only its hash is held here."""
 
     def __init__(self, limits: Limits) -> None:
-        """Begin with nobody."""
+        """Begin with no session."""
         self._limits = limits
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 
@@ -60,18 +59,19 @@ class Sessions:
     def begin(self, name: str, role: Role, now_ns: int) -> tuple[str, Session]:
         """A new session and its secret."""
         self.sweep(now_ns)
-        who = self._free(named(name, role.value), now_ns)
+        who = self._unused(named(name, role.value), now_ns)
         limits = self._limits
         commands, stops, drives = (Bucket(rate, now_ns) for rate in (limits.commands, limits.stops, limits.drives))
         session = Session(who, role, now_ns, now_ns, commands, stops, drives)
-        if len(self._sessions) >= _MOST:
-            self._drop_one()
+        if len(self._sessions) >= _MOST:  # the oldest without a browser gives way, or the oldest of all
+            without = (session for session in self._sessions.values() if session.sockets == 0)
+            self.end(next(without, None) or next(iter(self._sessions.values())))
         secret = secrets.token_urlsafe(32)
         self._sessions[_key(secret)] = session
         return secret, session
 
     def find(self, secret: str, now_ns: int) -> Session | None:
-        """The session of a secret; it counts as heard of."""
+        """The session of a secret; it counts as active now."""
         session = self._sessions.get(_key(secret))
         if session is None or _is_expired(session, now_ns):
             return None
@@ -79,7 +79,7 @@ class Sessions:
         return session
 
     def end(self, session: Session) -> None:
-        """It is over."""
+        """End a session."""
         session.is_over = True
         self._sessions = OrderedDict((key, other) for key, other in self._sessions.items() if other is not session)
 
@@ -92,7 +92,7 @@ class Sessions:
                 session.is_over = True
                 del self._sessions[key]
 
-    def _free(self, name: str, now_ns: int) -> str:
+    def _unused(self, name: str, now_ns: int) -> str:
         """The name, or with a number behind it where somebody who is there has it."""
         taken = {session.who: session for session in self._sessions.values()}
         who, number = name, 1
@@ -104,38 +104,15 @@ class Sessions:
             who = f"{name} {number}"
         return who
 
-    def _drop_one(self) -> None:
-        """Forget the oldest without a browser, or the oldest of all."""
-        without = (session for session in self._sessions.values() if session.sockets == 0)
-        self.end(next(without, None) or next(iter(self._sessions.values())))
-
-
-class UsedKeys:
-    """The keys of sockets that were opened: each has a new one, so a second is a replay (RFC 6455, 4.1)."""
-
-    def __init__(self, most: int = _MOST_KEYS) -> None:
-        """Keep the newest `most`."""
-        self._most = most
-        self._keys: OrderedDict[str, None] = OrderedDict()
-
-    def use(self, key: str) -> bool:
-        """Use a key; False where it was used before."""
-        if key in self._keys:
-            return False
-        self._keys[key] = None
-        if len(self._keys) > self._most:
-            self._keys.popitem(last=False)
-        return True
-
 
 def named(name: str, default: str) -> str:
-    """What somebody calls themselves, fit to be shown and logged."""
+    """A name that somebody gave, fit to be shown and logged."""
     shown = "".join(letter for letter in name[: 4 * LONGEST_NAME] if letter.isprintable())
     return " ".join(shown.split())[:LONGEST_NAME].strip() or default
 
 
 def _key(secret: str) -> bytes:
-    """What is compared is a hash, so the time that it takes says nothing of the secret."""
+    """What is compared is a hash, so the time that it takes reveals nothing of the secret."""
     return hashlib.sha256(secret.encode("utf-8", "surrogatepass")).digest()
 
 

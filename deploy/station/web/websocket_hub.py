@@ -9,28 +9,28 @@ from typing import Final
 import msgspec
 from aiohttp import WSCloseCode
 
-from segway_ecc.deploy.station.views import EventView, FleetView, HelloView
+from segway_ecc.deploy.station.views import FleetView, HelloView
 from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.interfaces import Robots
 from segway_ecc.deploy.station.web.limits import Limits, site_of
-from segway_ecc.deploy.station.web.refusals import Cause, Refusals
+from segway_ecc.deploy.station.web.refusals import Cause
 
 DRIVE_PERIOD_S: Final = 0.1
-_LOOK_S: Final = 0.01
-"""How often it is looked whether there is a new picture, so that none waits for long; one comes every 50 ms."""
+_POLL_S: Final = 0.01
+"""How often it is checked whether there is a new picture, so that none waits for long; one comes every 50 ms."""
 _SWEEP_NS: Final = 1_000_000_000
-_FROZEN_NS: Final = 5_000_000_000
+_STALLED_NS: Final = 5_000_000_000
 _OLD_EVENTS: Final = 200
 _logger = logging.getLogger(__name__)
 
 
 class WebSocketHub:
-    """Shows what happens to everybody who looks."""
+    """Sends pictures and events to all browsers."""
 
     def __init__(
-        self, robots: Robots, limits: Limits, refusals: Refusals, clock_ns: Callable[[], int], version: str
+        self, robots: Robots, limits: Limits, refusals: Counter[Cause], clock_ns: Callable[[], int], version: str
     ) -> None:
-        """Begin with nobody."""
+        """Begin with no browser."""
         self._robots = robots
         self._limits = limits
         self._refusals = refusals
@@ -43,24 +43,23 @@ class WebSocketHub:
         self._changed_ns = clock_ns()
         self._event = 0
         self.is_empty = asyncio.Event()
-        """Set while nobody is there."""
+        """Set while no browser is connected."""
         self.is_empty.set()
 
     def __len__(self) -> int:
         return len(self._browsers)
 
     @property
-    def is_frozen(self) -> bool:
+    def is_stalled(self) -> bool:
         """Whether the station has given no new picture for seconds."""
-        return self._clock_ns() - self._changed_ns > _FROZEN_NS
+        return self._clock_ns() - self._changed_ns > _STALLED_NS
 
-    def refusal(self, address: str) -> Cause | None:
-        """Why no other browser of this address is let in, or None."""
-        is_full = len(self) >= self._limits.sockets or self._by_site[site_of(address)] >= self._limits.sockets_each
-        return Cause.TOO_MANY_SOCKETS if is_full else None
+    def is_full(self, address: str) -> bool:
+        """Whether there are too many browsers to add another of this address."""
+        return len(self) >= self._limits.sockets or self._by_site[site_of(address)] >= self._limits.sockets_each
 
-    def enter(self, browser: Browser) -> None:
-        """A browser comes: it is told who it is, what happened lately and how things are."""
+    def add(self, browser: Browser) -> None:
+        """Add a browser: send it who it is, what happened lately and the newest picture."""
         self._browsers.add(browser)
         self.is_empty.clear()
         self._by_site[site_of(browser.address)] += 1
@@ -74,21 +73,21 @@ class WebSocketHub:
             max_linear=limits.linear_velocity,
             max_angular=limits.angular_velocity,
         )
-        browser.tell(msgspec.json.encode(hello))
+        browser.queue(msgspec.json.encode(hello))
         for event in self._robots.events(max(self._event - _OLD_EVENTS, 0)):
             if event.number <= self._event:
-                browser.tell(msgspec.json.encode(event))
+                browser.queue(msgspec.json.encode(event))
         if self._encoded:
             browser.show(self._encoded)
 
-    def leave(self, browser: Browser) -> None:
-        """A browser is gone; with the last of somebody's, so are they."""
+    def remove(self, browser: Browser) -> None:
+        """Remove a browser that is gone; with the last of an operator's, so are they."""
         self._browsers.discard(browser)
         site = site_of(browser.address)
         self._by_site[site] -= 1
         if not self._by_site[site]:
             del self._by_site[site]
-        browser.gone()
+        browser.on_closed()
         browser.session.sockets -= 1
         if browser.session.sockets == 0:
             self._robots.leave(browser.session.who)
@@ -96,31 +95,33 @@ class WebSocketHub:
             self.is_empty.set()
 
     def end(self, reason: str) -> None:
-        """Tell everybody that it is over."""
+        """Close every socket with a reason."""
         for browser in self._browsers:
             browser.end(WSCloseCode.GOING_AWAY, reason)
 
     async def run(self, sweep: Callable[[], None]) -> None:
-        """Show what is new, until cancelled; `sweep` is called about once a second."""
+        """Send what is new, until cancelled; `sweep` is called about once a second."""
         next_ns = self._clock_ns()
         while True:
             try:
-                self._look()
+                self._broadcast()
                 if self._clock_ns() >= next_ns:
                     next_ns = self._clock_ns() + _SWEEP_NS
                     self._sweep()
                     sweep()
             except Exception:
                 # One picture that fails must not freeze all that follow.
-                self._refusals.add(Cause.FAILED)
-                if self._refusals.of(Cause.FAILED) == 1:
-                    _logger.exception("the station could not show what is new, and goes on")
-            await asyncio.sleep(_LOOK_S)
+                self._refusals[Cause.FAILED] += 1
+                if self._refusals[Cause.FAILED] == 1:
+                    _logger.exception("the station could not send what is new, and goes on")
+            await asyncio.sleep(_POLL_S)
 
-    def _look(self) -> None:
+    def _broadcast(self) -> None:
         for event in self._robots.events(self._event):
             self._event = max(self._event, event.number)
-            self._tell(event)
+            encoded = msgspec.json.encode(event)
+            for browser in self._browsers:
+                browser.queue(encoded)
         picture = self._robots.fleet()
         if picture is self._picture:
             return
@@ -130,15 +131,10 @@ class WebSocketHub:
         for browser in self._browsers:
             browser.show(self._encoded)
 
-    def _tell(self, event: EventView) -> None:
-        encoded = msgspec.json.encode(event)
-        for browser in self._browsers:
-            browser.tell(encoded)
-
     def _sweep(self) -> None:
         now_ns = self._clock_ns()
         for browser in list(self._browsers):
             if browser.session.is_over:
                 browser.end(WSCloseCode.POLICY_VIOLATION, "the session is over; log in again")
             if browser.is_stuck(now_ns):
-                browser.drop(Cause.TOO_SLOW)
+                browser.abort(Cause.TOO_SLOW)

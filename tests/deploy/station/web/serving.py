@@ -33,7 +33,7 @@ class Served(NamedTuple):
         return f"{self.scheme}://127.0.0.1:{self.port}"
 
     def refused(self) -> Mapping[str, int]:
-        return self.server.refusals.counts()
+        return dict(self.server.refusals.most_common())
 
     async def audit(self) -> list[dict[str, Any]]:
         """What stands in the audit log, once it is written."""

@@ -26,7 +26,7 @@ def test_a_log_is_fetched_and_downloaded_by_hand(tmp_path: Path) -> None:
         ):
             page = await chromium.new_page()
             await page.goto(here.url)
-            await _until(lambda: len(here.server.crowd) > 0)
+            await _until(lambda: len(here.server.hub) > 0)
             await page.goto(f"{here.url}/logs")
             await page.get_by_role("button", name="Fetch a<b>.mcap").click()
             await page.get_by_role("progressbar", name="a<b>.mcap").wait_for()

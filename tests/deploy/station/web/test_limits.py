@@ -33,10 +33,10 @@ def test_a_clock_that_goes_back_gives_nothing() -> None:
 
 def test_looking_takes_nothing() -> None:
     bucket = Bucket(Rate(1.0, 1), 0)
-    assert bucket.holds(0)
-    assert bucket.holds(0)
+    assert bucket.has_token(0)
+    assert bucket.has_token(0)
     assert bucket.take(0)
-    assert not bucket.holds(0)
+    assert not bucket.has_token(0)
 
 
 def test_each_key_has_a_bucket_of_its_own() -> None:

@@ -53,8 +53,8 @@ OURS = {**HOST, "Origin": "http://127.0.0.1:8700"}
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_our_own_page_may_ask(method: str) -> None:
-    assert LOOPBACK.may_ask(method, OURS | {"Cookie": "a=b", "Sec-Fetch-Site": "same-origin"})
-    assert LOOPBACK.may_ask(method, OURS, opens_socket=True)
+    assert LOOPBACK.may_request(method, OURS | {"Cookie": "a=b", "Sec-Fetch-Site": "same-origin"})
+    assert LOOPBACK.may_request(method, OURS, opens_socket=True)
 
 
 @pytest.mark.parametrize(
@@ -74,21 +74,21 @@ def test_our_own_page_may_ask(method: str) -> None:
 def test_no_other_page_may(origin: str) -> None:
     for method in ("GET", "POST"):
         for opens_socket in (False, True):
-            assert not LOOPBACK.may_ask(method, HOST | {"Origin": origin}, opens_socket=opens_socket)
+            assert not LOOPBACK.may_request(method, HOST | {"Origin": origin}, opens_socket=opens_socket)
 
 
 def test_what_changes_something_names_its_origin_unless_no_browser_sent_it() -> None:
     for method, opens_socket in (("POST", False), ("GET", True)):
-        assert LOOPBACK.may_ask(method, HOST, opens_socket=opens_socket)
+        assert LOOPBACK.may_request(method, HOST, opens_socket=opens_socket)
         for sign in ({"Cookie": "a=b"}, {"Sec-Fetch-Site": "same-origin"}, {"Sec-Fetch-Site": "none"}):
-            assert not LOOPBACK.may_ask(method, HOST | sign, opens_socket=opens_socket)
+            assert not LOOPBACK.may_request(method, HOST | sign, opens_socket=opens_socket)
 
 
 def test_looking_is_for_our_page_and_for_who_follows_a_link() -> None:
     visit = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
-    assert LOOPBACK.may_ask("GET", HOST | visit)
-    assert LOOPBACK.may_ask("GET", HOST | {"Sec-Fetch-Site": "same-origin", "Cookie": "a=b"})
-    assert LOOPBACK.may_ask("GET", HOST | {"Sec-Fetch-Site": "none"})
-    assert not LOOPBACK.may_ask("GET", HOST | visit | {"Sec-Fetch-Dest": "iframe"})
-    assert not LOOPBACK.may_ask("GET", HOST | {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"})
-    assert not LOOPBACK.may_ask("GET", HOST | {"Sec-Fetch-Site": "same-site"})
+    assert LOOPBACK.may_request("GET", HOST | visit)
+    assert LOOPBACK.may_request("GET", HOST | {"Sec-Fetch-Site": "same-origin", "Cookie": "a=b"})
+    assert LOOPBACK.may_request("GET", HOST | {"Sec-Fetch-Site": "none"})
+    assert not LOOPBACK.may_request("GET", HOST | visit | {"Sec-Fetch-Dest": "iframe"})
+    assert not LOOPBACK.may_request("GET", HOST | {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"})
+    assert not LOOPBACK.may_request("GET", HOST | {"Sec-Fetch-Site": "same-site"})

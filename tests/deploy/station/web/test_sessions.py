@@ -1,6 +1,6 @@
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.sessions import Sessions, UsedKeys, named
+from segway_ecc.deploy.station.web.sessions import Sessions, named
 
 S = 1_000_000_000
 MINUTE = 60 * S
@@ -79,16 +79,6 @@ def test_sessions_are_bounded_and_those_with_a_browser_stay() -> None:
         sessions.begin(f"s{number}", Role.OPERATOR, 0)
     assert len(sessions) == 1000
     assert sessions.find(secret, 0) is session
-
-
-def test_a_key_is_good_once() -> None:
-    keys = UsedKeys(most=3)
-    assert keys.use("a")
-    assert not keys.use("a")
-    assert [keys.use(key) for key in "bc"] == [True, True]
-    assert not keys.use("a")
-    assert keys.use("d")  # now the oldest is forgotten
-    assert keys.use("a")
 
 
 def test_names_are_fit_to_be_shown() -> None:

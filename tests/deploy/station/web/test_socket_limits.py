@@ -120,13 +120,13 @@ def test_a_browser_that_reads_nothing_holds_nobody_up_and_is_cut(tmp_path: Path,
         ):
             _, writer = await asyncio.open_connection("127.0.0.1", here.port, limit=1)
             writer.write(upgrade(here, client))
-            await until(lambda: len(here.server.crowd) == 2)
+            await until(lambda: len(here.server.hub) == 2)
             reader_of(writer).pause_reading()
             here.station.robots = [full_robot(f"/robot{number}") for number in range(60)]
             for _ in range(60):
                 await receive(good, "fleet")
             now[0] += 11_000_000_000
-            await until(lambda: len(here.server.crowd) == 1)
+            await until(lambda: len(here.server.hub) == 1)
             assert here.refused() == {"too slow": 1}
             await receive(good, "fleet")
             writer.transport.abort()
@@ -143,9 +143,9 @@ def test_a_browser_that_answers_no_ping_is_gone(tmp_path: Path, tried: Tried) ->
         ):
             _, writer = await asyncio.open_connection("127.0.0.1", here.port)
             writer.write(upgrade(here, client))
-            await until(lambda: len(here.server.crowd) == 1)
+            await until(lambda: len(here.server.hub) == 1)
             await until(lambda: here.station.gone == ["ann"])
-            assert len(here.server.crowd) == 0
+            assert len(here.server.hub) == 0
             writer.transport.abort()
         tried("a browser that answers no ping", "cut after 15 s, and its control ends")
 
@@ -157,7 +157,7 @@ def test_a_browser_that_leaves_too_many_events_unread_is_sent_away(tmp_path: Pat
         async with served(tmp_path, tokens=True) as here, browser(here, "ann", OPERATOR) as client:
             _, writer = await asyncio.open_connection("127.0.0.1", here.port, limit=1)
             writer.write(upgrade(here, client))
-            await until(lambda: len(here.server.crowd) == 1)
+            await until(lambda: len(here.server.hub) == 1)
             reader_of(writer).pause_reading()
             for _ in range(3000):
                 here.station.happen("x" * 10_000)
