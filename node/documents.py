@@ -1,4 +1,4 @@
-"""YAML documents decoded into typed structures in one go; an error says where, what was found and what is allowed."""
+"""YAML documents decoded into typed structures in one go; errors name the place, what was found and what is allowed."""
 
 import functools
 import operator
@@ -58,11 +58,15 @@ def _explain(message: str, data: object, kind: type) -> str:
     place, found, kinds = _descend(data, [kind], steps)
     at = f" at {'.'.join(place)}" if place else ""
     if "unknown field" in problem:
-        return f"{problem}{at}; the keys there are {', '.join(_keys(_fitting(kinds, found)))}"
+        fitting = _fitting(kinds, found)
+        keys = {field.encode_name for struct in _structs(fitting) for field in structs.fields(struct)}
+        keys |= {"type"} if _tags(fitting) else set()
+        return f"{problem}{at}; the keys there are {', '.join(sorted(keys))}"
     if "missing required field" in problem:
         return f"{problem}{at}"
-    choices = _choices(kinds)
-    allowed = f"; allowed is {', '.join(choices)}" if choices else ""
+    choices = (typing.get_args(kind) for kind in kinds if typing.get_origin(kind) is typing.Literal)
+    allowed = ", ".join(sorted(str(choice) for literal in choices for choice in literal))
+    allowed = f"; allowed is {allowed}" if allowed else ""
     return f"{problem}{at}; found {found!r}{allowed}"
 
 
@@ -72,7 +76,10 @@ def _descend(data: object, kinds: list[object], steps: list[str]) -> tuple[list[
     for step in steps:
         key, below = _step(data, _flat(kinds), step)
         place.append(str(key))
-        data = data[key] if isinstance(data, (dict, list)) and key != "type" else _tag(data, key)
+        if isinstance(data, dict):
+            data = data.get(key) if key == "type" else data[key]
+        elif isinstance(data, list) and key != "type":
+            data = data[key]
         kinds = below
     return place, data, _flat(kinds)
 
@@ -90,17 +97,13 @@ def _step(data: object, kinds: list[object], step: str) -> tuple[Any, list[objec
 
 
 def _bad_key(data: object, kinds: list[object]) -> object:
-    """The first key of a mapping whose value fits none of the types; msgspec does not say which it is."""
+    """The first key of a mapping whose value fits none of the types; msgspec does not name it."""
     for key, value in data.items() if isinstance(data, dict) else ():
         try:
             msgspec.convert(value, functools.reduce(operator.or_, kinds))
         except msgspec.ValidationError:
             return key
     return "..."
-
-
-def _tag(data: object, key: object) -> object:
-    return data.get(key) if isinstance(data, dict) else data
 
 
 def _flat(kinds: list[object]) -> list[object]:
@@ -127,16 +130,6 @@ def _fitting(kinds: list[object], data: object) -> list[object]:
     return [struct for struct in named if struct.__struct_config__.tag == tag] or kinds
 
 
-def _keys(kinds: list[object]) -> list[str]:
-    keys = {field.encode_name for struct in _structs(kinds) for field in structs.fields(struct)}
-    return sorted(keys | ({"type"} if _tags(kinds) else set()))
-
-
 def _tags(kinds: list[object]) -> list[str]:
     tags = (struct.__struct_config__.tag for struct in _structs(kinds))
     return sorted(str(tag) for tag in tags if tag is not None)
-
-
-def _choices(kinds: list[object]) -> list[str]:
-    literals = (kind for kind in kinds if typing.get_origin(kind) is typing.Literal)
-    return sorted(str(choice) for literal in literals for choice in typing.get_args(literal))

@@ -37,11 +37,18 @@ class Robot:
 
     def cycle(self, stage: Stage, recorder: Recorder) -> Cycle:
         """The cycle of this robot in the world of `stage`, kept by `recorder`."""
+        section, step = self.file.setpoint, self.model.step_size
+        schedule = SetpointSchedule(
+            timeout_cycles=round(section.timeout_s / step),
+            tolerance_cycles=round(section.stamp_tolerance_s / step),
+            horizon_cycles=round(section.horizon_s / step),
+            largest=Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf),
+        )
         return Cycle(
             model=self.model,
             hardware=self.hardware,
             wiring=self.wiring,
-            schedule=self._schedule(),
+            schedule=schedule,
             time_base=TimeBase(self.period_ns),
             clock=self.clock,
             stage=stage,
@@ -62,15 +69,6 @@ class Robot:
             robot_name=self.file.name,
         )
 
-    def _schedule(self) -> SetpointSchedule:
-        section, step = self.file.setpoint, self.model.step_size
-        return SetpointSchedule(
-            timeout_cycles=round(section.timeout_s / step),
-            tolerance_cycles=round(section.stamp_tolerance_s / step),
-            horizon_cycles=round(section.horizon_s / step),
-            largest=Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf),
-        )
-
 
 def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robot:
     """Load the model, make the hardware and wire them.
@@ -87,21 +85,17 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
     """
     section = file.model
     model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    hardware = _hardware(file, model.step_size, clock, link)
+    hardware: Hardware = NoHardware()
+    if not isinstance(file.hardware, NoHardwareSection):
+        try:
+            hardware = build_hardware(file.hardware, model.step_size, clocks_of(clock), link)
+        except ValueError as error:  # devices that cannot be on one bus
+            raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error
     wiring = wire(model, hardware, file.wiring)
-    sit_down_values(file.station, wiring.set_names)  # so that a wrong name is told before anything is opened
+    sit_down_values(file.station, wiring.set_names)  # so that a wrong name is reported before anything is opened
     return Robot(file, model, hardware, wiring, clock)
 
 
 def clocks_of(clock: Clock) -> Clocks:
     """A clock of the node as the hardware layer takes it."""
     return Clocks(clock.now_ns, clock.wall_ns, clock.sleep_until_ns)
-
-
-def _hardware(file: RobotFile, period_s: float, clock: Clock, link: Link | None) -> Hardware:
-    if isinstance(file.hardware, NoHardwareSection):
-        return NoHardware()
-    try:
-        return build_hardware(file.hardware, period_s, clocks_of(clock), link)
-    except ValueError as error:  # devices that cannot be on one bus
-        raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error

@@ -128,7 +128,7 @@ class _Segway(SectionedModel):
         What moves is integrated in strides of up to `MOST_STEPS` steps where friction is not too stiff for it, and the
         IMU measures only what will be shown. Encoders count at every step.
         """
-        self._take(u)
+        self._take_inputs(u)
         self._move(steps)
         self._steps += steps
         self.time = self._steps * self.step_size

@@ -42,7 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return its exit code."""
     try:
         with ends_at_once():
-            words, ros_arguments = _split_ros(list(sys.argv[1:] if arguments is None else arguments))
+            words, ros_arguments = list(sys.argv[1:] if arguments is None else arguments), []
+            if "--ros-args" in words:  # from there on it is meant for ROS
+                at = words.index("--ros-args")
+                words, ros_arguments = words[:at], words[at:]
             if not words:
                 sys.stderr.write(_FIRST_STEPS)
                 return ConfigurationError.exit_code
@@ -176,14 +179,6 @@ def _flush() -> None:
     except BrokenPipeError:
         # The reader of our output has closed it: nothing is lost by sending the rest nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _split_ros(words: list[str]) -> tuple[list[str], list[str]]:
-    """Split off what is meant for ROS: from `--ros-args` on."""
-    if "--ros-args" not in words:
-        return words, []
-    at = words.index("--ros-args")
-    return words[:at], words[at:]
 
 
 if __name__ == "__main__":

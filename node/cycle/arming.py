@@ -1,4 +1,4 @@
-"""Who may move the motors: the modes, joined to the drives' arming and to the set-points."""
+"""The arming manager: the modes, joined to the drives' arming and to the set-points."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,7 +14,7 @@ Evaluate = Callable[[], Sequence[PreArmCheck]]
 
 
 class ArmingManager:
-    """Arms the drives on the way into an active mode; on any way out of one disarms them and forgets the set-points.
+    """Arms the drives on the way into an active mode; on any way out of one disarms them and discards the set-points.
 
     Drives take a while to pass through their states: whoever asks to arm has the answer once they have, or have failed.
 
@@ -73,7 +73,11 @@ class ArmingManager:
     def arm_itself(self) -> None:
         """Arm a robot that arms itself, and was not switched off or at fault since it started."""
         if self._arms_itself and not self._live:
-            self.act(Action.ARM, self._note)
+
+            def note(answer: Answer) -> None:
+                self.arming_refusal = answer.message
+
+            self.act(Action.ARM, note)
 
     def observe(
         self, faults: Sequence[str], *, ready: bool, setpoints_silent: bool, station_lost: bool = False
@@ -116,7 +120,7 @@ class ArmingManager:
             self._hardware.arm()
         except ArmingRefusedError as error:
             self.answers.append(HardwareAnswer("arm", error.reasons))
-            reply(self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and does not say why",)))
+            reply(self.modes.ask(Action.ARM, error.reasons or ("the drive refuses and gives no reason",)))
             return
         self._live = True
         self._waiting = [reply]
@@ -129,10 +133,6 @@ class ArmingManager:
         waiting, self._waiting = self._waiting or [], None
         for reply in waiting:
             reply(answer)
-
-    def _note(self, answer: Answer) -> None:
-        """The answer to a robot that arms itself."""
-        self.arming_refusal = answer.message
 
     def _settle(self) -> None:
         if self.modes.mode is Mode.FAULT:

@@ -78,7 +78,7 @@ class SectionedModel:
     def final(self) -> None:
         """Equations that hold after the last step."""
 
-    # The seam.
+    # What the cycle calls; see `Model`.
 
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Start at time zero; see `Model.initialize`."""
@@ -88,13 +88,13 @@ class SectionedModel:
         self.s = [self._starts.get(v.name, v.value) for v in self.states]
         self.initial()
         self.static()
-        self._take(u)
+        self._take_inputs(u)
         self._y = list(self.output())
         return self._y
 
     def step(self, u: Sequence[float]) -> list[float]:
         """Advance one step; see `Model.step`."""
-        self._take(u)
+        self._take_inputs(u)
         self.s = self._advance(self.dynamic, self.time, self.s, self.step_size)
         self._steps += 1
         self.time = self._steps * self.step_size
@@ -115,7 +115,8 @@ class SectionedModel:
             return float(self._u[self._input_at[name]])
         if name in self._output_at:
             return float(self._y[self._output_at[name]])
-        raise UnknownNameError(f"variable of model '{self.name}'", name, self._names())
+        known = [*self.p, *(v.name for v in (*self.states, *self.inputs, *self.outputs))]
+        raise UnknownNameError(f"variable of model '{self.name}'", name, known)
 
     def write(self, name: str, value: float) -> None:
         """Write a parameter or state; see `Model.write`."""
@@ -126,9 +127,10 @@ class SectionedModel:
         place = self._state_at.get(name)
         variable = self._parameter_at.get(name) if place is None else self.states[place]
         if variable is None:
-            known = [*self.p, *_names(self.states)]
+            known = [*self.p, *(v.name for v in self.states)]
             raise UnknownNameError(f"writable variable of model '{self.name}'", name, known)
-        self._check_writable(variable)
+        if variable.write is Write.NEVER:
+            raise ModelError(f"'{name}' of model '{self.name}' cannot be written while it runs")
         if place is None:
             self.p[name] = _finite(name, value)
         elif variable.write is Write.RESET:
@@ -136,28 +138,14 @@ class SectionedModel:
             return
         else:
             self.s[place] = _finite(name, value)
-        self._run_static(variable)
+        if variable.write is Write.STATIC:
+            self.static()
 
-    def _take(self, u: Sequence[float]) -> None:
+    def _take_inputs(self, u: Sequence[float]) -> None:
         if len(u) != len(self._u):
             raise ModelError(f"model '{self.name}' has {len(self.inputs)} inputs and was given {len(u)}")
         self._u = list(u)
         self.input(u)
-
-    def _run_static(self, written: Variable) -> None:
-        if written.write is Write.STATIC:
-            self.static()
-
-    def _check_writable(self, variable: Variable) -> None:
-        if variable.write is Write.NEVER:
-            raise ModelError(f"'{variable.name}' of model '{self.name}' cannot be written while it runs")
-
-    def _names(self) -> list[str]:
-        return [*self.p, *_names(self.states), *_names(self.inputs), *_names(self.outputs)]
-
-
-def _names(variables: Sequence[Variable]) -> list[str]:
-    return [v.name for v in variables]
 
 
 def _finite(name: str, value: float) -> float:

@@ -28,7 +28,7 @@ class Phase(enum.IntEnum):
     """What the robot is doing."""
 
     RESTING = 0
-    """Down, the motors give nothing; stands up when told to."""
+    """Down, the motors give nothing; stands up on request."""
     STANDING_UP = 1
     """On its way from the stop to balance."""
     BALANCING = 2
@@ -36,7 +36,7 @@ class Phase(enum.IntEnum):
     SITTING_DOWN = 3
     """Leaning down onto the stop ahead, then braking."""
     GIVEN_UP = 4
-    """Down, the motors give nothing; it fell or did not get up, and waits to be told to sit before it tries again."""
+    """Down, the motors give nothing; it fell or did not get up; tries again after a request to sit."""
 
 
 class PhaseProgress(Value, frozen=True):
@@ -77,7 +77,7 @@ class PhaseRules:
         self._torque_per_rate = _RATE_FACTOR * p["PitchRateGain"]
 
     def advance(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> PhaseProgress:
-        """The phase one period later; `stand` says whether it is told to stand."""
+        """The phase one period later; `stand` is whether it is asked to stand."""
         phase, period = progress.phase, self._period
         goal = self._next(progress, e, stand=stand)
         if goal is not phase:
@@ -86,7 +86,8 @@ class PhaseRules:
             phase,
             progress.elapsed + period,
             progress.lasting + period if self._is_ending(phase, e) else 0.0,
-            progress.wrong + period if self._is_wrong(e) else 0.0,
+            # Faster than the robot is ever asked to go, as wheels turn in the air.
+            progress.wrong + period if abs(e.velocity) > self._runaway_speed else 0.0,
         )
 
     def torque_down(self, e: Estimate) -> float:
@@ -98,7 +99,9 @@ class PhaseRules:
     def _next(self, progress: PhaseProgress, e: Estimate, *, stand: bool) -> Phase:
         match progress.phase:
             case Phase.BALANCING:  # for nearly all of its time, and so asked for first
-                return self._from_balancing(progress, stand=stand)
+                if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
+                    return Phase.GIVEN_UP
+                return Phase.BALANCING if stand else Phase.SITTING_DOWN
             case Phase.RESTING:
                 is_settled = min(e.since, progress.elapsed) > self._settling_time
                 return Phase.STANDING_UP if stand and is_settled else Phase.RESTING
@@ -117,11 +120,6 @@ class PhaseRules:
             return Phase.SITTING_DOWN
         return Phase.BALANCING if progress.lasting > _UP_TIME_S else Phase.STANDING_UP
 
-    def _from_balancing(self, progress: PhaseProgress, *, stand: bool) -> Phase:
-        if progress.lasting > self._fall_time or progress.wrong > _RUNAWAY_TIME_S:
-            return Phase.GIVEN_UP
-        return Phase.BALANCING if stand else Phase.SITTING_DOWN
-
     def _is_ending(self, phase: Phase, e: Estimate) -> bool:
         """Whether the robot is where its phase leads to, or has fallen while it balanced."""
         if phase is Phase.STANDING_UP:
@@ -130,7 +128,3 @@ class PhaseRules:
         if phase is Phase.BALANCING:
             return is_down
         return is_down and abs(e.velocity) < _STILL_SPEED and abs(e.pitch_rate) < _STILL_RATE
-
-    def _is_wrong(self, e: Estimate) -> bool:
-        """Whether the wheels turn faster than the robot is ever asked to go, as they do in the air."""
-        return abs(e.velocity) > self._runaway_speed

@@ -38,9 +38,6 @@ class DeadlineWatch:
             self._row = 0
         if row >= self._in_a_row:
             return f"{row} deadlines in a row were missed"
-        return self._in_window()
-
-    def _in_window(self) -> str | None:
         missed = self._missed
         if not missed.maxlen or len(missed) < missed.maxlen or self._deadline - missed[0] >= self._window:
             return None

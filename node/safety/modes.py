@@ -80,16 +80,16 @@ class Modes:
         self.cycle = 0
         self.history: deque[Transition] = deque(maxlen=_TRANSITIONS_KEPT)
 
-    def ask(self, action: Action, obstacles: Sequence[str] = ()) -> Answer:
+    def ask(self, action: Action, failures: Sequence[str] = ()) -> Answer:
         """Carry out a request, or refuse it with the reason.
 
         Args:
             action: What is asked.
-            obstacles: What speaks against arming; only looked at for `Action.ARM`.
+            failures: What keeps it from arming; only looked at for `Action.ARM`.
         """
         match action:
             case Action.ARM:
-                return self._arm(obstacles)
+                return self._arm(failures)
             case Action.DISARM:
                 if self.mode is Mode.FAULT:
                     return Answer(accepted=True, message="the motors are off already, by a fault")
@@ -113,7 +113,7 @@ class Modes:
             self._enter(Mode.HOLD, "no set-point arrives any more")
         elif not setpoints_silent and self.mode is Mode.HOLD:
             is_back = self.reason == STATION_LOST
-            self._enter(Mode.ARMED, "the base station is heard again" if is_back else "set-points arrive again")
+            self._enter(Mode.ARMED, "the base station is back" if is_back else "set-points arrive again")
 
     def disarm(self, reason: str) -> None:
         """Leave an active mode by the robot's own decision."""
@@ -125,13 +125,13 @@ class Modes:
         if self.mode is not Mode.FAULT:
             self._enter(Mode.FAULT, reason)
 
-    def _arm(self, obstacles: Sequence[str]) -> Answer:
+    def _arm(self, failures: Sequence[str]) -> Answer:
         if self.mode is Mode.FAULT:
             return Answer(accepted=False, message=f"clear the fault first: {self.reason}")
         if self.mode in ACTIVE:
             return Answer(accepted=True, message="armed already")
-        if obstacles:
-            return Answer(accepted=False, message="; ".join(obstacles))
+        if failures:
+            return Answer(accepted=False, message="; ".join(failures))
         return self._enter(Mode.ARMED, "asked to arm")
 
     def _enter(self, mode: Mode, reason: str) -> Answer:

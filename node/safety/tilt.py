@@ -48,7 +48,8 @@ class TiltEstimate:
             self._up, self._is_known = (mx, my, mz), True
             return
         elapsed_s = periods * self._period_s
-        x, y, z = _turn(self._up, gyro, elapsed_s)
+        (x, y, z), (p, q, r) = self._up, gyro  # turned with the body: d(up)/dt = up x rate
+        x, y, z = x + (y * r - z * q) * elapsed_s, y + (z * p - x * r) * elapsed_s, z + (x * q - y * p) * elapsed_s
         trusted = abs(felt - GRAVITY) <= _GRAVITY_WITHIN * GRAVITY
         gain = min(elapsed_s / _CORRECTION_S, 1.0) if trusted else 0.0
         x += gain * (mx - x)
@@ -98,12 +99,6 @@ def imu_vectors(values: Sequence[float], imu: tuple[int, ...]) -> tuple[Vector, 
     """Angular velocity and specific force of the IMU whose values are at these places, in this order."""
     gx, gy, gz, ax, ay, az = imu
     return (values[gx], values[gy], values[gz]), (values[ax], values[ay], values[az])
-
-
-def _turn(up: Vector, rate: Vector, elapsed_s: float) -> Vector:
-    """Up, seen from a body that turned: d(up)/dt = up x rate."""
-    (x, y, z), (p, q, r) = up, rate
-    return x + (y * r - z * q) * elapsed_s, y + (z * p - x * r) * elapsed_s, z + (x * q - y * p) * elapsed_s
 
 
 def _unit(x: float, y: float, z: float, length: float) -> Vector:

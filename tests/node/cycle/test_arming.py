@@ -194,7 +194,7 @@ def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
     ("reasons", "message"),
     [
         (("left drive: no calibration", "right drive: too hot"), "left drive: no calibration; right drive: too hot"),
-        ((), "the drive refuses and does not say why"),
+        ((), "the drive refuses and gives no reason"),
     ],
 )
 def test_drives_that_refuse_at_once_are_answered_for_and_what_they_said_is_kept(

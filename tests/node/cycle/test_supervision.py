@@ -112,7 +112,7 @@ def test_a_station_that_is_heard_again_ends_the_hold_and_the_robot_is_driven_on(
     watched.stage.beat(0)
     watched.stage.beat(80)
     watched.run(120)
-    assert watched.told[1:] == [(51, Mode.HOLD, LOST), (80, Mode.ARMED, "the base station is heard again")]
+    assert watched.told[1:] == [(51, Mode.HOLD, LOST), (80, Mode.ARMED, "the base station is back")]
     assert watched.volts[50:81] == [11.0] + [1.0] * 29 + [11.0]
 
 

@@ -117,7 +117,7 @@ def test_what_is_observed_leads_to_the_most_severe_mode(
 
 # Mode, why it holds, a fault is there, set-points are silent -> mode, reason, with and without a lost station.
 LOST, SILENT = "the base station is lost", "no set-point arrives any more"
-AGAIN = "the base station is heard again"
+AGAIN = "the base station is back"
 STATION_OBSERVATIONS = [
     (Mode.DISARMED, False, False, False, True, Mode.DISARMED, "just started"),
     (Mode.ARMED, False, False, False, True, Mode.HOLD, LOST),

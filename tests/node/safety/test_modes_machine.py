@@ -99,7 +99,7 @@ class Operation(RuleBasedStateMachine):
             elif not lost and silent and not before[0]:
                 self.follow("no set-point arrives any more")
             elif not (lost or silent) and any(before):
-                self.follow("the base station is heard again" if before[1] else "set-points arrive again")
+                self.follow("the base station is back" if before[1] else "set-points arrive again")
 
     @invariant()
     def the_mode_and_its_reason_are_as_accounted(self) -> None:
