@@ -25,7 +25,16 @@ _SLOW_WAIT_S: Final = 1.0
 
 def check_board(machine: System, _workload: Workload) -> Iterator[Finding]:
     """Memory everywhere; temperature and power where the machine measures them."""
-    yield _memory(machine)
+    lines = (machine.read("/proc/meminfo") or "").splitlines()
+    sizes = {name: int(rest.split()[0]) // 1024 for name, _, rest in (line.partition(":") for line in lines) if rest}
+    free = sizes.get("MemAvailable")
+    found = "not reported by the kernel" if free is None else f"{free} of {sizes.get('MemTotal', 0)} MiB are free"
+    remedy = "end what takes it: ps aux --sort=-rss | head; or a computer with more"
+    if free is not None and free < _TOO_LITTLE_MIB:
+        yield bad("memory", found, "the kernel ends programs, the robot's among them", remedy)
+    else:
+        fits = free is None or free >= _LITTLE_MIB
+        yield graded("memory", found, "ROS and the recorder take about 200 MiB", remedy, fits=fits)
     texts = machine.read_all("/sys/class/thermal/thermal_zone*/temp").values()
     if milli_c := [int(text) for text in texts if text.lstrip("-").isdecimal()]:
         yield graded(
@@ -50,18 +59,6 @@ def check_board(machine: System, _workload: Workload) -> Iterator[Finding]:
         yield warning(name, f"since it was switched on: {before}", "it will come again under load", remedy)
     else:
         yield good(name, "no under-voltage and no throttling since it was switched on")
-
-
-def _memory(machine: System) -> Finding:
-    lines = (machine.read("/proc/meminfo") or "").splitlines()
-    sizes = {name: int(rest.split()[0]) // 1024 for name, _, rest in (line.partition(":") for line in lines) if rest}
-    if "MemAvailable" not in sizes:
-        return good("memory", "not reported by the kernel")
-    free, found = sizes["MemAvailable"], f"{sizes['MemAvailable']} of {sizes.get('MemTotal', 0)} MiB are free"
-    remedy = "end what takes it: ps aux --sort=-rss | head; or a computer with more"
-    if free < _TOO_LITTLE_MIB:
-        return bad("memory", found, "the kernel ends programs, the robot's among them", remedy)
-    return graded("memory", found, "ROS and the recorder take about 200 MiB", remedy, fits=free >= _LITTLE_MIB)
 
 
 def check_disk(machine: System, workload: Workload) -> Iterator[Finding]:

@@ -154,7 +154,12 @@ class _Exchange:
         sent, self._sent = self._sent, []
         for call, client, future in sent:
             if future.done():
-                _answer(call, future)
+                try:
+                    values = future.result().values
+                    call.answer.set_result(value_of(values[0]) if len(values) == 1 else None)
+                except Exception as error:  # noqa: BLE001 - whoever asked gets it
+                    failure = NobodyListensError(f"the archive of robot {call.robot} failed: {error}")
+                    call.answer.set_exception(failure)
             elif now_s < call.asked_s + _ANSWER_S:
                 self._sent.append((call, client, future))
             else:
@@ -173,11 +178,3 @@ class _Exchange:
             name = f"{robot.rstrip('/')}/{NODE}/{SERVICE}"
             self._clients[robot] = self._node.create_client(self._type, name)
         return self._clients[robot]
-
-
-def _answer(call: _Call, future: RosObject) -> None:
-    try:
-        values = future.result().values
-        call.answer.set_result(value_of(values[0]) if len(values) == 1 else None)
-    except Exception as error:  # noqa: BLE001 - whoever asked gets it
-        call.answer.set_exception(NobodyListensError(f"the archive of robot {call.robot} failed: {error}"))

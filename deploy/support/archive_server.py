@@ -55,22 +55,18 @@ class ArchiveServer:
         self._executor.shutdown()
 
     def _serve(self, request: RosObject, response: RosObject) -> RosObject:
-        values = [self._value(name) for name in request.names[:_MOST_NAMES]]
-        response.values = values + [self._value_type() for _ in request.names[_MOST_NAMES:]]
+        response.values = [self._value_type() for _ in request.names]
+        for name, value in zip(request.names[:_MOST_NAMES], response.values, strict=False):
+            answer = self._answer(name) if len(name) <= _LONGEST_NAME else None
+            if isinstance(answer, bytes):
+                self._owed_s += len(answer) / self._bytes_per_s
+                value.type, value.integer_array_value = _INTEGERS, words_of(answer)
+            elif isinstance(answer, str):
+                value.type, value.string_value = _STRING, answer
+            elif answer is not None:
+                value.type, value.string_array_value = _STRINGS, [str(line) for line in answer]
+                self._owed_s += sum(len(line) for line in value.string_array_value) / self._bytes_per_s
         return response
-
-    def _value(self, name: str) -> RosObject:
-        answer = self._answer(name) if len(name) <= _LONGEST_NAME else None
-        if answer is None:
-            return self._value_type()
-        if isinstance(answer, bytes):
-            self._owed_s += len(answer) / self._bytes_per_s
-            return self._value_type(type=_INTEGERS, integer_array_value=words_of(answer))
-        if isinstance(answer, str):
-            return self._value_type(type=_STRING, string_value=answer)
-        lines = [str(line) for line in answer]
-        self._owed_s += sum(len(line) for line in lines) / self._bytes_per_s
-        return self._value_type(type=_STRINGS, string_array_value=lines)
 
 
 def value_of(value: RosObject) -> Value:

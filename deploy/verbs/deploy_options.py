@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -81,13 +82,14 @@ def values(event: Event) -> dict[str, Any]:
     return {key: value for key, value in event.items() if key != "event"}
 
 
-def report_end(event: Event, options: argparse.Namespace) -> int:
-    """Print how an update ended, and return 0.
+def run_update(options: argparse.Namespace, change: Callable[[Host, RemotePaths, Rules], Event]) -> int:
+    """Have the robot change its release, print how that ended, and return 0.
 
     Raises:
         UpdateFailedError: The version is not healthy.
     """
-    ended = values(event)
+    with connection(options) as host:
+        ended = values(change(host, paths(options), rules(options)))
     text = f"{options.host}: {_ENDINGS[ended['outcome']].format(**ended)}"
     if options.json:
         print_json({"host": options.host, **ended})

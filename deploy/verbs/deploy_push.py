@@ -11,15 +11,7 @@ from typing import Final
 from segway_ecc import node
 from segway_ecc.deploy.release.requests import Content, push
 from segway_ecc.deploy.release.robot_files import robot_files
-from segway_ecc.deploy.verbs.deploy_options import (
-    add_host,
-    add_trial,
-    connection,
-    paths,
-    report_end,
-    rules,
-    show_step,
-)
+from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
 from segway_ecc.node.cli.options import robot_file
 from segway_ecc.node.config import packaged_robots
 from segway_ecc.node.cycle.clock import RealClock
@@ -49,13 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Push, and wait until the version is healthy or the robot has gone back."""
-    with connection(options) as host:
-        robot = None
-        if options.robot is not None:
-            loaded = argparse.Namespace(robot=options.robot, interface=None, channel=None, serial=None)
-            build_robot(robot_file(loaded), RealClock())
-            is_packaged = options.robot in packaged_robots()
-            path = _PACKAGED / f"{options.robot}.yaml" if is_packaged else Path(options.robot)
-            robot = robot_files(path, robot_file(loaded))
-        content = Content(options.wheel, robot, options.extra, options.ros, options.refresh, options.again)
-        return report_end(push(host, paths(options), rules(options), content, show_step), options)
+    robot = None
+    if options.robot is not None:
+        loaded = argparse.Namespace(robot=options.robot, interface=None, channel=None, serial=None)
+        build_robot(robot_file(loaded), RealClock())
+        is_packaged = options.robot in packaged_robots()
+        path = _PACKAGED / f"{options.robot}.yaml" if is_packaged else Path(options.robot)
+        robot = robot_files(path, robot_file(loaded))
+    content = Content(options.wheel, robot, options.extra, options.ros, options.refresh, options.again)
+    return run_update(options, lambda host, paths, rules: push(host, paths, rules, content, show_step))

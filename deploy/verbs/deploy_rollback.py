@@ -7,15 +7,7 @@ Exit codes besides the general ones: 6 no connection; 7 the connection was lost,
 import argparse
 
 from segway_ecc.deploy.release.requests import rollback
-from segway_ecc.deploy.verbs.deploy_options import (
-    add_host,
-    add_trial,
-    connection,
-    paths,
-    report_end,
-    rules,
-    show_step,
-)
+from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,5 +19,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Go back, and wait until the release is healthy."""
-    with connection(options) as host:
-        return report_end(rollback(host, paths(options), rules(options), options.to, show_step), options)
+    return run_update(options, lambda host, paths, rules: rollback(host, paths, rules, options.to, show_step))

@@ -37,7 +37,13 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--logs is 0 to {_MOST_LOGS}")
     text = None if options.robot is None else read_text(options.robot)
     made = dt.datetime.now(dt.UTC)
-    name = "machine" if options.robot is None else _name(options.robot)
+    name = "machine"
+    if options.robot is not None:
+        try:
+            name = load_robot(options.robot).name
+        except ConfigurationError:  # a file that is not as it must be may be what the bundle is made for
+            name = Path(options.robot).stem
+        name = _NOT_PLAIN.sub("_", name) or "robot"
     out: Path = options.out or Path(f"segway-ecc-support-{name}-{made:%Y%m%dT%H%M%SZ}.zip")
     content = BundleOptions(
         logs=options.log_folder or default_log("").parent,
@@ -62,12 +68,3 @@ def run(options: argparse.Namespace) -> int:
         rows[part.part] = "; ".join(filter(None, (has, lacks)))
     print_table({**rows, "bundle": f"{out} ({size / _KIB:.0f} KiB)"})
     return 0
-
-
-def _name(robot: str) -> str:
-    """The robot's name, also where its file is not as it must be: that may be what the bundle is made for."""
-    try:
-        name = load_robot(robot).name
-    except ConfigurationError:
-        name = Path(robot).stem
-    return _NOT_PLAIN.sub("_", name) or "robot"

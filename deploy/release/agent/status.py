@@ -12,7 +12,6 @@ from typing import Any
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_locked
 from segway_ecc.deploy.release.agent.journal import Journal
-from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
 from segway_ecc.deploy.release.agent.robot_link import is_robot_file_linked
 from segway_ecc.deploy.release.agent.services import show
 from segway_ecc.deploy.release.agent.store import Store
@@ -43,6 +42,17 @@ def status(store: Store, *, verify: bool) -> dict[str, Any]:
     """The releases, the one in use, the last update and the node."""
     current, journal = store.current(), Journal(store.root)
     pending, last = journal.pending(), journal.last()
+    releases = []
+    for manifest in store.complete():
+        values = dataclasses.asdict(dataclasses.replace(manifest, files={})) | {"is_current": manifest.name == current}
+        del values["files"]
+        if verify:
+            try:
+                store.verify(manifest.name)
+                values["changed"] = ""
+            except AgentRefusedError as error:
+                values["changed"] = str(error)
+        releases.append(values)
     try:
         node = dataclasses.asdict(show())
     except AgentRefusedError as error:
@@ -55,7 +65,7 @@ def status(store: Store, *, verify: bool) -> dict[str, Any]:
     return {
         "current": current,
         "rollback_to": store.before(current),
-        "releases": [_release(store, manifest, current, verify=verify) for manifest in store.complete()],
+        "releases": releases,
         "incomplete": store.incomplete(),
         "is_updating": is_locked(store.root),
         "pending": dataclasses.asdict(pending) if pending else None,
@@ -63,15 +73,3 @@ def status(store: Store, *, verify: bool) -> dict[str, Any]:
         "free_mb": free_mb,
         "node": node,
     }
-
-
-def _release(store: Store, manifest: ReleaseManifest, current: str | None, *, verify: bool) -> dict[str, Any]:
-    values = dataclasses.asdict(dataclasses.replace(manifest, files={}))
-    del values["files"]
-    if verify:
-        try:
-            store.verify(manifest.name)
-            values["changed"] = ""
-        except AgentRefusedError as error:
-            values["changed"] = str(error)
-    return {**values, "is_current": manifest.name == current}
