@@ -61,5 +61,5 @@ def test_what_is_no_number_is_refused(value: Any) -> None:
 
 def test_an_angle_is_an_angle_also_where_it_is_the_mark() -> None:
     encoder = Encoder(dataclasses.replace(PUBLISHED, encoder_counts_per_turn=0.0), 0.001, -113.0)
-    encoder.sample(-113.0, -113.0)
+    encoder.follow(-113.0, -113.0, -113.0, -113.0, 1)
     assert (encoder.angle, encoder.velocity) == (-113.0, -113.0)

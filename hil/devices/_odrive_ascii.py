@@ -102,13 +102,13 @@ class AsciiPort:
         match verb, [*values, 0.0, 0.0]:
             case "c", [torque, *_]:
                 axis.control_mode = TORQUE_CONTROL
-                axis.set_torque(torque)
+                axis.set_input(torque)
             case "v", [velocity, torque, *_]:
                 axis.control_mode = 2
-                axis.set_velocity(velocity, torque)
+                axis.set_input(torque, velocity)
             case "p", [position, velocity, torque, *_]:
                 axis.control_mode = 3
-                axis.set_position(position, velocity, torque)
+                axis.set_input(torque, velocity, position)
         axis.feed(now_ns)
         return None
 

@@ -127,21 +127,20 @@ class SimulatedAxis:
         self._requested = AxisState(state) if state in set(AxisState) else AxisState.UNDEFINED
         self._requested_ns = now_ns
 
-    def set_torque(self, torque_nm: float) -> None:
-        """Take a torque, which counts only in torque mode."""
+    def set_input(
+        self, torque_nm: float, velocity_rev_s: float | None = None, position_rev: float | None = None
+    ) -> None:
+        """Take a set-point of the motor, which counts only in the mode of the last one given; the others feed forward.
+
+        Args:
+            torque_nm: Torque, N m.
+            velocity_rev_s: Velocity, rev/s; None leaves it.
+            position_rev: Position, rev; None leaves it.
+        """
         if self.input_mode:
             self.input_torque_nm = torque_nm
-
-    def set_velocity(self, velocity_rev_s: float, torque_nm: float) -> None:
-        """Take a velocity, which counts only in velocity mode, with a feedforward."""
-        if self.input_mode:
-            self.input_velocity_rev_s, self.input_torque_nm = velocity_rev_s, torque_nm
-
-    def set_position(self, position_rev: float, velocity_rev_s: float, torque_nm: float) -> None:
-        """Take a position, which counts only in position mode, with feedforwards."""
-        if self.input_mode:
-            self.input_position_rev = position_rev
-            self.set_velocity(velocity_rev_s, torque_nm)
+            self.input_velocity_rev_s = self.input_velocity_rev_s if velocity_rev_s is None else velocity_rev_s
+            self.input_position_rev = self.input_position_rev if position_rev is None else position_rev
 
     def set_origin(self, position_rev: float) -> None:
         """Call the present position this."""

@@ -39,6 +39,25 @@ _STATUSWORDS: Final = {
 }
 """With remote (bit 9), voltage (bit 4) and, in operation, following (bit 12)."""
 _ON: Final = (DriveState.READY, DriveState.SWITCHED_ON, DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+_OBJECTS: Final[Mapping[Key, ObjectEntry]] = {
+    (0x1000, 0): ObjectEntry(4, 0x0002_0192, "r"),
+    (0x1001, 0): ObjectEntry(1, 0, "r"),
+    (0x6007, 0): ObjectEntry(2, 1),
+    (0x6040, 0): ObjectEntry(2, 0, mappable=True),
+    (0x6041, 0): ObjectEntry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
+    (0x605A, 0): ObjectEntry(2, 2),
+    (0x6060, 0): ObjectEntry(1, 0, mappable=True),
+    (0x6061, 0): ObjectEntry(1, 0, "r", mappable=True),
+    (0x6064, 0): ObjectEntry(4, 0, "r", mappable=True),
+    (0x606C, 0): ObjectEntry(4, 0, "r", mappable=True),
+    (0x6071, 0): ObjectEntry(2, 0, mappable=True),
+    (0x6072, 0): ObjectEntry(2, MAX_TORQUE_PERMILLE),
+    (0x6076, 0): ObjectEntry(4, RATED_TORQUE_MNM, "r"),
+    (0x6077, 0): ObjectEntry(2, 0, "r", mappable=True),
+    (_DC_LINK, 0): ObjectEntry(4, 0, "r", mappable=True),
+    (0x6502, 0): ObjectEntry(4, 0x0200, "r"),
+}
+"""The objects of the profile, as after power-on."""
 
 
 class SimulatedDrive:
@@ -60,7 +79,7 @@ class SimulatedDrive:
         self._origin_counts = 0
         self._position_counts = 0
         self._lacks = frozenset(lacks)
-        objects = {key: entry for key, entry in _objects().items() if key[0] not in self._lacks}
+        objects = {key: entry for key, entry in _OBJECTS.items() if key[0] not in self._lacks}
         self.slave = CanopenSlave(link, settings.node_id, objects, self._lose_host)
 
     def switch_off(self) -> None:
@@ -180,25 +199,3 @@ class SimulatedCia402:
         supply = supply_voltage(outputs)
         self.left.send_telemetry(now_ns, outputs["left.angle"], outputs["left.velocity"], supply)
         self.right.send_telemetry(now_ns, outputs["right.angle"], outputs["right.velocity"], supply)
-
-
-def _objects() -> dict[Key, ObjectEntry]:
-    """The objects of the profile, as after power-on."""
-    return {
-        (0x1000, 0): ObjectEntry(4, 0x0002_0192, "r"),
-        (0x1001, 0): ObjectEntry(1, 0, "r"),
-        (0x6007, 0): ObjectEntry(2, 1),
-        (0x6040, 0): ObjectEntry(2, 0, mappable=True),
-        (0x6041, 0): ObjectEntry(2, _STATUSWORDS[DriveState.SWITCH_ON_DISABLED], "r", mappable=True),
-        (0x605A, 0): ObjectEntry(2, 2),
-        (0x6060, 0): ObjectEntry(1, 0, mappable=True),
-        (0x6061, 0): ObjectEntry(1, 0, "r", mappable=True),
-        (0x6064, 0): ObjectEntry(4, 0, "r", mappable=True),
-        (0x606C, 0): ObjectEntry(4, 0, "r", mappable=True),
-        (0x6071, 0): ObjectEntry(2, 0, mappable=True),
-        (0x6072, 0): ObjectEntry(2, MAX_TORQUE_PERMILLE),
-        (0x6076, 0): ObjectEntry(4, RATED_TORQUE_MNM, "r"),
-        (0x6077, 0): ObjectEntry(2, 0, "r", mappable=True),
-        (_DC_LINK, 0): ObjectEntry(4, 0, "r", mappable=True),
-        (0x6502, 0): ObjectEntry(4, 0x0200, "r"),
-    }

@@ -184,11 +184,11 @@ class SimulatedOdrive:
             case c.SetControllerMode(control_mode, input_mode):
                 axis.control_mode, axis.input_mode = control_mode, input_mode
             case c.SetInputTorque(torque):
-                axis.set_torque(torque)
+                axis.set_input(torque)
             case c.SetInputVelocity(velocity, torque):
-                axis.set_velocity(velocity, torque)
+                axis.set_input(torque, velocity)
             case c.SetInputPosition(position, velocity, torque):
-                axis.set_position(position, velocity, torque)
+                axis.set_input(torque, velocity, position)
             case _:
                 self._manage(axis, message)
 

@@ -1,12 +1,11 @@
 """When faults are there, in lock step with the robot."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.hil.faults.fault import Fault, Target
-
-NowNs = Callable[[], int]
+from segway_ecc.hil.rig.simulated_bus import NowNs
 
 _NS_PER_S: Final = 1_000_000_000
 _SPREAD_S: Final = 0.02
@@ -52,10 +51,6 @@ class Injection:
         self.at_ns = round(fault.at_s * _NS_PER_S)
         self._timeline = timeline
 
-    def shift(self, offset_s: float) -> None:
-        """Begin later, s."""
-        self.at_ns += round(offset_s * _NS_PER_S)
-
     @property
     def is_active(self) -> bool:
         """Whether the fault is there now."""
@@ -86,7 +81,7 @@ class Injections:
         self._all = [Injection(fault, self.timeline, f"{seed}/{place}") for place, fault in enumerate(faults)]
         offset_s = random.Random(seed).uniform(0.0, _SPREAD_S) if seed else 0.0  # noqa: S311 - as above
         for injection in self._all:
-            injection.shift(offset_s)
+            injection.at_ns += round(offset_s * _NS_PER_S)
 
     @property
     def first_ns(self) -> int | None:

@@ -1,7 +1,7 @@
 """Links and lines that lose, spoil, repeat and delay what passes, as faults make them."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 from msgspec.structs import replace
@@ -10,9 +10,9 @@ from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.faults.injection import Injection, Injections
 from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
 from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
-NowNs = Callable[[], int]
 _FAULTS: Final = {"off": LinkFault.CUT, "stuck": LinkFault.QUEUE_FULL}
 _MOST_BITS: Final = 3
 

@@ -5,39 +5,26 @@ import stat
 import struct
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 _ALIGNMENT = 4
 _PROGRAM_INTERPRETER = 3
 """PT_INTERP of elf.h: the segment that a program has which needs the host's libraries."""
 
 
+FOLDER: Final = stat.S_IFDIR | 0o755
+PROGRAM: Final = stat.S_IFREG | 0o755
+FILE: Final = stat.S_IFREG | 0o644
+SYMBOLIC_LINK: Final = stat.S_IFLNK | 0o777
+"""What entries are, as in `st_mode`: all can read them, and run programs."""
+
+
 class ArchiveEntry(NamedTuple):
-    """A file of the archive: its path, its type and permissions as in `st_mode`, and its content."""
+    """A file of the archive: its path, its type and permissions as in `st_mode`, and its content or link's target."""
 
     path: str
     mode: int
     content: bytes = b""
-
-
-def folder(path: str) -> ArchiveEntry:
-    """A folder that all can read."""
-    return ArchiveEntry(path, stat.S_IFDIR | 0o755)
-
-
-def program(path: str, content: bytes) -> ArchiveEntry:
-    """A file that all can run."""
-    return ArchiveEntry(path, stat.S_IFREG | 0o755, content)
-
-
-def file(path: str, content: bytes) -> ArchiveEntry:
-    """A file that all can read."""
-    return ArchiveEntry(path, stat.S_IFREG | 0o644, content)
-
-
-def symbolic_link(path: str, target: str) -> ArchiveEntry:
-    """A symbolic link."""
-    return ArchiveEntry(path, stat.S_IFLNK | 0o777, target.encode())
 
 
 def archive(entries: Iterable[ArchiveEntry]) -> bytes:

@@ -35,6 +35,7 @@ from segway_ecc.hil.kernels.guest import (
     script,
     search_path,
 )
+from segway_ecc.hil.kernels.initramfs import FILE, FOLDER, PROGRAM, SYMBOLIC_LINK, ArchiveEntry
 
 _PACKAGES = {
     "qemu-system-x86_64": "qemu-system-x86",
@@ -114,12 +115,12 @@ def run_in_guest(command: Sequence[str], *, bitrate: int = 500_000, **options: U
 
 def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
     entries = [
-        *(initramfs.folder(name) for name in ("bin", "dev", "modules", "proc", "run")),
-        initramfs.program("bin/busybox", _busybox()),
-        initramfs.symbolic_link("bin/sh", "busybox"),
-        initramfs.program("init", script("qemu_init.sh").encode()),
-        *(initramfs.file(name, (scratch / name).read_bytes()) for name in ("guest.sh", "settings.sh")),
-        *(initramfs.file(f"modules/{path.name}", initramfs.module_content(path)) for path in modules),
+        *(ArchiveEntry(name, FOLDER) for name in ("bin", "dev", "modules", "proc", "run")),
+        ArchiveEntry("bin/busybox", PROGRAM, _busybox()),
+        ArchiveEntry("bin/sh", SYMBOLIC_LINK, b"busybox"),
+        ArchiveEntry("init", PROGRAM, script("qemu_init.sh").encode()),
+        *(ArchiveEntry(name, FILE, (scratch / name).read_bytes()) for name in ("guest.sh", "settings.sh")),
+        *(ArchiveEntry(f"modules/{path.name}", FILE, initramfs.module_content(path)) for path in modules),
     ]
     return initramfs.archive(entries)
 

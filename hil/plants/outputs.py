@@ -1,22 +1,18 @@
-"""What the plants of two-wheeled robots have in common to tell: encoders, IMU, and how the robot really is."""
+"""The outputs that the plants of two-wheeled robots have in common: encoders, IMU, and how the robot really is."""
 
 from typing import Final
 
 from segway_ecc.node.model.variables import Variable
 
-WHEEL_OUTPUTS: Final = (
-    Variable("left.angle", "rad"),
-    Variable("left.velocity", "rad/s"),
-    Variable("right.angle", "rad"),
-    Variable("right.velocity", "rad/s"),
+WHEEL_OUTPUTS: Final = tuple(
+    Variable(f"{side}.{name}", unit)
+    for side in ("left", "right")
+    for name, unit in (("angle", "rad"), ("velocity", "rad/s"))
 )
-IMU_OUTPUTS: Final = (
-    Variable("imu.angular_velocity_x", "rad/s"),
-    Variable("imu.angular_velocity_y", "rad/s"),
-    Variable("imu.angular_velocity_z", "rad/s"),
-    Variable("imu.linear_acceleration_x", "m/s2"),
-    Variable("imu.linear_acceleration_y", "m/s2"),
-    Variable("imu.linear_acceleration_z", "m/s2"),
+IMU_OUTPUTS: Final = tuple(
+    Variable(f"imu.{name}_{axis}", unit)
+    for name, unit in (("angular_velocity", "rad/s"), ("linear_acceleration", "m/s2"))
+    for axis in "xyz"
 )
 POSE_OUTPUTS: Final = (
     Variable("truth.x", "m"),

@@ -22,7 +22,7 @@ from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 
 STEP_SIZE: Final = 0.001
 _MOST_STIFF: Final = 1.0
-"""How much of its way to rest friction may go in one stride: the method is stable up to 2.8, and exact far below."""
+"""How much of its way to rest friction may go in one substep: the method is stable up to 2.8, and exact far below."""
 
 _TYPICAL: Final = ImuErrors()
 _SENSOR_PARAMETERS: Final = (
@@ -91,9 +91,6 @@ class _Segway(SectionedModel):
         self._disturbance: tuple[float, ...] = ()
         self._disturb()
         self._gravity, self._imu_height = p.gravity, p.imu_height
-        self._build_sensors(p)
-
-    def _build_sensors(self, p: SegwayParameters) -> None:
         share = self.p["SensorErrors"]
         if not share:
             p = dataclasses.replace(p, encoder_counts_per_turn=0.0)
@@ -125,7 +122,7 @@ class _Segway(SectionedModel):
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
         """Make some steps at once with the same inputs; returns the outputs after the last one; see `Advancing`.
 
-        What moves is integrated in strides of up to `MOST_STEPS` steps where friction is not too stiff for it, and the
+        What moves is integrated in substeps of up to `MOST_STEPS` steps where friction is not too stiff for it, and the
         IMU measures only what will be shown. Encoders count at every step.
         """
         self._take_inputs(u)
@@ -136,7 +133,7 @@ class _Segway(SectionedModel):
         return self._y
 
     def _move(self, steps: int) -> None:
-        """Make some steps, in strides.
+        """Make some steps, in substeps.
 
         Asked for as many each time, the IMU is to have a sample just as old as its latency at each end.
         """
@@ -145,16 +142,16 @@ class _Segway(SectionedModel):
         end = moved + steps
         sampled = end - (0 if imu is None else imu.delay % steps)
         while moved < end:
-            stride = min((sampled if moved < sampled else end) - moved, self._longest)
-            self._stride(stride)
-            moved += stride
+            substep = min((sampled if moved < sampled else end) - moved, self._longest)
+            self._advance_substep(substep)
+            moved += substep
             if moved == sampled:
                 self._sample(moved)
         self._moved = end
         if imu is not None:
             self._imu_sample = imu.show(end)
 
-    def _stride(self, steps: int) -> None:
+    def _advance_substep(self, steps: int) -> None:
         """Move motors, body, battery and encoders on, 1 to `MOST_STEPS` steps at a time."""
         body, battery, left_motor, right_motor = self.body, self.battery, self._left_motor, self._right_motor
         h, heading, supply = steps * STEP_SIZE, body.heading, battery.voltage

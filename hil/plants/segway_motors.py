@@ -121,7 +121,7 @@ class TorqueMotor:
 
 
 def _lags(step: float, time_constant: float) -> list[tuple[float, float]]:
-    """What `_lag` says of no steps, of one, and so on."""
+    """`_lag` of no steps, of one, and so on."""
     return [(1.0, 1.0), *(_lag(count * step, time_constant) for count in range(1, MOST_STEPS + 1))]
 
 

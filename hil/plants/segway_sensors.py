@@ -64,10 +64,6 @@ class Encoder:
         self.angle = self._counted * self._count if self._count else angle
         self.velocity = 0.0
 
-    def sample(self, angle: float, velocity: float) -> None:
-        """Take the true angle (rad) and velocity (rad/s)."""
-        self.follow(angle, velocity, angle, velocity, 1)
-
     def follow(self, old_angle: float, old_velocity: float, angle: float, velocity: float, steps: int) -> None:
         """Take a sample at each of the next steps, on the way from one true angle and velocity to another."""
         count = self._count

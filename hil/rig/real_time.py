@@ -33,21 +33,13 @@ class RealTimePlant:
         """End after the present tick; may be called from a signal handler."""
         self._stopped = True
 
-    def open(self) -> None:
-        """Open the bus.
-
-        Raises:
-            BusNotFoundError: It is not there.
-        """
-        self.robot.link.open()
-
     def run(
         self,
         observe: Observer | None,
         trace: Trace | None = None,
         before_tick: Callable[[], None] | None = None,
     ) -> None:
-        """Tick until stopped, then close the bus.
+        """Tick until stopped, then close the bus, which is open.
 
         Args:
             observe: Sees the plant's outputs.

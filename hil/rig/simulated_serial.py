@@ -2,12 +2,10 @@
 
 import errno
 from collections import deque
-from collections.abc import Callable
 from typing import Final
 
 from segway_ecc.firmware_io.links.settings import SerialSettings
-
-NowNs = Callable[[], int]
+from segway_ecc.hil.rig.simulated_bus import NowNs
 
 _NS_PER_S: Final = 1_000_000_000
 _BITS_PER_BYTE: Final = 10

@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
             # The plant ends with whoever controls it.
             reader = LineReader(sys.stdin.fileno(), sys.stdout.fileno(), obey, plant.stop)
             control = stack.enter_context(contextlib.closing(reader))
-        plant.open()
+        plant.robot.link.open()
         _logger.info("plant of '%s' on %s", options.robot, link.description)
         with real_time():
             plant.run(observe, traced, control)

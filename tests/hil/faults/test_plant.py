@@ -150,14 +150,14 @@ def test_the_rest_is_the_plants() -> None:
     assert plant.read("Count") == 0.0
 
 
-class Strides(Counter):
+class BatchCounter(Counter):
     """Remembers how many steps it was asked for at a time."""
 
     def initial(self) -> None:
-        self.strides: list[int] = []
+        self.batches: list[int] = []
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
-        self.strides.append(steps)
+        self.batches.append(steps)
         for _ in range(steps):
             outputs = self.step(u)
         return outputs
@@ -174,30 +174,30 @@ EACH_STEP = {
 
 @pytest.mark.parametrize(("target", "kind"), FAULTS)
 def test_steps_are_made_at_once_unless_a_fault_is_another_in_each(target: Target, kind: Type) -> None:
-    """Two strides of five steps before the fault is there, and two after."""
-    now, at_once = [0], Strides()
+    """Two substeps of five steps before the fault is there, and two after."""
+    now, at_once = [0], BatchCounter()
     fault = Fault(target=target, type=kind, at_s=0.1)
     faults = Injections([fault], 0, lambda: now[0])
     plant = DisturbedPlant(at_once, faults)
     plant.initialize([0.0, 0.0])
     faults.timeline.start()
-    for stride in range(4):
-        now[0] = stride * 50_000_000
+    for substep in range(4):
+        now[0] = substep * 50_000_000
         plant.advance([2.0, 3.0], 5)
     each = [1] * 5
     before = each * 2 if kind == "delayed" else [5, 5]
     after = each * 2 if kind == "delayed" or (target, kind) in EACH_STEP else [5, 5]
-    assert at_once.strides == before + after
+    assert at_once.batches == before + after
 
 
 @pytest.mark.parametrize(
     ("target", "kind"),
     [fault for fault in FAULTS if fault[1] not in {"garbage", "intermittent"}],
 )
-def test_strides_end_where_single_steps_do(target: Target, kind: Type) -> None:
-    """Faults without chance in them, over strides of five steps, at whose ends somebody looks."""
+def test_substeps_end_where_single_steps_do(target: Target, kind: Type) -> None:
+    """Faults without chance in them, over substeps of five steps, at whose ends somebody looks."""
 
-    def seen(*, are_strides: bool) -> list[list[float]]:
+    def seen(*, are_substeps: bool) -> list[list[float]]:
         now = [0]
         fault = Fault(target=target, type=kind, at_s=0.1, for_s=None if (target, kind) in _FOR_GOOD else 0.1)
         faults = Injections([fault], 0, lambda: now[0])
@@ -205,13 +205,13 @@ def test_strides_end_where_single_steps_do(target: Target, kind: Type) -> None:
         plant.initialize([0.0, 0.0])
         faults.timeline.start()
         rows = []
-        for stride in range(8):
-            now[0] = stride * 50_000_000
-            push = [2.0 + stride, 3.0 - stride]
-            if are_strides:
+        for substep in range(8):
+            now[0] = substep * 50_000_000
+            push = [2.0 + substep, 3.0 - substep]
+            if are_substeps:
                 rows.append(plant.advance(push, 5))
             else:
                 rows += [plant.step(push) for _ in range(5)][-1:]
         return rows
 
-    assert seen(are_strides=True) == seen(are_strides=False)
+    assert seen(are_substeps=True) == seen(are_substeps=False)

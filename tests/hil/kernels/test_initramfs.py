@@ -4,13 +4,14 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.kernels.initramfs import (
+    FILE,
+    FOLDER,
+    PROGRAM,
+    SYMBOLIC_LINK,
+    ArchiveEntry,
     archive,
-    file,
-    folder,
     module_content,
     modules_in_order,
-    program,
-    symbolic_link,
 )
 
 DEP = """\
@@ -38,7 +39,14 @@ def test_an_archive_is_newc() -> None:
     """By hand, from the kernel's buffer-format.rst: header of 110 bytes, name and content each padded to four."""
     devices = "00000000 00000000 00000000 00000000"
 
-    packed = archive([folder("bin"), program("init", b"#!/x\n"), file("a", b"1234"), symbolic_link("sh", "box")])
+    packed = archive(
+        [
+            ArchiveEntry("bin", FOLDER),
+            ArchiveEntry("init", PROGRAM, b"#!/x\n"),
+            ArchiveEntry("a", FILE, b"1234"),
+            ArchiveEntry("sh", SYMBOLIC_LINK, b"box"),
+        ]
+    )
 
     assert packed == b"".join(
         [

@@ -20,26 +20,30 @@ NONE = ImuErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0, G)
 
 
+def sample(encoder: Encoder, angle: float, velocity: float) -> None:
+    encoder.follow(angle, velocity, angle, velocity, 1)
+
+
 def test_angles_come_in_whole_counts() -> None:
     encoder = Encoder(PUBLISHED, H, 0.0)
     for angle in (0.1, 0.10001, -0.1, 7.0):
-        encoder.sample(angle, 0.0)
+        sample(encoder, angle, 0.0)
         assert encoder.angle / COUNT == pytest.approx(round(encoder.angle / COUNT), abs=1e-6)
         assert 0.0 <= angle - encoder.angle < COUNT
 
 
 def test_less_than_a_count_does_not_show() -> None:
     encoder = Encoder(PUBLISHED, H, 0.25 * COUNT)
-    encoder.sample(0.75 * COUNT, 0.5 * COUNT / H)
+    sample(encoder, 0.75 * COUNT, 0.5 * COUNT / H)
     assert (encoder.angle, encoder.velocity) == (0.0, 0.0)
 
 
 def test_velocity_is_filtered_differences() -> None:
     """A step of three counts through step / (step + time): 0.0025 / 0.0075."""
     encoder = Encoder(PUBLISHED, H, 0.0)
-    encoder.sample(3.5 * COUNT, 0.0)
+    sample(encoder, 3.5 * COUNT, 0.0)
     assert encoder.velocity == pytest.approx(3 * COUNT / H / 3)
-    encoder.sample(3.5 * COUNT, 0.0)
+    sample(encoder, 3.5 * COUNT, 0.0)
     assert encoder.velocity == pytest.approx(3 * COUNT / H / 3 * 2 / 3)
 
 
@@ -47,7 +51,7 @@ def test_velocity_settles_at_the_true_one() -> None:
     encoder = Encoder(PUBLISHED, H, 0.0)
     seen = []
     for i in range(400):
-        encoder.sample(5.0 * H * i, 5.0)
+        sample(encoder, 5.0 * H * i, 5.0)
         seen.append(encoder.velocity)
     assert statistics.fmean(seen[100:]) == pytest.approx(5.0, rel=1e-3)
     assert 0.0 < max(seen[100:]) - min(seen[100:]) < COUNT / H
@@ -56,7 +60,7 @@ def test_velocity_settles_at_the_true_one() -> None:
 def test_an_encoder_without_counts_tells_the_truth() -> None:
     encoder = Encoder(dataclasses.replace(PUBLISHED, encoder_counts_per_turn=0.0), H, 0.1)
     assert encoder.angle == 0.1
-    encoder.sample(0.123456, 7.0)
+    sample(encoder, 0.123456, 7.0)
     assert (encoder.angle, encoder.velocity) == (0.123456, 7.0)
 
 
@@ -217,7 +221,7 @@ def test_an_encoder_follows_a_cubic_way_as_if_sampled_at_each_step(steps: int) -
         end = start + steps
         followed.follow(way(start * H), speed(start * H), way(end * H), speed(end * H), steps)
         for step in range(start + 1, end + 1):
-            sampled.sample(way(step * H), speed(step * H))
+            sample(sampled, way(step * H), speed(step * H))
         assert followed.angle == sampled.angle
         assert followed.velocity == pytest.approx(sampled.velocity, rel=1e-9)
     assert abs(sampled.velocity) > 10.0

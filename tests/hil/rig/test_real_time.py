@@ -77,7 +77,7 @@ def test_ticks_every_five_milliseconds_from_the_start(file: RobotFile) -> None:
     clock = ManualClock()
     plant = made(file, clock)
     watch = Watch(plant, 10)
-    plant.open()
+    plant.robot.link.open()
     plant.run(watch)
 
     assert watch.stamps == [WALL_NS + n * 5 * MS for n in range(10)]
@@ -88,7 +88,7 @@ def test_late_ticks_are_made_up_for_and_counted(file: RobotFile) -> None:
     # The third tick is 17 ms late; those due 5 and 10 ms after it are late by 12 and 7, the next by 2 only.
     plant = made(file, ManualClock({2: 17 * MS}))
     watch = Watch(plant, 10)
-    plant.open()
+    plant.robot.link.open()
     plant.run(watch)
 
     assert watch.stamps == [WALL_NS + n * 5 * MS for n in range(10)], "each stamp is when the tick was due"
@@ -98,14 +98,14 @@ def test_late_ticks_are_made_up_for_and_counted(file: RobotFile) -> None:
 @pytest.mark.parametrize(("oversleep_ns", "late"), [(5 * MS, 0), (5 * MS + 1, 1)])
 def test_late_is_more_than_a_whole_tick(file: RobotFile, oversleep_ns: int, late: int) -> None:
     plant = made(file, ManualClock({3: oversleep_ns}))
-    plant.open()
+    plant.robot.link.open()
     plant.run(Watch(plant, 10))
     assert plant.late == late
 
 
 def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
-    plant.open()
+    plant.robot.link.open()
     with can.Bus(interface="virtual", channel=channel) as host:
         plant.run(Watch(plant, 8))
         assert len(virtual.channels[channel]) == 1, "only the host is left on the bus"
@@ -119,7 +119,7 @@ def test_telemetry_goes_over_the_bus_and_the_bus_is_closed_in_the_end(file: Robo
 def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
     watch = Watch(plant, 8)
-    plant.open()
+    plant.robot.link.open()
     off = encode(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False), 0)
     data = encode(FrameId.WHEEL_COMMAND, WheelCommand(6.0, 6.0, enable=True), 1)
     with can.Bus(interface="virtual", channel=channel) as host:
@@ -135,7 +135,7 @@ def test_commands_move_the_plant_and_damaged_ones_are_counted(file: RobotFile, c
 
 def test_stopped_before_it_runs_it_does_not_tick(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
-    plant.open()
+    plant.robot.link.open()
     plant.stop()
     plant.run(None)
     assert plant.ticks == 0
@@ -150,7 +150,7 @@ def test_runs_unobserved_until_it_is_stopped(file: RobotFile) -> None:
                 plant.stop()
 
     plant = made(file, StoppingClock())
-    plant.open()
+    plant.robot.link.open()
     plant.run(None)
     assert plant.ticks == 3, "the present tick is finished"
 
@@ -160,7 +160,7 @@ def test_a_failing_observer_leaves_no_bus_open(file: RobotFile, channel: str) ->
         raise OSError("disk full")
 
     plant = made(file, ManualClock())
-    plant.open()
+    plant.robot.link.open()
     with pytest.raises(OSError, match="disk full"):
         plant.run(observe)
     assert channel not in virtual.channels
@@ -176,7 +176,7 @@ def test_a_bus_that_is_not_there_is_refused_on_opening(file: RobotFile) -> None:
     hardware = WheelBoardSettings(can=CanSettings(interface="slcan", channel="/no/such/port"))
     plant = made(structs.replace(file, hardware=hardware), ManualClock())
     with pytest.raises(BusNotFoundError, match="/no/such/port"):
-        plant.open()
+        plant.robot.link.open()
 
 
 def test_what_the_motors_give_is_told_with_when_the_tick_really_began(file: RobotFile) -> None:
@@ -186,7 +186,7 @@ def test_what_the_motors_give_is_told_with_when_the_tick_really_began(file: Robo
     def trace(monotonic_ns: int, wall_ns: int, inputs: Sequence[float]) -> None:
         told.append((monotonic_ns, wall_ns, tuple(inputs)))
 
-    plant.open()
+    plant.robot.link.open()
     plant.run(Watch(plant, 3), trace)
 
     began = [0, 7 * MS, 10 * MS]
@@ -202,7 +202,7 @@ def test_what_is_done_before_a_tick_is_in_force_in_it(file: RobotFile, channel: 
         if plant.ticks == 2:
             plant.robot.stuck["left.velocity"] = 50.0
 
-    plant.open()
+    plant.robot.link.open()
     with can.Bus(interface="virtual", channel=channel) as host:
         plant.run(Watch(plant, 4), None, before_tick)
         speeds = [int.from_bytes(m.data[4:6], "little") for m in iter(lambda: host.recv(0), None) if is_left(m)]

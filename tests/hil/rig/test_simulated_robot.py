@@ -45,10 +45,10 @@ class AdvancingPlant(FinePlant):
 
     def initial(self) -> None:
         super().initial()
-        self.strides: list[int] = []
+        self.batches: list[int] = []
 
     def advance(self, u: Sequence[float], steps: int) -> list[float]:
-        self.strides.append(steps)
+        self.batches.append(steps)
         for _ in range(steps):
             outputs = self.step(u)
         return outputs
@@ -164,7 +164,7 @@ def test_a_plant_that_can_makes_all_steps_of_a_tick_at_once() -> None:
     plant = AdvancingPlant()
     bench = Bench(plant)
     bench.tick(2)
-    assert plant.strides == [5, 5]
+    assert plant.batches == [5, 5]
     assert bench.drive.calls[-1] == ("tell", 2 * TICK_NS, 10.0)
 
 
@@ -176,7 +176,7 @@ def test_a_plant_that_is_put_in_anothers_place_is_the_one_that_steps(bench: Benc
     bench.tick()
     assert bench.plant.given[1:] == []
     assert other.given[1:] == [(1.0, 2.0, 3.0)]
-    assert other.strides == [1]
+    assert other.batches == [1]
 
 
 def test_devices_find_the_newest_outputs_whoever_made_them_and_what_is_stuck(bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""Several steps at once, against tiny ones: how far strides are off, and that they change nothing but that."""
+"""Several steps at once, against tiny ones: how far substeps are off, and that they change nothing but that."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -198,7 +198,7 @@ def test_the_imu_is_as_late_as_in_single_steps(latency: float) -> None:
 def test_encoders_count_at_every_step() -> None:
     """The filter is that of single steps: what it shows is as far off as a count in a step, filtered, may be.
 
-    It lies, so that nothing lets the little that strides are off grow.
+    It lies, so that nothing lets the little that substeps are off grow.
     """
     at_once, stepwise = (SegwayTorquePlant({"InitialPitch": 0.5}) for _ in range(2))
     for plant in (at_once, stepwise):
@@ -216,10 +216,10 @@ def test_encoders_count_at_every_step() -> None:
 
 
 def test_the_same_steps_give_the_same_bits() -> None:
-    def seen(*strides: int) -> list[list[float]]:
+    def seen(*substeps: int) -> list[list[float]]:
         plant = SegwayPlant({"InitialPitch": 0.05})
         plant.initialize(REST)
-        return [plant.advance((0.3, 0.2), steps) for steps in strides for _ in range(20)]
+        return [plant.advance((0.3, 0.2), steps) for steps in substeps for _ in range(20)]
 
     assert seen(5) == seen(5)
     assert seen(1, 2, 5, 10) == seen(1, 2, 5, 10)
@@ -236,7 +236,7 @@ def test_time_goes_on_by_all_the_steps() -> None:
     assert plant.read("truth.linear_velocity") == plant.body.v
 
 
-def test_what_is_written_acts_from_the_next_stride_on() -> None:
+def test_what_is_written_acts_from_the_next_substep_on() -> None:
     pushed, left_alone = SegwayPlant(PERFECT), SegwayPlant(PERFECT)
     for plant in (pushed, left_alone):
         plant.initialize(REST)
