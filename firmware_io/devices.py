@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple, Protocol
 
+from segway_ecc.firmware_io.hardware import Diagnosed
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.value import Value
 
@@ -30,7 +31,7 @@ def with_one_more(readings: Readings, value: float, age: tuple[float, bool]) -> 
     return Readings((*readings.values, value), (*readings.ages, age[0]), (*readings.valid, age[1]))
 
 
-class Sensor(Protocol):
+class Sensor(Diagnosed, Protocol):
     """A device that measures. It sends over a link that it was given, and is handed what is received; nothing waits.
 
     Attributes:
@@ -52,24 +53,9 @@ class Sensor(Protocol):
     def read(self) -> Readings:
         """The newest values."""
 
-    def arming_failures(self) -> list[str]:
-        """What speaks against arming the robot, each with the remedy; nothing that arming itself has brought."""
 
-    @property
-    def health(self) -> Mapping[str, str]:
-        """The state of the device as text, for diagnostics."""
-
-
-class Drive(Sensor, Protocol):
-    """A motor controller for one or more wheels.
-
-    Attributes:
-        commands: Names of the values it takes, such as `left.torque`, with their units.
-        limits: Largest magnitude of each command.
-    """
-
-    commands: Mapping[str, str]
-    limits: Sequence[float]
+class MotorState(Protocol):
+    """What a drive reports of its motors."""
 
     @property
     def is_enabled(self) -> bool:
@@ -82,6 +68,21 @@ class Drive(Sensor, Protocol):
         By its newest report, fresh, and received after it was last commanded to switch off; False without one.
         """
 
+    def faults(self) -> tuple[str, ...]:
+        """The faults that the drive has reported since it was commanded to enable; empty where there are none."""
+
+
+class Drive(Sensor, MotorState, Protocol):
+    """A motor controller for one or more wheels.
+
+    Attributes:
+        commands: Names of the values it takes, such as `left.torque`, with their units.
+        limits: Largest magnitude of each command.
+    """
+
+    commands: Mapping[str, str]
+    limits: Sequence[float]
+
     def enable(self) -> None:
         """Begin to switch the motors on, through the drive's own states; zero is sent until it confirms."""
 
@@ -90,6 +91,3 @@ class Drive(Sensor, Protocol):
 
     def disable(self) -> None:
         """Send zero and switch the motors off; may be called at any time, and sends every time."""
-
-    def faults(self) -> tuple[str, ...]:
-        """The faults that the drive has reported since it was commanded to enable; empty where there are none."""

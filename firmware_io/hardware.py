@@ -31,7 +31,21 @@ class Sensors(Value, frozen=True):
     off: bool = True
 
 
-class Hardware(Protocol):
+class Diagnosed(Protocol):
+    """What reports on itself: the robot's hardware, a drive, a sensor."""
+
+    def arming_failures(self) -> Sequence[str]:
+        """The pre-arm checks that fail, each with the remedy; empty where the robot may be armed.
+
+        May be asked at any time: while the motors are on it names nothing that follows from that.
+        """
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """Its state as text, for diagnostics."""
+
+
+class Hardware(Diagnosed, Protocol):
     """Motors and sensors. No method blocks, except `open`.
 
     Attributes:
@@ -61,21 +75,11 @@ class Hardware(Protocol):
             ArmingRefusedError: The drive is not fit; the reasons state why.
         """
 
-    def arming_failures(self) -> Sequence[str]:
-        """What keeps `arm` from beginning, each with the remedy; empty where nothing does.
-
-        May be asked at any time: while the motors are on it names nothing that follows from that.
-        """
-
     def disarm(self) -> None:
         """Send zero and switch the motors off; may be called at any time."""
 
     def close(self) -> None:
         """Disarm and close the links."""
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        """The state of the links and drives as text, for diagnostics."""
 
 
 class NoHardware:

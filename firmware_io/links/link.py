@@ -76,11 +76,8 @@ class LinkCounters:
         return {name: str(count) for name, count in asdict(self).items()}
 
 
-class Link(Protocol):
-    """A bus as the loop uses it: nothing here waits, except `open`.
-
-    A link that is lost tries by itself to come back, off the loop where that takes time.
-    """
+class LinkStatus(Protocol):
+    """What a link reports of itself."""
 
     @property
     def counters(self) -> LinkCounters:
@@ -93,6 +90,17 @@ class Link(Protocol):
     @property
     def state(self) -> LinkState:
         """What the link can still do, as far as it knows."""
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """The link's state, counts and rates as text, for diagnostics; called about once a second."""
+
+
+class Link(LinkStatus, Protocol):
+    """A bus as the loop uses it: nothing here waits, except `open`.
+
+    A link that is lost tries by itself to come back, off the loop where that takes time.
+    """
 
     def open(self) -> None:
         """Open the bus.
@@ -113,7 +121,3 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Close the bus; a closed link may be closed again."""
-
-    @property
-    def health(self) -> Mapping[str, str]:
-        """The link's state, counts and rates as text, for diagnostics; called about once a second."""
