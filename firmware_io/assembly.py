@@ -124,7 +124,7 @@ class Assembly:
 
     def _hand(self, frame: Frame) -> None:
         device = self._listeners.get((frame.arbitration_id, frame.is_extended))
-        if device is not None and device.take(frame) and self._switching is not None:
+        if device is not None and device.take_frame(frame) and self._switching is not None:
             self._received_ns[device.name] = frame.received_ns
 
     def _look_aside(self, link: RedundantLink) -> None:
@@ -134,7 +134,7 @@ class Assembly:
             if device in self._drives:
                 link.note_standby()
             elif device is not None:
-                device.take(frame)
+                device.take_frame(frame)
 
     def _switch(self, switching: Switching) -> None:
         received_ns = [self._received_ns.get(drive.name) for drive in self._drives]

@@ -47,7 +47,7 @@ class Sensor(Diagnosed, Protocol):
     def start(self) -> None:
         """Send what the device must receive once the link is open."""
 
-    def take(self, frame: Frame) -> bool:
+    def take_frame(self, frame: Frame) -> bool:
         """Take one of the frames it listens to; True where it was intact, else it has been counted by cause."""
 
     def read(self) -> Readings:

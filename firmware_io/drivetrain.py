@@ -53,7 +53,7 @@ class WrappedCounter:
         self._last: int | None = None
         self._is_resumed = False
 
-    def take(self, raw: int) -> int:
+    def follow(self, raw: int) -> int:
         """Take a count, signed or unsigned, and return the total; steps of up to half the range are followed."""
         if self._last is not None:
             self.total += (raw - self._last + self._half) % self._modulus - self._half

@@ -13,7 +13,7 @@ _ON: Final = b"\x01"
 _OFF: Final = b"\x00"
 _TAKEN_AT_ONCE: Final = 64
 _UNHEARD: Final = 9
-"""Heartbeats that are spared after one that no guard was there to take: each would cost as much as a command."""
+"""Heartbeats that are skipped after one that no guard was there to take: each would cost as much as a command."""
 
 
 class GuardRunsError(HardwareError):
@@ -43,19 +43,19 @@ class HeartbeatSender:
         """Send to the guard of `can`; the socket is opened with the first heartbeat."""
         self._address = address_of(can)
         self._socket: socket.socket | None = None
-        self._spared = 0
+        self._skipped = 0
 
     def beat(self, *, is_on: bool) -> None:
         """Send one; see `GuardHeartbeat.beat`."""
-        if self._spared:
-            self._spared -= 1
+        if self._skipped:
+            self._skipped -= 1
             return
         if self._socket is None:
             self._socket = _datagrams()
         try:
             self._socket.sendto(_ON if is_on else _OFF, self._address)
         except ConnectionRefusedError:
-            self._spared = _UNHEARD
+            self._skipped = _UNHEARD
         except OSError:  # a guard that does not keep up must not disturb the loop either
             return
 
@@ -89,7 +89,7 @@ class HeartbeatListener:
             raise GuardRunsError(f"a guard of this bus already runs ({error.strerror}); stop that one first") from error
         self._socket = opened
 
-    def take(self) -> Iterator[bool]:
+    def take_heartbeats(self) -> Iterator[bool]:
         """Of each heartbeat that has arrived, oldest first, whether the motors are wanted on; strange ones are not."""
         if self._socket is None:
             return

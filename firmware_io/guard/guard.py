@@ -17,13 +17,13 @@ _DRAINS: Final = 20
 _logger = logging.getLogger(__name__)
 
 
-class Beats(Protocol):
+class HeartbeatSource(Protocol):
     """Where the node's heartbeats arrive."""
 
     def open(self) -> None:
         """Listen."""
 
-    def take(self) -> Iterator[bool]:
+    def take_heartbeats(self) -> Iterator[bool]:
         """Of each heartbeat, whether the motors are wanted on."""
 
     def close(self) -> None:
@@ -37,7 +37,7 @@ class Guard:
     not receive the node from its first stop frame on, so it listens on a link that never sends.
     """
 
-    def __init__(self, receiving: Link, sending: Link, beats: Beats, watch: Watch, clocks: Clocks) -> None:
+    def __init__(self, receiving: Link, sending: Link, beats: HeartbeatSource, watch: Watch, clocks: Clocks) -> None:
         """Guard what `watch` watches."""
         self._receiving = receiving
         self._sending = sending
@@ -70,7 +70,7 @@ class Guard:
 
     def step(self) -> None:
         """One pass: listen, judge, stop what must be stopped."""
-        for is_on in self._beats.take():
+        for is_on in self._beats.take_heartbeats():
             self._watch.beat(self._clocks.now_ns(), is_on=is_on)
         frames = self._listen()
         now_ns = self._clocks.now_ns()
@@ -78,7 +78,7 @@ class Guard:
             self._watch.excuse(now_ns)
             return
         for frame in frames:
-            self._watch.take(frame)
+            self._watch.take_frame(frame)
         for frame in self._watch.step(now_ns):
             self._sending.send(frame)
         newest = self._watch.interventions[-1] if self._watch.interventions else None

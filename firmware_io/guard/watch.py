@@ -72,8 +72,8 @@ class _Drive:
         moved_ns: When the node last wanted it to move.
         rested_ns: When the node last sent it a zero or switched it off.
         off_ns: When it last reported that it is off; None where it was commanded to move since.
-        wants: Whether the node's last word was to move.
-        is_on: Whether its own last word was that it is on.
+        wants: Whether the node's last command was to move.
+        is_on: Whether its last report was that it is on.
         is_barred: Whether it was stopped, and the node has not sent a zero since.
         is_defied: Whether the node wants it to move nevertheless.
     """
@@ -130,7 +130,7 @@ class Watch:
         self._echoes: Counter[Frame] = Counter()
         self._echoes_until_ns = now_ns
 
-    def take(self, frame: Frame) -> None:
+    def take_frame(self, frame: Frame) -> None:
         """Take a frame from the bus; our own come back too, and are skipped."""
         sent = replace(frame, received_ns=0)
         if self._echoes[sent] > 0:

@@ -123,7 +123,7 @@ class BaseCanLink:
 
     def send(self, frame: Frame) -> bool:
         """Queue a frame; see `Link.send`. A full queue drops it: an old command is worse than none."""
-        # To a controller that is bus-off the kernel takes frames and drops them, without a word.
+        # To a controller that is bus-off the kernel takes frames and drops them, without an error.
         port = self._port
         if port is None or self._errors.state is LinkState.BUS_OFF:
             self.counters.send_dropped += 1
@@ -199,7 +199,7 @@ class BaseCanLink:
         # Error frames first: their identifier is a bit field that can equal a data frame's.
         if word & ERROR:
             self.counters.error_frames += 1
-            self._errors.take(word & EXTENDED_IDENTIFIER, data)
+            self._errors.take_frame(word & EXTENDED_IDENTIFIER, data)
         elif word & REMOTE:
             asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
             self.counters.remote_frames += 1

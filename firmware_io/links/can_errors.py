@@ -93,7 +93,7 @@ class BusErrors:
         self.tec = self.tec if tec is None else tec
         self.rec = self.rec if rec is None else rec
 
-    def take(self, classes: int, data: bytes) -> None:
+    def take_frame(self, classes: int, data: bytes) -> None:
         """Take one error frame; see `decode_error`."""
         error = decode_error(classes, data)
         self.counts.update(error.causes)

@@ -76,7 +76,7 @@ class CobsReceiver:
         self._begun = bytearray()
         self._is_too_long = False
 
-    def take(self, data: bytes) -> list[bytes]:
+    def take_bytes(self, data: bytes) -> list[bytes]:
         """Take the next bytes of the stream, and return the packets that end in them, no longer stuffed."""
         *ended, begun = data.split(DELIMITER)
         packets = []
@@ -89,7 +89,7 @@ class CobsReceiver:
         return packets
 
     def reset(self) -> None:
-        """Forget the packet that has begun."""
+        """Discard the packet that has begun."""
         self._begun.clear()
         self._is_too_long = False
 

@@ -25,7 +25,7 @@ class InterfaceWatch:
         return UNKNOWN if self._name is None else read_interface_state(self._name)
 
     def begin(self, state: InterfaceState) -> None:
-        """Start from an answer, and forget a question that was asked before."""
+        """Start from an answer, and discard the answer to an earlier question."""
         self.state = state
         self._task = None
 
@@ -42,7 +42,7 @@ class InterfaceWatch:
             return False
         is_news = False
         if self._task is not None:
-            answer = self._task.take()
+            answer = self._task.take_outcome()
             if answer is None:
                 return False
             if isinstance(answer, InterfaceState):

@@ -69,7 +69,7 @@ class RedundantLink:
 
     @property
     def owner_name(self) -> str:
-        """Which line is the owner, in one word."""
+        """Which line is the owner: `can` or `serial`."""
         return _NAMES[self.is_on_fallback]
 
     @property

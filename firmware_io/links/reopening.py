@@ -26,7 +26,7 @@ class BackgroundTask(Generic[T]):
         # Not threading.Thread: its start waits until the new thread runs.
         _thread.start_new_thread(self._run, ())
 
-    def take(self) -> T | Exception | None:
+    def take_outcome(self) -> T | Exception | None:
         """What it made, or what it failed with, once; None before it has ended."""
         try:
             return self._outcomes.popleft()
@@ -49,7 +49,7 @@ class BackgroundTask(Generic[T]):
             self._discard_outcome()
 
     def _discard_outcome(self) -> None:
-        outcome = self.take()
+        outcome = self.take_outcome()
         if outcome is not None and not isinstance(outcome, Exception):
             self._discard(outcome)
 
@@ -110,7 +110,7 @@ class Recovery(Generic[T]):
             raise LinkLostError(f"{self._name} is not open")
         outcome: T | Exception | None = None
         if self._attempt is not None:
-            outcome = self._attempt.take()
+            outcome = self._attempt.take_outcome()
             self._attempt = self._attempt if outcome is None else None
         elif self._began_ns is None or self._now_ns() - self._began_ns >= RETRY_NS:
             self._began_ns = self._now_ns()

@@ -26,7 +26,7 @@ _BITS_PER_BYTE: Final = 10
 _BACKLOG_S: Final = 0.01
 """Time that a command may wait in the port."""
 _LEAST_BACKLOG: Final = 64
-"""Room for the words of one cycle, also where the line is too slow for it."""
+"""At least the packets of one cycle, also where the line is too slow for them."""
 _MOST_BACKLOG: Final = 1024
 _FINISHED_WITHIN_NS: Final = 20_000_000
 """What is left of a packet is sent for this long; later it would bring an old command to a drive."""
@@ -71,7 +71,7 @@ class SerialCodec(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget what was received of an unfinished frame."""
+        """Discard what was received of an unfinished frame."""
 
 
 OpenPort = Callable[[SerialSettings], Port]
@@ -93,13 +93,13 @@ class SerialLink:
     """
 
     def __init__(
-        self, settings: SerialSettings, line: SerialCodec, now_ns: NowNs, open_port: OpenPort = open_serial_port
+        self, settings: SerialSettings, codec: SerialCodec, now_ns: NowNs, open_port: OpenPort = open_serial_port
     ) -> None:
         """Describe the line; `open` opens its port."""
         self.counters = LinkCounters()
         self.is_active = False
         self._settings = settings
-        self._line = line
+        self._codec = codec
         self._now_ns = now_ns
         in_time = round(settings.baudrate / _BITS_PER_BYTE * _BACKLOG_S)
         self._most_waiting = min(max(in_time, _LEAST_BACKLOG), _MOST_BACKLOG)
@@ -139,7 +139,7 @@ class SerialLink:
             "requests": str(self._requests),
             "not_carried": str(self._not_carried),
             "full_reads": str(self._full_reads),
-            **{f"refused.{cause}": str(count) for cause, count in sorted(self._line.refused.items())},
+            **{f"refused.{cause}": str(count) for cause, count in sorted(self._codec.refused.items())},
             **self._meter.measure(self._settings.baudrate),
         }
 
@@ -154,15 +154,15 @@ class SerialLink:
             ) from error
 
     def send(self, frame: Frame) -> bool:
-        """Queue a frame's words; see `Link.send`. A frame that the line has no words for is passed over: True."""
-        words = self._line.encode(frame)
-        if words is None:
+        """Queue a frame's packet; see `Link.send`. A frame that the protocol cannot carry is skipped: True."""
+        packet = self._codec.encode(frame)
+        if packet is None:
             self._not_carried += 1
             return True
         port, was_written = self._port, False
         if port is not None:
             try:
-                was_written = self._write(port, words)
+                was_written = self._write(port, packet)
                 if self.is_active:
                     # In the cycle in which this line becomes the owner, its first answer must not wait for the next.
                     self._ask(port)
@@ -186,10 +186,10 @@ class SerialLink:
         except OSError as error:
             self._lose(port, error)
             raise self._recovery.lost() from error
-        frames = self._line.decode(data, self._now_ns())
+        frames = self._codec.decode(data, self._now_ns())
         self.counters.received += len(frames)
         self.counters.bits += _BITS_PER_BYTE * len(data)
-        self.counters.undecodable = self._line.refused.total() - self._line.refused[LOST]
+        self.counters.undecodable = self._codec.refused.total() - self._codec.refused[LOST]
         return frames
 
     def close(self) -> None:
@@ -213,19 +213,19 @@ class SerialLink:
         now_ns = self._now_ns()
         if self._asked_ns is not None and now_ns - self._asked_ns < _ASK_EVERY_NS[self.is_active]:
             return
-        words = self._line.request()
-        if words and self._write(port, words):
+        packet = self._codec.request()
+        if packet and self._write(port, packet):
             self._requests += 1
         self._asked_ns = now_ns
 
-    def _write(self, port: Port, words: bytes) -> bool:
-        """Queue words after what is left of those before; False where there is no room for any of them."""
+    def _write(self, port: Port, packet: bytes) -> bool:
+        """Queue a packet after the rest of the last one; False where the port has no room for any of it."""
         if getattr(port, "out_waiting", 0) > self._most_waiting:
             return False
         now_ns = self._now_ns()
         if now_ns - self._unwritten_ns > _FINISHED_WITHIN_NS:
             self._unwritten = b""
-        queue, due = self._unwritten + words, len(self._unwritten)
+        queue, due = self._unwritten + packet, len(self._unwritten)
         count = port.write(queue)
         written = len(queue) if count is None else count
         self.counters.bits += _BITS_PER_BYTE * written
@@ -240,7 +240,7 @@ class SerialLink:
         self._port = port
         self._unwritten = b""
         self._asked_ns = None
-        self._line.reset()
+        self._codec.reset()
 
     def _lose(self, port: Port, error: OSError) -> None:
         self._recovery.lose(port.close, _text(error))

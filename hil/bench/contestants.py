@@ -154,7 +154,7 @@ class _Heartbeats:
         """When the first one came, monotonic, s."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and process.poll() is None:
-            if any(True for _ in self._listener.take()):
+            if any(True for _ in self._listener.take_heartbeats()):
                 return time.monotonic()
             time.sleep(0.001)
         return time.monotonic()

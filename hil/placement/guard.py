@@ -15,7 +15,7 @@ class NoHeartbeats:
     def open(self) -> None:
         """There is nothing to open."""
 
-    def take(self) -> Iterator[bool]:
+    def take_heartbeats(self) -> Iterator[bool]:
         """None has arrived."""
         return iter(())
 

@@ -69,7 +69,7 @@ class Wheel:
     def start(self) -> None:
         self.told.append("start")
 
-    def take(self, frame: Frame) -> bool:
+    def take_frame(self, frame: Frame) -> bool:
         self.taken.append(frame)
         return frame.data != b"bad"
 

@@ -66,7 +66,7 @@ def test_a_counter_is_followed_exactly_through_its_wraps(walk: tuple[int, bool, 
     counter = WrappedCounter(bits)
     first = _wrap(counts[0], bits, signed=signed)
     for count in counts:
-        assert counter.take(_wrap(count, bits, signed=signed)) == first + count - counts[0]
+        assert counter.follow(_wrap(count, bits, signed=signed)) == first + count - counts[0]
         assert counter.total == first + count - counts[0]
 
 
@@ -82,19 +82,19 @@ def test_a_counter_is_followed_exactly_through_its_wraps(walk: tuple[int, bool, 
 )
 def test_eight_bits_by_hand(raws: Sequence[int], totals: Sequence[int]) -> None:
     counter = WrappedCounter(8)
-    assert tuple(map(counter.take, raws)) == totals
+    assert tuple(map(counter.follow, raws)) == totals
 
 
 def test_total_is_kept_over_the_first_count_after_a_resume() -> None:
     counter = WrappedCounter(8)
-    counter.take(250)
-    counter.take(5)
+    counter.follow(250)
+    counter.follow(5)
     assert counter.total == 261
     counter.resume()
     assert counter.total == 261
-    assert counter.take(100) == 261, "the device may have begun at another count"
-    assert counter.take(101) == 262
-    assert counter.take(95) == 256
+    assert counter.follow(100) == 261, "the device may have begun at another count"
+    assert counter.follow(101) == 262
+    assert counter.follow(95) == 256
 
 
 def test_a_new_counter_stands_at_nothing() -> None:

@@ -44,8 +44,8 @@ def test_heartbeats_arrive_in_their_order(listener: HeartbeatListener, sender: H
     for is_on in (True, False, True):
         sender.beat(is_on=is_on)
 
-    assert list(listener.take()) == [True, False, True]
-    assert list(listener.take()) == []
+    assert list(listener.take_heartbeats()) == [True, False, True]
+    assert list(listener.take_heartbeats()) == []
 
 
 def test_a_heartbeat_that_nobody_takes_is_dropped_and_a_guard_that_comes_later_hears_the_tenth(
@@ -57,10 +57,10 @@ def test_a_heartbeat_that_nobody_takes_is_dropped_and_a_guard_that_comes_later_h
     try:
         for _ in range(9):
             sender.beat(is_on=True)
-        assert list(listener.take()) == []
+        assert list(listener.take_heartbeats()) == []
         for _ in range(3):
             sender.beat(is_on=True)
-        assert list(listener.take()) == [True] * 3
+        assert list(listener.take_heartbeats()) == [True] * 3
     finally:
         listener.close()
     sender.beat(is_on=True)
@@ -69,12 +69,12 @@ def test_a_heartbeat_that_nobody_takes_is_dropped_and_a_guard_that_comes_later_h
 def test_a_guard_that_does_not_keep_up_holds_nobody_up(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
     for _ in range(10_000):
         sender.beat(is_on=True)
-    taken = len(list(listener.take()))
+    taken = len(list(listener.take_heartbeats()))
 
     # The kernel queues as many as net.unix.max_dgram_qlen says, and one that is on its way.
     assert 1 <= taken <= 64
     sender.beat(is_on=False)
-    rest = list(listener.take())
+    rest = list(listener.take_heartbeats())
     assert rest[-1] is False
 
 
@@ -83,7 +83,7 @@ def test_a_node_that_beats_without_end_does_not_hold_the_guard_up(
 ) -> None:
     sender.beat(is_on=True)
     taken = 0
-    for _ in listener.take():
+    for _ in listener.take_heartbeats():
         taken += 1
         sender.beat(is_on=True)
         assert taken <= 64
@@ -102,7 +102,7 @@ def test_a_sender_opens_one_socket_and_gives_it_back(listener: HeartbeatListener
     sender.close()
     sender.beat(is_on=False)
 
-    assert list(listener.take()) == [True, True, False]
+    assert list(listener.take_heartbeats()) == [True, True, False]
 
 
 def test_a_listener_gives_its_socket_back(listener: HeartbeatListener) -> None:
@@ -121,7 +121,7 @@ def test_strange_words_are_passed_over(listener: HeartbeatListener, sender: Hear
         sender._socket.sendto(word, address_of(CAN))
     sender.beat(is_on=False)
 
-    assert list(listener.take()) == [True, False]
+    assert list(listener.take_heartbeats()) == [True, False]
 
 
 def test_a_bus_has_one_guard(listener: HeartbeatListener) -> None:
@@ -131,7 +131,7 @@ def test_a_bus_has_one_guard(listener: HeartbeatListener) -> None:
     listener.close()
     second.open()
     second.close()
-    assert list(second.take()) == []
+    assert list(second.take_heartbeats()) == []
 
 
 def test_a_guard_may_open_again(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
@@ -139,7 +139,7 @@ def test_a_guard_may_open_again(listener: HeartbeatListener, sender: HeartbeatSe
     listener.open()
     sender.beat(is_on=False)
 
-    assert list(listener.take()) == [False]
+    assert list(listener.take_heartbeats()) == [False]
 
 
 def test_each_bus_has_an_address_of_its_own_that_its_name_gives() -> None:
@@ -190,4 +190,4 @@ def test_a_robot_on_its_own_bus_tells_the_guard_of_that_bus(listener: HeartbeatL
     robot.exchange(ZERO)
     robot.close()
 
-    assert list(listener.take()) == [False, False]
+    assert list(listener.take_heartbeats()) == [False, False]

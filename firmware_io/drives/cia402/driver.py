@@ -80,10 +80,10 @@ class Cia402Pair:
 
         commission(self._link, self._wheels, self._plans, self._now_ns, self._sleep_until_ns)
 
-    def take(self, frame: Frame) -> bool:
-        """Take one of the drives' frames; see `Sensor.take`."""
+    def take_frame(self, frame: Frame) -> bool:
+        """Take one of the drives' frames; see `Sensor.take_frame`."""
         wheel = None if frame.is_extended else self._listeners.get(frame.arbitration_id)
-        return wheel is not None and wheel.take(frame)
+        return wheel is not None and wheel.take_frame(frame)
 
     def read(self) -> Readings:
         """The wheels' angles, velocities and torques, and the supply's voltage as the left drive measures it."""

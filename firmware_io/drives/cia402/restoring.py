@@ -61,7 +61,7 @@ class Restoring:
         self._deadline_ns = self._deadline_ns or now_ns + ANSWER_WITHIN_NS
         return self._exchanges[self._place].request
 
-    def take(self, answer: bytes) -> bool:
+    def take_answer(self, answer: bytes) -> bool:
         """Take an SDO answer; False where none was waited for."""
         if not (self.is_under_way and self._is_waiting):
             return False

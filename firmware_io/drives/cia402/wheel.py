@@ -102,7 +102,7 @@ class Cia402Wheel:
         """Disable feedback: whether a statusword, fresh and received since, has a state without torque."""
         return enabling.confirms_disable(self._off_ns) and self._fresh.age(Service.TPDO1)[1]
 
-    def take(self, frame: Frame) -> bool:
+    def take_frame(self, frame: Frame) -> bool:
         """Take one of its frames; False for one that is not intact, which is counted, or that nobody waits for."""
         service = Service(frame.arbitration_id - self.node_id)
         try:
@@ -120,7 +120,7 @@ class Cia402Wheel:
                         self.restart()
                     self.needs_start = self.nmt in (NmtState.PRE_OPERATIONAL, NmtState.STOPPED)
                 case Service.SDO_REPLY:
-                    return self.restoring.take(frame.data)
+                    return self.restoring.take_answer(frame.data)
                 case _:
                     emergency = Emergency.unpack(frame.data)
                     # That all is well again does not make undone what happened since the drive was enabled.
@@ -219,7 +219,7 @@ class Cia402Wheel:
         if self.state is None:
             self._refused[Refusal.UNKNOWN] += 1
         self._off_ns = received_ns if self.state in WITHOUT_TORQUE else None
-        angle = motor_angle(self._counter.take(status.position_counts), self._settings.counts_per_turn)
+        angle = motor_angle(self._counter.follow(status.position_counts), self._settings.counts_per_turn)
         self._values[0] = self._drivetrain.wheel(angle)
         self._values[2] = self._drivetrain.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
 

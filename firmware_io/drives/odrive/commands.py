@@ -136,11 +136,11 @@ class RebootAction(NamedTuple):
 
 
 class ClearErrors(NamedTuple):
-    """Forget the errors of all axes of the board; 0.5."""
+    """Clear the errors of all axes of the board; 0.5."""
 
 
 class ClearAxisErrors(NamedTuple):
-    """Forget the errors of the axis; `identify` makes its light blink; 0.6."""
+    """Clear the errors of the axis; `identify` makes its light blink; 0.6."""
 
     identify: int = 0
 

@@ -64,9 +64,9 @@ class Odrive:
         """Send zero and idle: whatever the axis was doing, it stops."""
         self._stop()
 
-    def take(self, frame: Frame) -> bool:
-        """Take one of the axis' frames; see `Sensor.take`."""
-        taken = self._axis.take(frame)
+    def take_frame(self, frame: Frame) -> bool:
+        """Take one of the axis' frames; see `Sensor.take_frame`."""
+        taken = self._axis.take_frame(frame)
         if taken and frame.arbitration_id % COMMANDS == HEARTBEAT:
             self._off_ns = frame.received_ns if self._axis.state == AxisState.IDLE else None
             # What arrived sooner may have been on its way before the steps were.

@@ -92,7 +92,7 @@ class AxisListener:
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
 
-    def take(self, frame: Frame) -> bool:
+    def take_frame(self, frame: Frame) -> bool:
         """Take one of the axis' frames; False where it was refused, which is counted."""
         if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
             return False
@@ -182,7 +182,7 @@ class AxisListener:
                 before = self.search.found
                 self.search.answer(message)
                 if self.search.found is not before:
-                    self.proof.forget()
+                    self.proof.reset()
             case t.Torques():
                 self._measure(message.estimate_nm, received_ns)
             case t.BusVoltageCurrent(voltage):
@@ -198,7 +198,7 @@ class AxisListener:
         self.gap_ns = 0 if self._beat_ns is None else received_ns - self._beat_ns
         if self.gap_ns > self.stale_beat_ns:
             # It may have been switched off and on, with another configuration.
-            self.proof.forget()
+            self.proof.reset()
         self._beat_ns = received_ns
         self._fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)

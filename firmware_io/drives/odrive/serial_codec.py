@@ -113,7 +113,7 @@ class OdriveSerialCodec:
         return frames
 
     def reset(self) -> None:
-        """Forget what was received of a line and of a poll."""
+        """Discard what was received of a line and of a poll."""
         self._received = b""
         self._is_too_long = False
         self._last_mark = None
@@ -177,7 +177,7 @@ def _number(reply: bytes) -> int:
 
 
 def _texts(axis: int, message: Message) -> list[str]:
-    """A command in the line's words; none where it has none that this robot needs."""
+    """The lines for a command; none where the protocol has none that this robot needs."""
     match message:
         case c.SetInputTorque(torque):
             return [f"c {axis} {torque:.6f}"]

@@ -17,7 +17,7 @@ class WatchdogProof:
     """Follows what was sent to one axis, and its heartbeats.
 
     Attributes:
-        took_ns: From the order to forget the error to the error; None until it was seen.
+        took_ns: From the command to clear the error to the error; None until it was seen.
         within_ns: The longest that it may take.
         is_expired: Whether the newest heartbeat carried the error.
     """
@@ -59,7 +59,7 @@ class WatchdogProof:
                 self.took_ns = received_ns - self._begun_ns
             self._begun_ns = None
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The drive may have been restarted: what was seen means nothing any more."""
         self.took_ns = None
         self._begun_ns = None

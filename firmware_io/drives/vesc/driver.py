@@ -103,8 +103,8 @@ class Vesc:
         """Send zero."""
         self._send_torque(0.0)
 
-    def take(self, frame: Frame) -> bool:
-        """Take one of the controller's frames; see `Sensor.take`."""
+    def take_frame(self, frame: Frame) -> bool:
+        """Take one of the controller's frames; see `Sensor.take_frame`."""
         if FrameKey(frame.arbitration_id, frame.is_extended) not in self.listens_to:
             return False
         try:
@@ -246,7 +246,7 @@ class Vesc:
         else:
             status = Status5._make(payload)
             self._bus_voltage = status.bus_voltage
-            self._counter.take(status.tachometer)
+            self._counter.follow(status.tachometer)
         self._fresh.mark(kind, frame.received_ns)
         if self._zero_ns is not None and frame.received_ns > self._zero_ns:
             self._confirmed.add(kind)
@@ -256,7 +256,7 @@ class Vesc:
     def _rest(self) -> None:
         """Send zero with the motor off, or measure the time-out by silence."""
         if not self._fresh.age(PacketId.STATUS)[1]:
-            self._probe.forget()
+            self._probe.reset()
         match self._probe.step(self._now_ns()):
             case Step.ZERO:
                 self._send_torque(0.0)

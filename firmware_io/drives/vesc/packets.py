@@ -60,7 +60,7 @@ class PacketReceiver:
         self._good_to = 0
 
     def reset(self) -> None:
-        """Forget unfinished packets."""
+        """Discard unfinished packets."""
         self._kept.clear()
         self._ends.clear()
         self._dropped = self._good_to = 0

@@ -78,7 +78,7 @@ class VescSerialCodec:
         return [replace(frame, received_ns=now_ns) for frame in frames]
 
     def reset(self) -> None:
-        """Forget what was received of an unfinished packet."""
+        """Discard what was received of an unfinished packet."""
         self._receiver.reset()
 
     def _framed(self, controller_id: int, packet: bytes) -> bytes:

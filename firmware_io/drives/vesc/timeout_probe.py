@@ -47,9 +47,9 @@ class TimeoutProbe:
     def __init__(self, timeout_s: float) -> None:
         """Measure a time-out that was set to `timeout_s`."""
         self._quiet_ns = round(timeout_s * 1e9) + _MARGIN_NS
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Begin anew: the controller may be another one."""
         self.found = Found.NOTHING
         self.silence_s = 0.0

@@ -32,7 +32,7 @@ _IMU: Final[Mapping[FrameId, Mapping[str, str]]] = {
 }
 _ZERO: Final = WheelCommand(0.0, 0.0, enable=False)
 _OFF_BY_ITSELF: Final = frozenset({BoardState.WATCHDOG, BoardState.FAULT})
-_WATCHDOG_RESOLUTION_S: Final = 0.000501  # half a step of the frame, and room for what floats add
+_WATCHDOG_RESOLUTION_S: Final = 0.000501  # half a step of the frame, and a margin for rounding
 
 
 class WheelBoard:
@@ -77,8 +77,8 @@ class WheelBoard:
         self._send(_ZERO)
         self._set_up()
 
-    def take(self, frame: Frame) -> bool:
-        """Take one of the board's frames; see `Sensor.take`."""
+    def take_frame(self, frame: Frame) -> bool:
+        """Take one of the board's frames; see `Sensor.take_frame`."""
         payload = self._endpoint.check(frame)
         if payload is None:
             return False

@@ -62,11 +62,11 @@ class BoardSerialCodec:
 
     def decode(self, data: bytes, now_ns: int) -> list[Frame]:
         """The frames whose packets end in `data`; see `SerialCodec.decode`. A request is counted, and is no frame."""
-        frames = [self._take(packet, now_ns) for packet in self._receiver.take(data)]
+        frames = [self._take(packet, now_ns) for packet in self._receiver.take_bytes(data)]
         return [frame for frame in frames if frame is not None]
 
     def reset(self) -> None:
-        """Forget the packet that has begun, and the sequence."""
+        """Discard the packet that has begun, and the sequence."""
         self._receiver.reset()
         self._next_received = None
 

@@ -102,10 +102,10 @@ class XsensMti:
         self._sample_period_s = 0.0
 
     def start(self) -> None:
-        """Send nothing: the sensor needs no word from us."""
+        """Send nothing: the sensor needs no frame from us."""
 
-    def take(self, frame: Frame) -> bool:
-        """Take one of the sensor's messages; see `Sensor.take`."""
+    def take_frame(self, frame: Frame) -> bool:
+        """Take one of the sensor's messages; see `Sensor.take_frame`."""
         message = self._messages.get(FrameKey(frame.arbitration_id, frame.is_extended))
         if message is None:
             return False

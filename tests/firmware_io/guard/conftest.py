@@ -36,7 +36,7 @@ class Beats:
     def open(self) -> None:
         self.waiting.clear()
 
-    def take(self) -> Iterator[bool]:
+    def take_heartbeats(self) -> Iterator[bool]:
         while self.waiting:
             yield self.waiting.pop(0)
 

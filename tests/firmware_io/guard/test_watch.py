@@ -41,7 +41,7 @@ class Bench:
     def say(self, meaning: Meaning, drive: str = "both", at_ms: int | None = None) -> None:
         for name in ("left", "right") if drive == "both" else (drive,):
             at_ns = (self.now_ms if at_ms is None else at_ms) * MS
-            self.watch.take(Frame(1, f"{name} {meaning}".encode(), at_ns))
+            self.watch.take_frame(Frame(1, f"{name} {meaning}".encode(), at_ns))
 
     def wait(self, ms: int) -> None:
         for _ in range(ms):
@@ -293,10 +293,10 @@ def test_our_own_frames_are_no_sign_of_the_node(bench: Bench) -> None:
     bench.drive(100)
     bench.wait(25)
     for frame in own:
-        bench.watch.take(frame)
+        bench.watch.take_frame(frame)
 
     assert bench.watch.commands == 20
-    bench.watch.take(own[1])
+    bench.watch.take_frame(own[1])
     assert bench.watch.commands == 21
 
 
@@ -331,15 +331,15 @@ def test_a_frame_of_ours_may_be_that_long_on_its_way(after_ns: int, *, is_ours: 
     letters = Letters()
     letters.stop = lambda: [Frame(1, b"left zero")]  # type: ignore[method-assign]
     watch = Watch(letters, 0)
-    watch.take(Frame(1, b"left move", 0))
+    watch.take_frame(Frame(1, b"left move", 0))
     for ms in (15, 30):
         watch.step(ms * MS)
     assert watch.step(31 * MS)
-    watch.take(Frame(1, b"left off", 32 * MS))
-    watch.take(Frame(1, b"right off", 32 * MS))
+    watch.take_frame(Frame(1, b"left off", 32 * MS))
+    watch.take_frame(Frame(1, b"right off", 32 * MS))
     watch.step(33 * MS)
     watch.step(31 * MS + after_ns)
-    watch.take(Frame(1, b"left zero", 31 * MS + after_ns))
+    watch.take_frame(Frame(1, b"left zero", 31 * MS + after_ns))
 
     assert (watch.commands == 1) is is_ours
 
@@ -508,7 +508,7 @@ def test_interventions_are_all_counted_and_the_newest_kept(bench: Bench) -> None
 
 def test_the_limit_can_be_set() -> None:
     watch = Watch(Letters(), 0, 50 * MS)
-    watch.take(Frame(1, b"left move", 0))
+    watch.take_frame(Frame(1, b"left move", 0))
     at_ms = next(ms for ms in range(200) if watch.step(ms * MS))
 
     assert at_ms == 51
@@ -516,7 +516,7 @@ def test_the_limit_can_be_set() -> None:
 
 def test_the_limit_itself_is_still_allowed() -> None:
     watch = Watch(Letters(), 0)
-    watch.take(Frame(1, b"left move", 0))
+    watch.take_frame(Frame(1, b"left move", 0))
 
     assert watch.step(15 * MS) == ()
     assert watch.step(30 * MS) == ()
@@ -526,7 +526,7 @@ def test_the_limit_itself_is_still_allowed() -> None:
 def test_what_means_nothing_changes_nothing(bench: Bench) -> None:
     bench.drive(100)
     for _ in range(31):
-        bench.watch.take(Frame(9, b"noise", bench.now_ms * MS))
+        bench.watch.take_frame(Frame(9, b"noise", bench.now_ms * MS))
         bench.wait(1)
 
     assert bench.times == [1_121, 1_131]

@@ -104,9 +104,9 @@ def test_any_error_frame_is_read(classes: int, data: bytes) -> None:
 def test_what_is_known_of_a_bus_is_the_newest_of_each() -> None:
     errors = BusErrors()
     assert (errors.state, errors.as_text()) == (LinkState.ACTIVE, {})
-    errors.take(0x204, _data((1, 0x20), (6, 128), (7, 7)))
-    errors.take(0x020, bytes(8))
-    errors.take(0x020, bytes(8))
+    errors.take_frame(0x204, _data((1, 0x20), (6, 128), (7, 7)))
+    errors.take_frame(0x020, bytes(8))
+    errors.take_frame(0x020, bytes(8))
     assert errors.state is LinkState.PASSIVE
     assert errors.as_text() == {
         "tec": "128",
@@ -123,7 +123,7 @@ def test_what_is_learnt_from_elsewhere_replaces_only_what_it_says() -> None:
     assert (errors.state, errors.tec, errors.rec) == (LinkState.WARNING, 96, 1)
     errors.learn(LinkState.BUS_OFF, 0, 0)
     assert (errors.state, errors.tec, errors.rec) == (LinkState.BUS_OFF, 0, 0)
-    errors.take(0x001, b"")
+    errors.take_frame(0x001, b"")
     errors.begin()
     assert (errors.state, errors.tec, errors.rec) == (LinkState.ACTIVE, None, None)
     assert errors.counts == {"tx_timeout": 1}

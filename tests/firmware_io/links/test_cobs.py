@@ -107,47 +107,47 @@ def test_a_stream_in_pieces_of_any_size_gives_the_same_packets(packets: list[byt
     stream = b"".join(encode(packet) + b"\x00" for packet in packets)
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=6).map(sorted))
     pieces = [stream[begin:end] for begin, end in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
-    assert [packet for piece in pieces for packet in receiver.take(piece)] == packets
+    assert [packet for piece in pieces for packet in receiver.take_bytes(piece)] == packets
     assert not refused
 
 
 def test_a_receiver_finds_the_next_packet_after_what_it_refuses(refused: Counter[str]) -> None:
     receiver = CobsReceiver(5, refused)
-    assert receiver.take(b"\x05\x11\x22\x33\x44\x00") == [b"\x11\x22\x33\x44"]
-    assert receiver.take(b"\x06\x11\x22\x33\x44\x55\x00\x02\x11\x00") == [b"\x11"]
+    assert receiver.take_bytes(b"\x05\x11\x22\x33\x44\x00") == [b"\x11\x22\x33\x44"]
+    assert receiver.take_bytes(b"\x06\x11\x22\x33\x44\x55\x00\x02\x11\x00") == [b"\x11"]
     assert refused == {"length": 1}
-    assert receiver.take(b"\x04\x11\x00\x02\x22\x00") == [b"\x22"]
+    assert receiver.take_bytes(b"\x04\x11\x00\x02\x22\x00") == [b"\x22"]
     assert refused == {"length": 1, "cobs": 1}
 
 
 def test_zeros_in_a_row_hold_no_packet_and_are_no_fault(refused: Counter[str]) -> None:
     receiver = CobsReceiver(5, refused)
-    assert receiver.take(bytes(1000)) == []
-    assert receiver.take(b"\x01\x00") == [b""]
+    assert receiver.take_bytes(bytes(1000)) == []
+    assert receiver.take_bytes(b"\x01\x00") == [b""]
     assert not refused
 
 
 def test_an_endless_packet_is_not_kept(refused: Counter[str]) -> None:
     receiver = CobsReceiver(5, refused)
     for _ in range(1000):
-        assert receiver.take(b"\x05\x11\x22") == []
+        assert receiver.take_bytes(b"\x05\x11\x22") == []
         assert len(receiver._begun) <= 5
-    assert receiver.take(b"\x02\x11\x00\x02\x22\x00") == [b"\x22"]
+    assert receiver.take_bytes(b"\x02\x11\x00\x02\x22\x00") == [b"\x22"]
     assert refused == {"length": 1}
 
 
 def test_a_piece_that_would_fit_does_not_revive_a_packet_that_was_too_long(refused: Counter[str]) -> None:
     receiver = CobsReceiver(5, refused)
-    assert receiver.take(b"\x05\x11\x22") == []
-    assert receiver.take(b"\x33\x44\x55") == []
-    assert receiver.take(b"\x33\x44\x00") == []
+    assert receiver.take_bytes(b"\x05\x11\x22") == []
+    assert receiver.take_bytes(b"\x33\x44\x55") == []
+    assert receiver.take_bytes(b"\x33\x44\x00") == []
     assert refused == {"length": 1}
 
 
 @pytest.mark.parametrize("begun", [b"\x03\x11", b"\x03" * 9])
 def test_a_reset_forgets_what_has_begun(refused: Counter[str], begun: bytes) -> None:
     receiver = CobsReceiver(5, refused)
-    receiver.take(begun)
+    receiver.take_bytes(begun)
     receiver.reset()
-    assert receiver.take(b"\x02\x22\x00") == [b"\x22"]
+    assert receiver.take_bytes(b"\x02\x22\x00") == [b"\x22"]
     assert not refused

@@ -167,7 +167,7 @@ def test_whatever_work_raises_is_its_outcome() -> None:
     task, outcomes = BackgroundTask(fail), list[object]()
 
     def is_over() -> bool:
-        outcome = task.take()
+        outcome = task.take_outcome()
         outcomes.extend([] if outcome is None else [outcome])
         return bool(outcomes)
 

@@ -54,7 +54,7 @@ class Bench:
         for _ in range(cycles):
             for frame in self.link.receive():
                 for drive in self.drives:
-                    drive.take(frame)
+                    drive.take_frame(frame)
             for drive in self.drives:
                 faults += drive.faults()
                 drive.command([torque])

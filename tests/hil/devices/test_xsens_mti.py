@@ -148,7 +148,7 @@ def test_an_error_can_be_reported() -> None:
 def test_the_driver_reads_what_the_plant_told(mounting: tuple[str, ...], *, extended_ids: bool) -> None:
     bench = Bench(mounting=mounting, extended_ids=extended_ids)
     bench.tick(2)
-    taken = [bench.driver.take(frame) for frame in bench.heard()]
+    taken = [bench.driver.take_frame(frame) for frame in bench.heard()]
     assert taken == [True] * 8
     assert bench.driver.read().values == tuple(LEANING.values())
     assert all(bench.driver.read().valid)

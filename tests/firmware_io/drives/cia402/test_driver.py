@@ -45,7 +45,7 @@ class Bench:
     def tell(self, identifier: int, data: str, *, is_extended: bool = False) -> bool:
         """Let a frame arrive now."""
         frame = Frame(identifier, bytes.fromhex(data), self.memory.now_ns, is_extended=is_extended)
-        return self.pair.take(frame)
+        return self.pair.take_frame(frame)
 
     def tell_status(self, left: int, right: int | None = None, *, nmt: int = 5) -> None:
         """Let everything that drives send in a cycle arrive from both."""
@@ -172,7 +172,7 @@ def test_the_librarys_pdos_are_read(bench: Bench) -> None:
         (0x282, 4),
         (0x382, 4),
     ]
-    assert all(bench.pair.take(frame) for frame in frames)
+    assert all(bench.pair.take_frame(frame) for frame in frames)
 
     readings = bench.pair.read()
     turn = 2.0 * math.pi
@@ -422,7 +422,7 @@ def test_a_drive_that_restarted_is_set_up_again_a_request_a_cycle(bench: Bench) 
     while bench.pair.health["left.set_up"] != "yes":
         bench.cycle()
         for frame in bench.memory.receive():
-            bench.pair.take(frame)
+            bench.pair.take_frame(frame)
         requests += 1
         assert requests < 100
     assert bench.memory.nodes[LEFT].data_store == before
@@ -545,8 +545,8 @@ def test_frames_of_others_change_nothing(bench: Bench) -> None:
     listed = {key.arbitration_id for key in bench.pair.listens_to}
     for identifier, length in itertools.product(range(2048), range(9)):
         frame = Frame(identifier, bytes(length), bench.memory.now_ns)
-        assert identifier in listed or not bench.pair.take(frame)
-        assert not bench.pair.take(replace(frame, is_extended=True))
+        assert identifier in listed or not bench.pair.take_frame(frame)
+        assert not bench.pair.take_frame(replace(frame, is_extended=True))
     assert (bench.pair.read(), bench.pair.faults(), dict(bench.pair.health)) == before
 
 
@@ -559,7 +559,7 @@ def test_whatever_the_drives_send_values_stay_finite_and_nothing_raises(frames: 
     pair.enable()
     for service, data in frames:
         now_ns += MS
-        pair.take(Frame(service + LEFT, data, now_ns))
+        pair.take_frame(Frame(service + LEFT, data, now_ns))
         pair.command((1.0, 1.0))
         assert all(map(math.isfinite, pair.read().values))
         assert not pair.is_enabled

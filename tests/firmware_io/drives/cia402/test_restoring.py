@@ -21,17 +21,17 @@ def bench() -> Bench:
 def test_nothing_is_to_be_done_before_a_restart(bench: Bench) -> None:
     assert not bench.restoring.is_under_way
     assert bench.restoring.next_request() is None
-    assert not bench.restoring.take(WRITE.answer)
+    assert not bench.restoring.take_answer(WRITE.answer)
 
 
 def test_requests_go_out_one_by_one_each_after_its_answer(bench: Bench) -> None:
     bench.restoring.begin()
     assert bench.restoring.next_request() == WRITE.request
     assert bench.restoring.next_request() is None
-    assert bench.restoring.take(WRITE.answer)
-    assert not bench.restoring.take(WRITE.answer)
+    assert bench.restoring.take_answer(WRITE.answer)
+    assert not bench.restoring.take_answer(WRITE.answer)
     assert bench.restoring.next_request() == READ.request
-    assert bench.restoring.take(READ.answer)
+    assert bench.restoring.take_answer(READ.answer)
     assert not bench.restoring.is_under_way
     assert bench.restoring.next_request() is None
     assert bench.restoring.failure is None
@@ -40,7 +40,7 @@ def test_requests_go_out_one_by_one_each_after_its_answer(bench: Bench) -> None:
 def test_a_write_that_is_answered_otherwise_has_failed(bench: Bench) -> None:
     bench.restoring.begin()
     bench.restoring.next_request()
-    bench.restoring.take(bytes.fromhex("8017100002000106"))
+    bench.restoring.take_answer(bytes.fromhex("8017100002000106"))
     assert bench.restoring.failure == "object 0x1017:00 is not answered as it was"
     assert not bench.restoring.is_under_way
     assert bench.restoring.next_request() is None
@@ -49,10 +49,10 @@ def test_a_write_that_is_answered_otherwise_has_failed(bench: Bench) -> None:
 def test_a_read_is_repeated_until_it_reads_as_it_did_or_time_is_up(bench: Bench) -> None:
     bench.restoring.begin()
     bench.restoring.next_request()
-    bench.restoring.take(WRITE.answer)
+    bench.restoring.take_answer(WRITE.answer)
     for _ in range(3):
         assert bench.restoring.next_request() == READ.request
-        bench.restoring.take(bytes.fromhex("4b17100000000000"))
+        bench.restoring.take_answer(bytes.fromhex("4b17100000000000"))
         bench.now_ns += 100 * MS
     assert bench.restoring.next_request() == READ.request
     bench.now_ns += 1
@@ -75,7 +75,7 @@ def test_each_request_has_its_own_time(bench: Bench) -> None:
     bench.restoring.begin()
     bench.restoring.next_request()
     bench.now_ns += 200 * MS
-    bench.restoring.take(WRITE.answer)
+    bench.restoring.take_answer(WRITE.answer)
     bench.restoring.next_request()
     bench.now_ns += 200 * MS
     assert bench.restoring.next_request() is None
@@ -90,6 +90,6 @@ def test_another_restart_begins_anew_even_after_a_failure(bench: Bench) -> None:
     bench.restoring.begin()
     assert bench.restoring.failure is None
     assert bench.restoring.next_request() == WRITE.request
-    bench.restoring.take(WRITE.answer)
+    bench.restoring.take_answer(WRITE.answer)
     bench.restoring.begin()
     assert bench.restoring.next_request() == WRITE.request

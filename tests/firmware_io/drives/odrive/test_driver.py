@@ -59,7 +59,7 @@ class Bench:
         self.node = settings.wheel(name).node_id
 
     def hear(self, command: int, data: bytes) -> bool:
-        return self.drive.take(Frame(self.node * 32 + command, data, self.now_ns))
+        return self.drive.take_frame(Frame(self.node * 32 + command, data, self.now_ns))
 
     def beat(self, state: int = IDLE, error: int = 0) -> None:
         self.hear(0x01, struct.pack("<IBxxx", error, state))
@@ -643,14 +643,14 @@ def test_no_other_identifier_or_length_changes_anything(configure: Configure, fi
     for identifier in range(2048):
         for length in range(9):
             if identifier not in listed or length != 8:
-                bench.drive.take(Frame(identifier, b"\x40" * length, bench.now_ns))
+                bench.drive.take_frame(Frame(identifier, b"\x40" * length, bench.now_ns))
     for identifier in listed:
-        bench.drive.take(Frame(identifier, b"\x40" * 8, bench.now_ns, is_extended=True))
+        bench.drive.take_frame(Frame(identifier, b"\x40" * 8, bench.now_ns, is_extended=True))
     assert _state(bench) == before
     assert bench.sent() == []
 
     for identifier in listed:
-        assert bench.drive.take(Frame(identifier, b"\x40" * 8, bench.now_ns))
+        assert bench.drive.take_frame(Frame(identifier, b"\x40" * 8, bench.now_ns))
     assert _state(bench) != before
 
 

@@ -38,7 +38,7 @@ class Bench:
 
     def tell(self, command: PacketId, payload: Payload, controller_id: int = 9) -> bool:
         frame = frame_of(command, controller_id, payload)
-        return self.vesc.take(replace(frame, received_ns=self.now_ns))
+        return self.vesc.take_frame(replace(frame, received_ns=self.now_ns))
 
     def tell_status(self) -> None:
         assert self.tell(PacketId.STATUS, Status(0, 0.0, 0.0))
@@ -46,7 +46,7 @@ class Bench:
 
     def answer(self, packet: str) -> bool:
         data = bytes.fromhex("0901" + packet)
-        return self.vesc.take(Frame(0x8FD, data, self.now_ns, is_extended=True))
+        return self.vesc.take_frame(Frame(0x8FD, data, self.now_ns, is_extended=True))
 
     def is_enabled(self) -> bool:
         return self.vesc.is_enabled
@@ -136,7 +136,7 @@ def test_the_left_controller_tells_the_supply_which_is_valid_for_a_second(link: 
     left = Vesc(link, "left", SETTINGS, 0.01, lambda: now_ns)
     assert list(left.signals.items())[3:] == [("supply.voltage", "V")]
     assert (left.read().values[3], left.read().ages[3], left.read().valid[3]) == (0.0, math.inf, False)
-    assert left.take(frame_of(PacketId.STATUS_5, 8, Status5(42, 36.5)))
+    assert left.take_frame(frame_of(PacketId.STATUS_5, 8, Status5(42, 36.5)))
     now_ns = 1_000 * MS
     readings = left.read()
     assert (readings.values[3], readings.ages[3]) == pytest.approx((36.5, 1.0))
@@ -160,9 +160,9 @@ def test_each_kind_of_status_has_an_age_of_its_own(bench: Bench) -> None:
 def test_a_damaged_frame_changes_nothing_and_is_counted(bench: Bench) -> None:
     bench.tell(PacketId.STATUS, Status(700, 1.0, 0.0))
     before = bench.vesc.read()
-    assert not bench.vesc.take(Frame(0x909, bytes(7), bench.now_ns, is_extended=True))
-    assert not bench.vesc.take(Frame(0x8FD, b"\x09", bench.now_ns, is_extended=True))
-    assert not bench.vesc.take(Frame(0x8FD, bytes.fromhex("0801320000800005"), bench.now_ns, is_extended=True))
+    assert not bench.vesc.take_frame(Frame(0x909, bytes(7), bench.now_ns, is_extended=True))
+    assert not bench.vesc.take_frame(Frame(0x8FD, b"\x09", bench.now_ns, is_extended=True))
+    assert not bench.vesc.take_frame(Frame(0x8FD, bytes.fromhex("0801320000800005"), bench.now_ns, is_extended=True))
     assert bench.vesc.read() == before
     health = bench.vesc.health
     assert (health["refused.length"], health["refused.unknown"], health["fault"]) == ("2", "1", "not reported")
@@ -177,7 +177,7 @@ def test_frames_that_are_not_listed_change_nothing(bench: Bench, length: int) ->
     data = b"\xff" * length
     frames = [Frame(i, data, bench.now_ns) for i in range(2_048)]
     frames += [Frame(i, data, bench.now_ns, is_extended=True) for i in extended]
-    assert not any(bench.vesc.take(frame) for frame in frames)
+    assert not any(bench.vesc.take_frame(frame) for frame in frames)
     assert (bench.vesc.read(), bench.vesc.health, bench.vesc.arming_failures(), bench.vesc.faults()) == before
 
 
@@ -401,7 +401,7 @@ def test_health_tells_supply_and_current(bench: Bench) -> None:
 
 
 def test_refused_frames_are_told_by_cause(bench: Bench) -> None:
-    bench.vesc.take(Frame(0x909, b"", is_extended=True))
+    bench.vesc.take_frame(Frame(0x909, b"", is_extended=True))
     assert bench.vesc.health[f"refused.{Refusal.LENGTH}"] == "1"
 
 
@@ -435,7 +435,7 @@ def test_what_is_next_to_no_current_is_less_where_little_can_be_asked_for(
     settings = VescSettings(left=left, right=RIGHT, timeout_set_s=0.05)
     vesc = Vesc(link, "left", settings, 0.01, lambda: 0)
     for amperes, is_off in ((off, True), (-off, True), (on, False), (-on, False)):
-        assert vesc.take(frame_of(PacketId.STATUS, 8, Status(0, amperes, 0.0)))
+        assert vesc.take_frame(frame_of(PacketId.STATUS, 8, Status(0, amperes, 0.0)))
         assert vesc.is_off is is_off
 
 

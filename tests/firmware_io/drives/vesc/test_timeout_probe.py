@@ -107,7 +107,7 @@ def test_a_command_in_between_begins_the_measurement_anew(bench: Bench) -> None:
 def test_another_controller_is_measured_anew(bench: Bench) -> None:
     bench.steps(QUIET_MS + 5)
     bench.probe.note_answer(timed_out=True, received_ns=bench.now_ns)
-    bench.probe.forget()
+    bench.probe.reset()
     assert bench.found() is Found.NOTHING
     assert bench.probe.silence_s == 0.0
     assert [bench.step(), bench.step()] == [Step.ZERO, Step.NOTHING]

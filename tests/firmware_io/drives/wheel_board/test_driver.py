@@ -56,7 +56,7 @@ class Bench:
 
     def tell(self, frame_id: FrameId, payload: Payload) -> bool:
         """Let a frame of the board arrive now."""
-        return self.driver.take(self.frame(frame_id, payload))
+        return self.driver.take_frame(self.frame(frame_id, payload))
 
     def tell_status(self, state: BoardState = BoardState.DISABLED, watchdog_s: float = 0.05) -> None:
         """Let the board's status arrive now."""
@@ -173,7 +173,7 @@ def test_in_a_fast_loop_what_is_measured_is_stale_after_three_periods_of_its_fra
         (FrameId.IMU_GYRO, AngularVelocity(0.0, 0.0, 0.0)),
         (FrameId.IMU_ACCELERATION, LinearAcceleration(0.0, 0.0, 0.0)),
     ):
-        driver.take(Frame(frame_id, encode(frame_id, payload, 0), 0))
+        driver.take_frame(Frame(frame_id, encode(frame_id, payload, 0), 0))
     now_ns = 15 * MS
     assert driver.read().valid[:10] == (True,) * 10
     now_ns += 1
@@ -199,7 +199,7 @@ def test_a_supply_that_is_not_told_any_more_is_no_fault_of_its_own(bench: Bench)
 def test_a_value_is_as_old_as_its_frame_and_not_as_its_reading(bench: Bench) -> None:
     frame = bench.frame(FrameId.LEFT_WHEEL, Wheel(1.0, 1.0))
     bench.now_ns += 7 * MS
-    assert bench.driver.take(frame)
+    assert bench.driver.take_frame(frame)
     assert bench.driver.read().ages[:2] == pytest.approx((0.007, 0.007))
 
 
@@ -210,7 +210,7 @@ def _flip(frame: Frame, bit: int = 2) -> Frame:
 def test_a_damaged_frame_does_not_make_a_value_younger(bench: Bench) -> None:
     bench.tell(FrameId.LEFT_WHEEL, Wheel(1.0, 1.0))
     bench.now_ns += 10 * MS
-    assert not bench.driver.take(_flip(bench.frame(FrameId.LEFT_WHEEL, Wheel(2.0, 2.0))))
+    assert not bench.driver.take_frame(_flip(bench.frame(FrameId.LEFT_WHEEL, Wheel(2.0, 2.0))))
 
     readings = bench.driver.read()
 
@@ -233,7 +233,7 @@ def test_no_frame_with_one_flipped_bit_changes_anything(moving: Bench, frame_id:
     moving.driver.enable()
     before = moving.driver.read(), moving.is_enabled(), moving.driver.arming_failures()
     for bit in range(64):
-        assert not moving.driver.take(_flip(moving.frame(frame_id, payload), bit))
+        assert not moving.driver.take_frame(_flip(moving.frame(frame_id, payload), bit))
     assert (moving.driver.read(), moving.is_enabled(), moving.driver.arming_failures()) == before
     assert moving.driver.health["refused.crc"] == "64"
     assert moving.heard() == []
@@ -249,12 +249,12 @@ def test_no_identifier_and_length_that_is_not_listened_to_changes_anything(
     before = bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures(), bench.driver.health
     for identifier in set(range(2048)) - listened:
         for length in range(9):
-            assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
+            assert not bench.driver.take_frame(Frame(identifier, bytes(length), bench.now_ns))
     assert (bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures(), bench.driver.health) == before
 
     for identifier in listened:
         for length in range(8):
-            assert not bench.driver.take(Frame(identifier, bytes(length), bench.now_ns))
+            assert not bench.driver.take_frame(Frame(identifier, bytes(length), bench.now_ns))
     assert (bench.driver.read(), bench.is_enabled(), bench.driver.arming_failures()) == before[:3]
     assert bench.driver.health["refused.length"] == str(8 * len(listened))
     assert sent == []
@@ -383,11 +383,11 @@ def test_after_disabling_the_board_may_count_anew_as_it_does_on_another_line(ben
     for _ in range(3):
         bench.tell_status()
     again = bench.frame(FrameId.BOARD_STATUS, READY)
-    assert bench.driver.take(again)
-    assert not bench.driver.take(again)
+    assert bench.driver.take_frame(again)
+    assert not bench.driver.take_frame(again)
     bench.driver.disable()
-    assert bench.driver.take(again)
-    assert not bench.driver.take(again)
+    assert bench.driver.take_frame(again)
+    assert not bench.driver.take_frame(again)
     assert bench.driver.health["refused.counter"] == "2"
 
 
@@ -469,7 +469,7 @@ def test_a_watchdog_between_whole_milliseconds_is_sent_once_and_not_for_ever(
 def test_health_has_what_the_board_tells_and_every_count_as_text(bench: Bench) -> None:
     status = BoardStatus(BoardState.FAULT, 24.5, 0.05, 77)
     frames = [bench.frame(FrameId.BOARD_STATUS, status) for _ in range(5)]
-    taken = [bench.driver.take(f) for f in (frames[0], frames[4], frames[4], replace(frames[4], data=b"short"))]
+    taken = [bench.driver.take_frame(f) for f in (frames[0], frames[4], frames[4], replace(frames[4], data=b"short"))]
 
     assert taken == [True, True, False, False]
     assert bench.driver.health == {

@@ -40,7 +40,7 @@ class Bench:
         self.count = 0
 
     def take(self, arbitration_id: int, data: bytes, *, is_extended: bool = False) -> bool:
-        return self.imu.take(Frame(arbitration_id, data, self.now_ns, is_extended))
+        return self.imu.take_frame(Frame(arbitration_id, data, self.now_ns, is_extended))
 
     def set(self, *, counter: int | None = None, after_ns: int = PERIOD_NS) -> None:
         """A set of measurements as it comes, one period later."""
