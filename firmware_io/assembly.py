@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.heartbeat import GuardHeartbeat
-from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
 
@@ -43,10 +43,16 @@ class Assembly:
         self._link = link
         self._drives = tuple(drives)
         self._devices: tuple[Sensor, ...] = (*drives, *sensors)
-        self.signals: Mapping[str, str] = _signals(self._devices)
+        self.signals: Mapping[str, str] = {}
+        for device in self._devices:
+            twice = self.signals.keys() & device.signals.keys()
+            if twice:
+                raise ValueError(f"{device.name} measures {', '.join(sorted(twice))}, which another device measures")
+            self.signals = {**self.signals, **device.signals}
         self.commands: Mapping[str, str] = {k: v for d in drives for k, v in d.commands.items()}
         self.limits: Sequence[float] = tuple(limit for d in drives for limit in d.limits)
-        self._parts = _parts(drives)
+        ends = list(itertools.accumulate(len(drive.commands) for drive in drives))
+        self._parts = [(drive, slice(end - len(drive.commands), end)) for drive, end in zip(drives, ends, strict=True)]
         self._listeners = _listeners(self._devices)
         self._received_ns: dict[str, int] = {}
         self._armed = False
@@ -69,7 +75,9 @@ class Assembly:
     def exchange(self, commands: Sequence[float] | None) -> Sensors:
         """Hand out what has arrived, send the commands, return the newest snapshot; see `Hardware.exchange`."""
         for frame in self._link.receive():
-            self._hand(frame)
+            device = self._listeners.get((frame.arbitration_id, frame.is_extended))
+            if device is not None and device.take_frame(frame) and self._switching is not None:
+                self._received_ns[device.name] = frame.received_ns
         if self._redundant is not None:
             self._look_aside(self._redundant)
         if self._switching is not None:
@@ -121,11 +129,6 @@ class Assembly:
     def _beat(self) -> None:
         if self._heartbeat is not None:
             self._heartbeat.beat(is_on=self._armed)
-
-    def _hand(self, frame: Frame) -> None:
-        device = self._listeners.get((frame.arbitration_id, frame.is_extended))
-        if device is not None and device.take_frame(frame) and self._switching is not None:
-            self._received_ns[device.name] = frame.received_ns
 
     def _look_aside(self, link: RedundantLink) -> None:
         """Note which drives answer on the standby line; sensors that are only on that line are read there too."""
@@ -181,22 +184,6 @@ class Assembly:
         if self._switching is None or self._redundant is None:
             return False
         return self._switching.is_under_way or (self._redundant.standby_is_good and device in self._drives)
-
-
-def _signals(devices: Sequence[Sensor]) -> dict[str, str]:
-    signals: dict[str, str] = {}
-    for device in devices:
-        twice = signals.keys() & device.signals.keys()
-        if twice:
-            raise ValueError(f"{device.name} measures {', '.join(sorted(twice))}, which another device measures")
-        signals |= device.signals
-    return signals
-
-
-def _parts(drives: Sequence[Drive]) -> list[tuple[Drive, slice]]:
-    """Each drive with its part of the commands."""
-    ends = list(itertools.accumulate(len(drive.commands) for drive in drives))
-    return [(drive, slice(end - len(drive.commands), end)) for drive, end in zip(drives, ends, strict=True)]
 
 
 def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:

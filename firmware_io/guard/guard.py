@@ -5,7 +5,15 @@ import logging
 from collections.abc import Iterator
 from typing import Final, Protocol
 
-from segway_ecc.firmware_io.build import Clocks
+from segway_ecc.firmware_io.build import Clocks, HardwareSettings
+from segway_ecc.firmware_io.drives.cia402.stop import Cia402Stopper
+from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.drives.odrive.stop import OdriveStopper
+from segway_ecc.firmware_io.drives.stopper import Stopper
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.vesc.stop import VescStopper
+from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
+from segway_ecc.firmware_io.drives.wheel_board.stop import WheelBoardStopper
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.guard.watch import Intervention, Watch
 from segway_ecc.firmware_io.links.link import Frame, Link
@@ -115,3 +123,15 @@ def describe(done: Intervention) -> str:
         after = f"{(done.first_ns - done.last_command_ns) * 1e-6:.1f} ms after the last command"
     lasted = f"over {(done.last_ns - done.first_ns) * 1e-6:.0f} ms"
     return f"stopped the drives: {done.cause}; {after}, {done.frames} frames {lasted}, until {done.end}"
+
+
+def stopper_of(settings: HardwareSettings) -> Stopper:
+    """What reads and stops the drives that a robot file describes."""
+    match settings:
+        case WheelBoardSettings():
+            return WheelBoardStopper()
+        case OdriveSettings():
+            return OdriveStopper(settings)
+        case VescSettings():
+            return VescStopper(settings)
+    return Cia402Stopper(settings)

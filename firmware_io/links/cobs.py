@@ -82,9 +82,15 @@ class CobsReceiver:
         packets = []
         for piece in ended:
             self._append(piece)
-            packet = self._end()
-            if packet is not None:
-                packets.append(packet)
+            coded, is_too_long = bytes(self._begun), self._is_too_long
+            self.reset()
+            if is_too_long:
+                self._refused["length"] += 1
+            elif coded:
+                try:
+                    packets.append(decode(coded))
+                except CobsError:
+                    self._refused["cobs"] += 1
         self._append(begun)
         return packets
 
@@ -98,18 +104,3 @@ class CobsReceiver:
             self._is_too_long = True
         else:
             self._begun += piece
-
-    def _end(self) -> bytes | None:
-        """The packet that a zero byte has ended; None where there is none between it and the one before."""
-        coded, is_too_long = bytes(self._begun), self._is_too_long
-        self.reset()
-        if is_too_long:
-            self._refused["length"] += 1
-            return None
-        if not coded:
-            return None
-        try:
-            return decode(coded)
-        except CobsError:
-            self._refused["cobs"] += 1
-            return None

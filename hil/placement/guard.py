@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from segway_ecc.firmware_io.build import Clocks, HardwareSettings
-from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.hil.rig.lockstep import LockstepRig
 

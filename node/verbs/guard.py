@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from segway_ecc.firmware_io.build import can_link
-from segway_ecc.firmware_io.guard.guard import Guard, describe
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import Guard, describe, stopper_of
 from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Intervention, Watch
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener
 from segway_ecc.node.cli.interrupts import ends_at_once

@@ -67,15 +67,18 @@ class PacketReceiver:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes, and return the packets that they complete, without their framing."""
-        pieces = (data[start : start + _LONGEST] for start in range(0, len(data), _LONGEST))
-        return [packet for piece in pieces for packet in self._take(piece)]
-
-    def _take(self, piece: bytes) -> list[bytes]:
-        known = len(self._kept)
-        self._kept += piece
-        self._begin(known)
-        packets = self._finish()
-        self._forget()
+        packets: list[bytes] = []
+        for start in range(0, len(data), _LONGEST):
+            known = len(self._kept)
+            self._kept += data[start : start + _LONGEST]
+            self._begin(known)
+            packets += self._finish()
+            # What can no longer be part of a packet is discarded, some at a time.
+            while len(self._kept) > 2 * _LONGEST:
+                del self._kept[:_LONGEST]
+                if self._good_to <= self._dropped:
+                    self.refused["garbage"] += 1
+                self._dropped += _LONGEST
         return packets
 
     def _begin(self, known: int) -> None:
@@ -119,11 +122,3 @@ class PacketReceiver:
             return packet
         self.refused[Refusal.CRC] += 1
         return None
-
-    def _forget(self) -> None:
-        """Drop what can no longer be part of a packet, some at a time."""
-        while len(self._kept) > 2 * _LONGEST:
-            del self._kept[:_LONGEST]
-            if self._good_to <= self._dropped:
-                self.refused["garbage"] += 1
-            self._dropped += _LONGEST

@@ -7,8 +7,7 @@ import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import Clocks, HardwareSettings
-from segway_ecc.firmware_io.guard.guard import Guard
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link

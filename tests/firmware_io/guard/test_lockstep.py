@@ -8,7 +8,7 @@ from segway_ecc.firmware_io.drives.stopper import Meaning
 from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, FrameId, WheelCommand
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.guard.watch import Cause, End
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard

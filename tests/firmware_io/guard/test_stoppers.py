@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation, Stopper
 from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, BoardStatus, FrameId, WheelCommand, encode
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.node.config import NoHardwareSection, load_robot
 
