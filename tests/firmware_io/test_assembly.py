@@ -170,7 +170,7 @@ def test_ready_once_every_drive_follows(bench: Bench) -> None:
     assert bench.assembly.exchange(None).ready is True
 
 
-def test_off_where_every_drive_says_so_and_none_is_asked_to_be_on(bench: Bench) -> None:
+def test_off_where_every_drive_reports_so_and_none_is_commanded_on(bench: Bench) -> None:
     assert bench.assembly.exchange(None).off is True
     for silent in (bench.left, bench.right):
         silent.is_off = False
@@ -202,12 +202,12 @@ def test_closing_disarms_first(bench: Bench) -> None:
     assert bench.bus.journal == ["close"]
 
 
-def test_faults_of_all_drives_are_told(bench: Bench) -> None:
+def test_faults_of_all_drives_are_reported(bench: Bench) -> None:
     bench.left.fault, bench.right.fault = ("left: hot",), ("right: silent",)
     assert bench.assembly.exchange(None).faults == ("left: hot", "right: silent")
 
 
-def test_a_lost_link_is_the_callers_to_hear_of(bench: Bench) -> None:
+def test_lost_link_is_raised_to_the_caller(bench: Bench) -> None:
     bench.bus.is_gone = True
     with pytest.raises(LinkLostError):
         bench.assembly.exchange((0.0, 0.0))
@@ -255,7 +255,7 @@ def test_a_frame_that_was_refused_does_not_keep_a_line_alive(pair: Bench) -> Non
     assert pair.assembly.exchange(None).events == ("link: from can to serial: no good frame for 21.0 ms",)
 
 
-def test_both_gaps_are_told_and_kept(pair: Bench) -> None:
+def test_both_gaps_are_reported_and_kept(pair: Bench) -> None:
     pair.arm()
     pair.now_ns += 21 * MS
     pair.assembly.exchange((1.0, 1.0))
@@ -296,7 +296,7 @@ def test_a_sensor_that_only_the_bus_reaches_is_given_no_patience(pair: Bench) ->
     assert assembly.exchange(None).valid == (True, True, False)
 
 
-def test_a_sensor_that_only_the_bus_reaches_is_heard_whichever_line_is_the_owner(pair: Bench) -> None:
+def test_sensor_on_the_bus_alone_is_received_whichever_line_is_the_owner(pair: Bench) -> None:
     imu = Wheel(pair.bus, "imu", 0x32)
     link = RedundantLink(pair.bus, pair.line, pair.now)
     assembly = Assembly(link, [pair.left, pair.right], [imu], now_ns=pair.now)

@@ -48,7 +48,7 @@ def test_heartbeats_arrive_in_their_order(listener: HeartbeatListener, sender: H
     assert list(listener.take_heartbeats()) == []
 
 
-def test_a_heartbeat_that_nobody_takes_is_dropped_and_a_guard_that_comes_later_hears_the_tenth(
+def test_heartbeat_without_a_guard_is_dropped_and_a_later_guard_receives_the_tenth(
     sender: HeartbeatSender,
 ) -> None:
     sender.beat(is_on=True)
@@ -114,7 +114,7 @@ def test_a_listener_gives_its_socket_back(listener: HeartbeatListener) -> None:
     assert first.fileno() == -1
 
 
-def test_strange_words_are_passed_over(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
+def test_unknown_datagrams_are_skipped(listener: HeartbeatListener, sender: HeartbeatSender) -> None:
     sender.beat(is_on=True)
     assert sender._socket is not None
     for word in (b"", b"\x02", b"\x01\x01", b"x" * 100):
@@ -163,7 +163,7 @@ class Beats:
         self.told.append("close")
 
 
-def test_a_robot_tells_after_each_exchange_with_commands_whether_it_is_armed() -> None:
+def test_heartbeat_after_each_exchange_with_commands_carries_armed_state() -> None:
     rig, beats = LockstepRig(500_000), Beats()
     clocks = Clocks(rig.now_ns, rig.wall_ns, rig.sleep_until_ns)
     built = build_hardware(WheelBoardSettings(), 0.01, clocks, rig.bus.attach("node"))
@@ -184,7 +184,7 @@ def test_a_robot_tells_after_each_exchange_with_commands_whether_it_is_armed() -
     assert beats.told == [False, True, True, False, False, "close"]
 
 
-def test_a_robot_on_its_own_bus_tells_the_guard_of_that_bus(listener: HeartbeatListener) -> None:
+def test_robot_on_its_own_bus_sends_heartbeats_to_the_guard_of_that_bus(listener: HeartbeatListener) -> None:
     robot = build_hardware(WheelBoardSettings(can=CAN), 0.01, Clocks())
     robot.open()
     robot.exchange(ZERO)

@@ -62,14 +62,14 @@ def test_one_silent_drive_is_reason_enough(bench: Bench, ages: tuple[float, floa
     assert bench.lines.is_on_fallback
 
 
-def test_a_drive_that_was_never_heard_counts_from_the_first_look(bench: Bench) -> None:
+def test_silence_of_an_unseen_drive_counts_from_the_first_pass(bench: Bench) -> None:
     bench.now_ns += 20 * MS
     assert bench.judge(None) is None
     bench.now_ns += 1 * MS
     assert bench.judge(None) == "link: from can to serial: no good frame for 21.0 ms"
 
 
-def test_trouble_is_told_as_it_is_and_does_not_wait(bench: Bench) -> None:
+def test_link_trouble_is_the_reason_at_once(bench: Bench) -> None:
     bench.lines.trouble = "bus-off"
     assert bench.judge(0.0) == "link: from can to serial: bus-off"
 

@@ -100,7 +100,7 @@ def test_it_listens_with_one_link_and_speaks_with_the_other(bench: Bench) -> Non
     assert bench.ears.sent == []
 
 
-def test_it_says_once_what_it_did(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+def test_intervention_is_logged_once(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     bench.say(Meaning.MOVE)
     bench.pass_(33)
@@ -151,7 +151,7 @@ def test_it_drains_the_link_that_it_speaks_on(bench: Bench) -> None:
     assert bench.watch.commands == 0
 
 
-def test_a_bus_that_goes_is_told_once_and_comes_back(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+def test_lost_bus_is_logged_once_and_recovers(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     bench.say(Meaning.MOVE)
     bench.pass_(10)
@@ -209,7 +209,7 @@ def test_a_bus_that_is_not_there_ends_it(bench: Bench) -> None:
         (1_000 * MS, "32.5 ms after the last command"),
     ],
 )
-def test_an_intervention_in_words(last_ns: int | None, text: str) -> None:
+def test_intervention_is_described_in_one_line(last_ns: int | None, text: str) -> None:
     done = Intervention(Cause.SILENCE, last_ns, 1_032_500_000, 1_062_500_000, 8, End.TIME)
 
     assert describe(done) == (

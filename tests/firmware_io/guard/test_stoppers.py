@@ -51,7 +51,7 @@ def read(stopper: Stopper, frame: Frame) -> Meaning | None:
         ("cart-cia402", ["left", "right"], True),
     ],
 )
-def test_a_family_says_what_its_drives_are(robot: str, drives: list[str], *, reports: bool) -> None:
+def test_family_names_its_drives(robot: str, drives: list[str], *, reports: bool) -> None:
     stopper = stopper_of(hardware(robot))
 
     assert list(stopper.drives) == drives

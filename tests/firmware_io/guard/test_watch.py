@@ -88,7 +88,7 @@ def test_a_gap_counts_only_where_a_drive_may_follow(bench: Bench) -> None:
     assert bench.watch.longest_gap_ns == 10 * MS
 
 
-def test_nothing_is_sent_where_nothing_was_ever_heard(bench: Bench) -> None:
+def test_nothing_is_sent_where_nothing_was_ever_received(bench: Bench) -> None:
     bench.wait(1_000)
 
     assert bench.sent == []
@@ -129,7 +129,7 @@ def test_a_report_that_a_command_to_move_has_followed_does_not_end_it(bench: Ben
     assert bench.times == [1_121, 1_126]
 
 
-def test_a_drive_that_says_that_it_is_off_is_off(bench: Bench) -> None:
+def test_drive_that_reports_off_is_off(bench: Bench) -> None:
     bench.say(ON)
     bench.drive(20, ZERO)
     bench.say(OFF)
@@ -164,7 +164,7 @@ def test_a_report_of_both_drives_is_needed(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("were_on", [True, False])
-def test_drives_that_say_nothing_are_told_for_a_second(bench: Bench, *, were_on: bool) -> None:
+def test_silent_drives_get_stop_frames_for_a_second(bench: Bench, *, were_on: bool) -> None:
     if were_on:
         bench.say(ON)
     bench.drive(100)
@@ -175,7 +175,7 @@ def test_drives_that_say_nothing_are_told_for_a_second(bench: Bench, *, were_on:
     assert bench.watch.intervened == 1
 
 
-def test_a_drive_that_is_still_on_after_that_is_told_again(bench: Bench) -> None:
+def test_drive_still_on_after_an_intervention_is_stopped_again(bench: Bench) -> None:
     bench.drive(100)
     bench.wait(1_050)
     bench.say(ON, "right")
@@ -201,7 +201,7 @@ def test_a_zero_does_not_switch_a_drive_off(bench: Bench) -> None:
     assert bench.times[0] == 1_121
 
 
-def test_a_drive_that_was_told_off_counts_as_off_until_it_says_otherwise(bench: Bench) -> None:
+def test_disabled_drive_counts_as_off_until_it_reports_on(bench: Bench) -> None:
     bench.say(ON)
     bench.drive(100)
     bench.say(DISABLE)
@@ -264,9 +264,7 @@ def test_a_report_of_the_moment_in_which_it_begins_does_not_end_it(bench: Bench)
 @pytest.mark.parametrize(
     ("reports", "meaning", "end"), [(True, OFF, End.OFF), (True, ZERO, End.NODE), (False, MOVE, End.NODE)]
 )
-def test_what_is_heard_in_the_moment_of_the_first_stop_frame_counts(
-    meaning: Meaning, end: End, *, reports: bool
-) -> None:
+def test_report_at_the_time_of_the_first_stop_frame_counts(meaning: Meaning, end: End, *, reports: bool) -> None:
     bench = Bench(reports=reports)
     bench.drive(100)
     bench.wait(21)
@@ -344,7 +342,7 @@ def test_a_frame_of_ours_may_be_that_long_on_its_way(after_ns: int, *, is_ours: 
     assert (watch.commands == 1) is is_ours
 
 
-def test_the_words_for_why_it_began_and_ended() -> None:
+def test_causes_and_ends_have_texts() -> None:
     assert [*Cause] == ["commands stopped", "a stopped node commanded motion without a zero before"]
     assert [*End] == ["the drives report off", "the node is back", "the time for it is over"]
 
@@ -442,7 +440,7 @@ def test_a_heartbeat_that_wants_them_off_leaves_nothing_to_stop(bench: Bench) ->
     assert bench.sent == []
 
 
-def test_a_heartbeat_of_a_node_that_lives_does_not_take_a_drive_s_word(bench: Bench) -> None:
+def test_heartbeat_does_not_override_disable_feedback(bench: Bench) -> None:
     bench.say(ON)
     bench.watch.beat(bench.now_ms * MS, is_on=False)
     bench.wait(31)

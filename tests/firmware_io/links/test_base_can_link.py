@@ -112,7 +112,7 @@ def _error(word: int, **data: int) -> Arrival:
     return word, bytes(filled), 0
 
 
-def test_every_kind_of_frame_is_told_apart(link: BaseCanLink, bus: Bus) -> None:
+def test_every_kind_of_frame_is_distinguished(link: BaseCanLink, bus: Bus) -> None:
     bus.port.arriving += [
         (0x123, b"12", 0),
         (0x123 | EXTENDED, b"", 0),
@@ -159,7 +159,7 @@ def test_a_frame_that_was_not_sent_is_not_ours(link: BaseCanLink, bus: Bus) -> N
     assert len(link.receive()) == 1
 
 
-def test_remote_frames_are_heard_only_where_they_are_wanted(link: BaseCanLink, bus: Bus) -> None:
+def test_remote_frames_are_received_only_where_wanted(link: BaseCanLink, bus: Bus) -> None:
     asked = (0x300 | REMOTE, b"", 0)
     bus.port.arriving.append(asked)
     assert link.receive() == []
@@ -211,7 +211,7 @@ def test_nothing_is_handed_to_a_controller_that_is_bus_off(link: BaseCanLink, bu
 @pytest.mark.parametrize(
     ("later", "state"), [([], LinkState.BUS_OFF), ([(1, b"", 0)], LinkState.ACTIVE)], ids=["none", "one"]
 )
-def test_a_frame_that_is_heard_after_bus_off_shows_that_it_is_over(
+def test_frame_received_after_bus_off_ends_it(
     link: BaseCanLink, bus: Bus, later: list[Arrival], state: LinkState
 ) -> None:
     bus.port.arriving += [(1, b"", 0), _error(BUS_OFF), *later]
@@ -271,7 +271,7 @@ def test_a_bus_that_stays_away_is_tried_again_at_its_distance(link: BaseCanLink,
     assert "reopening" not in link.health
 
 
-def test_what_the_error_frames_said_before_is_forgotten_and_their_counts_are_not(link: BaseCanLink, bus: Bus) -> None:
+def test_reopening_discards_error_state_and_keeps_counts(link: BaseCanLink, bus: Bus) -> None:
     bus.port.arriving.append(_error(BUS_OFF | 0x200, _6=255))
     link.receive()
     lose(link, bus)
@@ -389,9 +389,7 @@ def test_a_bus_that_is_off_already_when_it_is_opened_is_known_to_be(
     assert health["load_percent"] == "0.1", "135 of 250,000 bits"
 
 
-def test_what_the_kernel_knows_replaces_what_error_frames_failed_to_tell(
-    bus: Bus, kernel: dict[str, InterfaceState]
-) -> None:
+def test_kernel_state_replaces_missing_error_frames(bus: Bus, kernel: dict[str, InterfaceState]) -> None:
     kernel["can0"] = InterfaceState("vcan", is_up=True)
     link = _kernel_link(bus)
     link.open()

@@ -74,17 +74,17 @@ def test_a_queue_of_the_controller_that_ran_over_is_named() -> None:
     assert decode_error(0x008, _data((1, 0x03))).causes == ("protocol",)
 
 
-def test_bus_off_beats_whatever_else_the_frame_says() -> None:
+def test_bus_off_takes_precedence_in_an_error_frame() -> None:
     error = decode_error(0x044, _data((1, 0x20)))
     assert (error.causes, error.state) == (("controller", "bus_off"), LinkState.BUS_OFF)
 
 
-def test_a_restart_makes_the_controller_active_unless_it_says_what_it_is() -> None:
+def test_restart_makes_the_controller_active_unless_the_frame_has_a_state() -> None:
     assert decode_error(0x100, bytes(8)) == BusError(("restarted",), LinkState.ACTIVE)
     assert decode_error(0x104, _data((1, 0x08))).state is LinkState.WARNING
 
 
-def test_the_error_counters_are_read_where_they_are_said_to_be_there() -> None:
+def test_error_counters_are_read_where_flagged() -> None:
     data = _data((6, 250), (7, 3))
     assert decode_error(0x208, data)[2:] == (250, 3)
     assert decode_error(0x008, data)[2:] == (None, None)
@@ -116,7 +116,7 @@ def test_what_is_known_of_a_bus_is_the_newest_of_each() -> None:
     }
 
 
-def test_what_is_learnt_from_elsewhere_replaces_only_what_it_says() -> None:
+def test_known_values_replace_only_themselves() -> None:
     errors = BusErrors()
     errors.learn(LinkState.WARNING, 96, 1)
     errors.learn(None, None, None)

@@ -138,7 +138,7 @@ def test_frames_cross_a_real_backend_both_ways(pair: tuple[CanLink, can.BusABC])
     assert (counters.sent, counters.received, counters.error_frames, counters.remote_frames) == (2, 2, 1, 1)
 
 
-def test_an_error_frame_is_never_data_whatever_else_it_says(link: CanLink, bus: FakeBus) -> None:
+def test_error_frame_is_never_data_whatever_its_other_flags(link: CanLink, bus: FakeBus) -> None:
     bus.arriving.append(_message(WALL_NS, 0x120, is_error_frame=True, is_remote_frame=True))
     assert link.receive() == []
     assert (link.counters.error_frames, link.counters.remote_frames, link.counters.received) == (1, 0, 0)

@@ -67,7 +67,7 @@ def test_the_kernels_can_and_the_virtual_bus_go_over_a_raw_socket_and_all_else_t
     assert SocketCanLink("can0", 500_000).description == "socketcan can0"
 
 
-def test_the_description_says_what_was_chosen_and_why(devices: Path) -> None:
+def test_description_has_the_choice_and_its_reason(devices: Path) -> None:
     assert CanLink("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
     _add_device(devices, "can0")
     assert CanLink("auto", "can0", 500_000).description == "socketcan can0 (chosen by 'auto can0')"
@@ -78,7 +78,7 @@ def test_the_description_says_what_was_chosen_and_why(devices: Path) -> None:
     ("present", "found"), [([], "this machine has no CAN interface"), (["can0", "vcan1"], "there is can0, vcan1")]
 )
 @pytest.mark.parametrize("make", [CanLink, make_can_link])
-def test_a_missing_interface_is_one_line_with_the_cure(
+def test_missing_interface_is_one_line_with_the_remedy(
     devices: Path, present: list[str], found: str, make: Callable[[str, str, int], Link]
 ) -> None:
     for name in present:
@@ -127,7 +127,7 @@ def test_whatever_a_backend_raises_on_opening_is_ours(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(("interface", "more"), [("fake", {}), ("slcan", {"timeout": 0.0})])
-def test_the_bitrate_reaches_the_backend_and_slcan_is_told_not_to_wait(
+def test_bit_rate_reaches_the_backend_and_slcan_does_not_wait(
     monkeypatch: pytest.MonkeyPatch, interface: str, more: dict[str, object]
 ) -> None:
     asked: dict[str, object] = {}

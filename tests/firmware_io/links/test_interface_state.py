@@ -50,7 +50,7 @@ def _u32(value: int) -> bytes:
     return value.to_bytes(4, "little")
 
 
-def test_what_the_kernel_told_of_real_interfaces_is_read() -> None:
+def test_recorded_kernel_replies_are_read() -> None:
     slcan = parse_reply(_reply(SLCAN))
     assert slcan == InterfaceState("can", is_up=True, state=LinkState.ACTIVE, bitrate=500_000, restart_ms=0)
     assert str(slcan) == "active, 500000 bit/s, not restarted after bus-off"
@@ -77,7 +77,7 @@ def test_every_state_of_a_controller_is_known(number: int, state: LinkState | No
     assert str(found).startswith(f"{state or 'down'}, 250000 bit/s, ")
 
 
-def test_counters_and_restart_are_read_where_the_driver_tells_them() -> None:
+def test_counters_and_restart_time_are_read_where_the_driver_reports_them() -> None:
     found = parse_reply(
         _can({STATE: _u32(3), RESTART_MS: _u32(100), ERROR_COUNTERS: struct.pack("<HH", 256, 17), BIT_TIMING: _u32(0)})
     )
@@ -86,7 +86,7 @@ def test_counters_and_restart_are_read_where_the_driver_tells_them() -> None:
 
 
 @pytest.mark.parametrize("bitrate", [0, 0xFFFFFFFF])
-def test_a_bit_rate_that_is_none_is_not_told(bitrate: int) -> None:
+def test_unset_bit_rate_is_not_reported(bitrate: int) -> None:
     assert parse_reply(_can({BIT_TIMING: _u32(bitrate)})).bitrate is None
 
 
@@ -94,7 +94,7 @@ def test_numbers_of_other_kinds_of_interface_are_not_taken_for_a_controllers() -
     assert parse_reply(_can({STATE: _u32(3)}, kind=b"vlan\0")) == InterfaceState("vlan", is_up=True)
 
 
-def test_an_interface_that_is_down_says_so() -> None:
+def test_interface_that_is_down_reports_it() -> None:
     header = bytearray(bytes.fromhex(HEADER))
     header[24] &= 0xFE
     assert parse_reply(_reply(SLCAN, header.hex())).is_up is False

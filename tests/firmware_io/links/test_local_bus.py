@@ -74,7 +74,7 @@ def test_python_can_finds_the_interface_by_its_entry_point(near: can.BusABC) -> 
     assert type(near) is LocalBus
 
 
-def test_participants_hear_each_other_in_order(near: can.BusABC, far: can.BusABC) -> None:
+def test_participants_receive_frames_in_order(near: can.BusABC, far: can.BusABC) -> None:
     for identifier in range(20):
         near.send(_message(identifier, bytes((identifier,))))
     arrived = [_receive(far) for _ in range(20)]
@@ -92,7 +92,7 @@ def test_own_frames_are_not_echoed(near: can.BusABC, far: can.BusABC) -> None:
     assert near.recv(0) is None
 
 
-def test_every_other_participant_hears_a_frame(near: can.BusABC, far: can.BusABC, channel: str) -> None:
+def test_every_other_participant_receives_a_frame(near: can.BusABC, far: can.BusABC, channel: str) -> None:
     with can.Bus(interface="local", channel=channel) as third:
         near.send(_message(5))
         assert [_receive(bus).arbitration_id for bus in (far, third)] == [5, 5]
@@ -227,7 +227,7 @@ def test_a_closed_bus_raises_python_cans_error(channel: str) -> None:
     assert receiving.value.error_code == sending.value.error_code == errno.EBADF
 
 
-def test_a_bus_that_cannot_be_joined_names_the_cure(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_of_a_bus_that_cannot_be_joined_names_the_remedy(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
     with pytest.raises(can.CanInitializationError, match="No such device; bring the loopback device up: ip link set"):
         can.Bus(interface="local", channel=channel)

@@ -73,7 +73,7 @@ def test_a_remote_frame_asks_with_a_length_and_no_data(link: Link, bus: can.BusA
     assert link.counters.remote_frames == 1
 
 
-def test_a_frame_bears_the_time_at_which_it_was_sent(link: Link, bus: can.BusABC) -> None:
+def test_frame_carries_its_send_time(link: Link, bus: can.BusABC) -> None:
     link.receive()
     before_ns = time.monotonic_ns()
     bus.send(can.Message(arbitration_id=1, is_extended_id=False))
@@ -123,7 +123,7 @@ def test_a_flood_is_taken_in_pieces(link: Link, bus: can.BusABC) -> None:
     assert [len(frames(link)) for _ in range(3)] == [512, 88, 0]
 
 
-def test_a_bus_that_cannot_be_joined_names_the_cure(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_of_a_bus_that_cannot_be_joined_names_the_remedy(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
     with pytest.raises(BusNotFoundError, match="bring the loopback device up: ip link set"):
         LocalLink(channel, 500_000).open()
@@ -143,7 +143,7 @@ def test_nothing_waits(link: Link) -> None:
     assert link.send(Frame(1, b""))
 
 
-def test_a_closed_bus_hears_nothing(link: LocalLink, bus: can.BusABC) -> None:
+def test_closed_bus_receives_nothing(link: LocalLink, bus: can.BusABC) -> None:
     link.close()
     assert not link.send(Frame(1, b""))
     assert not select.select([bus.fileno()], [], [], 0)[0]

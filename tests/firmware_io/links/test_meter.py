@@ -35,7 +35,7 @@ def test_rates_are_those_between_two_looks() -> None:
     }
 
 
-def test_two_looks_at_one_moment_say_the_same() -> None:
+def test_two_measurements_at_one_time_are_equal() -> None:
     counters, clock = LinkCounters(), Clock()
     meter = Meter(counters, clock)
     assert set(meter.measure(1).values()) == {"0.0"}

@@ -95,7 +95,7 @@ def test_what_arrives_on_the_other_line_is_kept_aside(bench: Bench) -> None:
     assert (bench.link.receive(), bench.link.aside) == ([], [])
 
 
-def test_the_line_that_was_left_must_be_heard_anew(bench: Bench) -> None:
+def test_line_that_was_left_must_answer_again(bench: Bench) -> None:
     bench.link.note_standby()
     bench.link.pass_over()
     assert not bench.link.standby_is_good
@@ -114,7 +114,7 @@ def test_one_lost_line_does_not_raise_and_two_do(bench: Bench, on_fallback: bool
 
 
 @pytest.mark.parametrize("on_fallback", [False, True])
-def test_a_line_in_standby_is_good_while_it_is_up_and_was_lately_heard(bench: Bench, on_fallback: bool) -> None:  # noqa: FBT001 - a parameter
+def test_standby_line_is_good_while_it_is_up_and_answered_lately(bench: Bench, on_fallback: bool) -> None:  # noqa: FBT001 - a parameter
     if on_fallback:
         bench.link.pass_over()
     standby = bench.bus if on_fallback else bench.line
@@ -160,7 +160,7 @@ def test_commands_that_cannot_be_sent_are_trouble_when_several_fail_in_a_row(ben
     assert (before, after, bench.link.trouble) == (None, "3 commands in a row could not be sent", None)
 
 
-def test_tells_of_both_lines_and_of_the_owner(bench: Bench) -> None:
+def test_health_covers_both_lines_and_the_owner(bench: Bench) -> None:
     assert bench.link.description == "can, serial to fall back on"
     assert bench.link.health == {"owner": "can", "can.state": "active", "serial.state": "active"}
     assert bench.link.counters is bench.bus.counters

@@ -200,14 +200,14 @@ def test_it_reads_before_it_asks(link: SerialLink, port: FakePort) -> None:
     assert link.receive()[0].data == b"first"
 
 
-def test_a_frame_without_words_is_no_failure(link: SerialLink, port: FakePort) -> None:
+def test_frame_the_codec_cannot_carry_is_no_failure(link: SerialLink, port: FakePort) -> None:
     assert link.send(Frame(1, b"a", is_extended=True))
     assert port.written == b""
     assert link.health["not_carried"] == "1"
     assert (link.counters.sent, link.counters.send_dropped) == (0, 0)
 
 
-def test_no_more_is_read_at_once_than_the_loop_can_bear(link: SerialLink, port: FakePort) -> None:
+def test_bytes_read_at_once_are_bounded(link: SerialLink, port: FakePort) -> None:
     port.arriving.append(b"<1234>" * 2000)
     assert len(link.receive()) == 4096 // 6
     assert port.in_waiting == 12_000 - 4096
@@ -234,7 +234,7 @@ def test_behind_a_backlog_a_command_is_dropped(
     assert (link.counters.sent, link.counters.send_dropped, link.health["requests"]) == (2, 1, "0")
 
 
-def test_a_port_that_does_not_say_how_much_it_took_has_taken_all(link: SerialLink, port: FakePort) -> None:
+def test_port_without_a_write_count_has_taken_all(link: SerialLink, port: FakePort) -> None:
     port.rooms.append(None)
     assert link.send(Frame(1, b"a"))
     assert link.send(Frame(1, b"b"))
@@ -288,7 +288,7 @@ def test_a_dropped_command_does_not_keep_an_old_one_young(link: SerialLink, port
     assert port.written == b"<fi<last>"
 
 
-def test_health_tells_what_was_refused_and_how_much_passes(link: SerialLink, port: FakePort, clock: Clock) -> None:
+def test_health_has_refusals_and_rates(link: SerialLink, port: FakePort, clock: Clock) -> None:
     port.arriving.append(b"<a><bad><late>")
     link.receive()
     link.send(Frame(1, b"abcdef"))
@@ -302,14 +302,14 @@ def test_health_tells_what_was_refused_and_how_much_passes(link: SerialLink, por
     assert all(isinstance(text, str) for text in health.values())
 
 
-def test_a_port_that_is_not_there_is_named_with_a_cure(line: EchoLine, clock: Clock) -> None:
+def test_missing_port_is_named_with_a_remedy(line: EchoLine, clock: Clock) -> None:
     link = SerialLink(SETTINGS, line, clock, Opener(PermissionError(13, "Permission denied")))
     with pytest.raises(BusNotFoundError, match=r"serial /dev/test at 100000 bit/s: Permission denied; .*usermod -aG"):
         link.open()
     assert link.state is LinkState.GONE
 
 
-def test_a_link_that_is_not_open_says_so(line: EchoLine, clock: Clock, opener: Opener) -> None:
+def test_receiving_on_a_closed_link_raises(line: EchoLine, clock: Clock, opener: Opener) -> None:
     link = SerialLink(SETTINGS, line, clock, opener)
     assert link.state is LinkState.GONE
     with pytest.raises(LinkLostError, match="/dev/test at 100000 bit/s is not open"):
@@ -346,9 +346,7 @@ def _fail(link: SerialLink, port: FakePort, by: str, error: OSError) -> None:
 
 @pytest.mark.parametrize("by", ["send", "receive"])
 @pytest.mark.parametrize("error", [OSError(5, "Input/output error"), OSError("read failed"), OSError(), OSError("")])
-def test_a_lost_port_is_told_and_nothing_waits_for_it(
-    link: SerialLink, port: FakePort, by: str, error: OSError
-) -> None:
+def test_lost_port_is_reported_without_blocking(link: SerialLink, port: FakePort, by: str, error: OSError) -> None:
     _fail(link, port, by, error)
     assert link.state is LinkState.GONE
     assert link.health["state"] == "gone"

@@ -354,13 +354,13 @@ def test_a_device_that_is_not_there_is_named_with_those_that_are(
         "",
     ],
 )
-def test_whatever_is_wrong_with_a_port_is_told_in_one_way(url: str) -> None:
+def test_port_errors_are_reported_uniformly(url: str) -> None:
     with pytest.raises(BusNotFoundError, match=r"^cannot open serial .* at 921600 bit/s: .+; .+"):
         _link(url).open()
 
 
 @pytest.mark.parametrize("code", [errno.EACCES, errno.EPERM])
-def test_who_may_not_use_a_port_is_told_the_group_that_may(pty: PtyPort, tmp_path: Path, code: int) -> None:
+def test_missing_permission_names_the_group(pty: PtyPort, tmp_path: Path, code: int) -> None:
     group = grp.getgrgid(pty.path.stat().st_gid).gr_name
     error = OSError(code, "Permission denied")
     assert f"usermod -aG {group} $USER" in serial_port.open_remedy(SerialSettings(port=str(pty.path)), error)

@@ -122,7 +122,7 @@ def test_without_the_right_to_a_large_buffer_it_takes_what_it_gets(sock: FakeSoc
     assert sock.options[1, socket.SO_RCVBUF] == 1 << 20
 
 
-def test_a_socket_that_cannot_be_bound_is_closed_and_told_in_one_line(sock: FakeSocket) -> None:
+def test_socket_that_cannot_be_bound_is_closed_and_reported_in_one_line(sock: FakeSocket) -> None:
     sock.refusing["bind"] = OSError(errno.ENODEV, "No such device")
     with pytest.raises(BusNotFoundError) as error:
         SocketCanLink("can0", 500_000).open()

@@ -92,9 +92,7 @@ def test_is_a_drive_with_named_and_limited_ports(bench: Bench) -> None:
     assert not any(key.is_extended for key in drive.listens_to)
 
 
-def test_a_missing_library_is_told_with_the_command_that_installs_it(
-    memory: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_library_is_reported_with_its_install_command(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
     with pytest.raises(MissingLibraryError, match=r"pip install 'segway-ecc\[canopen\]'"):
         Bench(memory)
@@ -195,7 +193,7 @@ def test_the_supply_is_the_left_drives_and_valid_for_a_second(bench: Bench) -> N
     assert bench.pair.health["left.bus_voltage_v"] == "not reported"
 
 
-def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
+def test_unreported_supply_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
     bench.enable()
     assert bench.pair.read().valid[6] is False
     assert bench.pair.faults() == ()
@@ -380,7 +378,7 @@ def test_one_message_that_is_missing_is_a_fault_after_five_periods(
     assert bench.pair.faults() == (f"the {name} of the right drive is too old: {after_ms} ms",)
 
 
-def test_a_restart_while_armed_is_a_fault_and_is_mended_only_once_disarmed(bench: Bench) -> None:
+def test_restart_while_armed_is_a_fault_and_is_set_up_again_only_once_disarmed(bench: Bench) -> None:
     bench.enable()
     bench.tell(0x700 + LEFT, "00")
     assert bench.pair.faults()[0] == "the left drive has restarted"
@@ -394,7 +392,7 @@ def test_a_restart_while_armed_is_a_fault_and_is_mended_only_once_disarmed(bench
     assert "restarted and is being set up again" in bench.pair.arming_failures()[0]
 
 
-def test_a_drive_that_restarted_has_no_torque_even_if_it_says_that_it_follows(bench: Bench) -> None:
+def test_restarted_drive_gets_no_torque_even_if_it_reports_operation_enabled(bench: Bench) -> None:
     bench.enable()
     bench.tell(0x700 + LEFT, "00")
     bench.tell_status(ENABLED)
@@ -495,7 +493,7 @@ def test_a_drive_that_restarts_while_it_is_set_up_is_set_up_anew(bench: Bench) -
     assert bench.memory.nodes[LEFT].nmt.state == "OPERATIONAL"
 
 
-def test_a_drive_that_restarts_again_and_again_is_told(bench: Bench) -> None:
+def test_drive_that_keeps_restarting_is_reported(bench: Bench) -> None:
     def restart(index: int, **_: Any) -> None:
         if index == 0x6060:
             bench.memory.arrived.append(Frame(0x701, b"\0", bench.memory.now_ns))
@@ -505,7 +503,7 @@ def test_a_drive_that_restarts_again_and_again_is_told(bench: Bench) -> None:
     assert "is not set up: it restarts again and again" in bench.pair.arming_failures()[0]
 
 
-def test_a_drive_that_restarts_while_the_other_is_set_up_is_mended_by_the_loop(bench: Bench) -> None:
+def test_drive_that_restarts_during_set_up_is_set_up_again_by_the_loop(bench: Bench) -> None:
     def restart(index: int, **_: Any) -> None:
         if index == 0x6060:
             bench.memory.arrived.append(Frame(0x701, b"\0", bench.memory.now_ns))
@@ -528,7 +526,7 @@ def test_damaged_frames_are_counted_and_make_nothing_younger(bench: Bench) -> No
     assert not any(name.startswith("right.refused") for name in health)
 
 
-def test_health_tells_what_the_drives_tell(bench: Bench) -> None:
+def test_health_has_the_state_of_the_drives(bench: Bench) -> None:
     assert bench.pair.health["left.set_up"] == "it has not been set up"
     assert bench.pair.health["left.rated_torque_nm"] == "unknown"
     bench.enable()
@@ -596,7 +594,7 @@ def test_a_link_that_takes_nothing_does_not_disturb_the_loop(bench: Bench) -> No
         (0x0001, False),  # none of the profile's
     ],
 )
-def test_they_are_off_where_both_statuswords_say_so_after_they_were_told_to(
+def test_disable_feedback_needs_both_statuswords_after_the_command(
     bench: Bench, statusword: int, *, is_off: bool
 ) -> None:
     bench.enable()
@@ -625,7 +623,7 @@ def test_they_are_off_only_while_both_statuswords_are_fresh_whatever_else_they_s
     assert said == [False, True, True, False]
 
 
-def test_a_drive_that_restarts_has_not_said_that_it_is_off(bench: Bench) -> None:
+def test_restart_clears_disable_feedback(bench: Bench) -> None:
     bench.start()
     bench.tell_status(DISABLED)
     bench.tell(0x700 + LEFT, "00")

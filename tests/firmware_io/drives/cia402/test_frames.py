@@ -81,7 +81,7 @@ def test_a_torque_is_packed_or_refused(share: float) -> None:
 
 @fuzzed
 @given(st.binary(min_size=8, max_size=8))
-def test_every_field_stands_where_the_documents_say(data: bytes) -> None:
+def test_every_field_is_at_its_documented_position(data: bytes) -> None:
     def number(start: int, end: int, *, signed: bool = False) -> int:
         return int.from_bytes(data[start:end], "little", signed=signed)
 

@@ -57,9 +57,7 @@ def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNet
 @pytest.mark.parametrize(
     ("cycle_us", "syncs"), [(10_000, 10), (2_000, 50), (1_000, 100), (100, 240), (100_000, 1), (1_000_000, 1)]
 )
-def test_the_supply_is_told_about_ten_times_a_second(
-    memory: Any, network: LinkNetwork, cycle_us: int, syncs: int
-) -> None:
+def test_supply_is_sent_about_ten_times_a_second(memory: Any, network: LinkNetwork, cycle_us: int, syncs: int) -> None:
     node = memory.add(5)
     set_up(network, PLAN._replace(cycle_us=cycle_us))
     assert node.sdo[0x1802][2].raw == syncs
@@ -83,7 +81,7 @@ def test_a_drive_that_does_not_count_syncs_has_the_pdo_of_the_supply_switched_of
     assert node.sdo[0x1802][1].raw == 0x80000385
 
 
-def test_a_drive_that_falls_silent_at_the_supply_is_told(memory: Any, network: LinkNetwork) -> None:
+def test_drive_silent_at_the_supply_mapping_is_reported(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
 
     def fall_silent(index: int, **_: Any) -> None:
@@ -127,7 +125,7 @@ def test_a_drive_need_not_have_everything(memory: Any, network: LinkNetwork, mis
         (0x1801, "TPDO2 cannot be mapped: Code 0x06020000"),
     ],
 )
-def test_a_drive_that_lacks_what_it_needs_is_told(
+def test_drive_without_a_required_object_is_reported(
     memory: Any, network: LinkNetwork, missing: int, message: str
 ) -> None:
     memory.add(5, without=frozenset({missing}))
@@ -194,7 +192,7 @@ def test_a_mapping_that_is_not_kept_is_refused(memory: Any, network: LinkNetwork
         set_up(network, PLAN)
 
 
-def test_a_node_that_is_not_there_is_told_after_a_third_of_a_second(memory: Any, network: LinkNetwork) -> None:
+def test_absent_node_is_reported_after_a_third_of_a_second(memory: Any, network: LinkNetwork) -> None:
     before_ns = memory.now_ns
     with pytest.raises(SetUpError, match="0x1000:00 cannot be read: no answer"):
         set_up(network, PLAN)
@@ -202,7 +200,7 @@ def test_a_node_that_is_not_there_is_told_after_a_third_of_a_second(memory: Any,
     assert set(memory.waited) == {MS}
 
 
-def test_a_link_that_takes_nothing_is_told(memory: Any, network: LinkNetwork) -> None:
+def test_full_link_fails_the_set_up(memory: Any, network: LinkNetwork) -> None:
     memory.add(5)
     memory.is_full = True
     with pytest.raises(SetUpError, match="memory does not take frames"):

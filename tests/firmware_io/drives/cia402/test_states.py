@@ -9,7 +9,7 @@ def by_canopen(statusword: int) -> str | None:
     return next((name for name, (mask, bits) in State402.SW_MASK.items() if statusword & mask == bits), None)
 
 
-def test_every_statusword_tells_what_the_canopen_library_says() -> None:
+def test_every_statusword_has_the_state_of_the_canopen_library() -> None:
     for statusword in range(0x10000):
         found = state_of(statusword)
         assert (None if found is None else found.upper()) == by_canopen(statusword)

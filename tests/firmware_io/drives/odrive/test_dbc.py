@@ -34,13 +34,13 @@ def test_every_message_of_the_dbc_has_a_layout_and_the_other_way_round(firmware:
 
 
 @pytest.mark.parametrize("firmware", Firmware)
-def test_errors_bear_the_dbcs_names(firmware: Firmware) -> None:
+def test_errors_have_the_dbc_names(firmware: Firmware) -> None:
     choices = DBC[firmware].get_message_by_name("Axis0_Heartbeat").get_signal_by_name("Axis_Error").choices
     assert {bit: name for bit, name in choices.items() if bit} == AXIS_ERRORS[firmware]
     assert AXIS_ERRORS[firmware][WATCHDOG[firmware]] == "WATCHDOG_TIMER_EXPIRED"
 
 
-def test_states_and_modes_bear_the_dbcs_numbers() -> None:
+def test_states_and_modes_have_the_dbc_numbers() -> None:
     dbc = DBC[Firmware.V0_6]
     states = dbc.get_message_by_name("Axis0_Set_Axis_State").get_signal_by_name("Axis_Requested_State").choices
     assert {state.value: state.name for state in AxisState} == {value: str(name) for value, name in states.items()}

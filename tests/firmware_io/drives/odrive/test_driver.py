@@ -131,7 +131,7 @@ def test_starting_sends_zero_and_idle(bench: Bench) -> None:
     assert bench.sent() == [ZERO, TO_IDLE]
 
 
-def test_an_axis_that_is_not_heard_is_sent_zero_in_every_cycle_and_idle_now_and_then(bench: Bench) -> None:
+def test_silent_axis_gets_zero_every_cycle_and_idle_now_and_then(bench: Bench) -> None:
     bench.drive.start()
     cycles = [bench.cycle() for _ in range(20)]
 
@@ -151,7 +151,7 @@ def test_silence_towards_an_idle_axis_ends_when_its_heartbeats_do(bench: Bench) 
 
 
 @pytest.mark.parametrize("state", [CLOSED, 3, 200])
-def test_an_axis_that_is_not_idle_is_told_to_be_and_never_left_in_silence(bench: Bench, state: int) -> None:
+def test_axis_not_idle_is_commanded_idle_and_never_left_in_silence(bench: Bench, state: int) -> None:
     bench.drive.start()
     cycles = bench.run(20, state)
 
@@ -160,7 +160,7 @@ def test_an_axis_that_is_not_idle_is_told_to_be_and_never_left_in_silence(bench:
     assert any("being set to idle" in failure for failure in bench.drive.arming_failures())
 
 
-def test_an_idle_axis_hears_nothing_until_its_watchdog_has_expired_and_zero_from_then_on(bench: Bench) -> None:
+def test_idle_axis_receives_nothing_until_its_watchdog_has_expired_and_zero_from_then_on(bench: Bench) -> None:
     bench.drive.start()
     bench.run(2)
     assert bench.run(2) == [[], []]
@@ -199,7 +199,7 @@ def test_an_error_that_stays_is_cleared_again_only_now_and_then(bench: Bench) ->
     assert "expires before a heartbeat can show it" in bench.drive.arming_failures()[0]
 
 
-def test_a_watchdog_that_is_off_is_an_arming_failure_that_says_what_to_set(bench: Bench) -> None:
+def test_disabled_watchdog_fails_arming_and_names_the_setting(bench: Bench) -> None:
     bench.drive.start()
     bench.run(40)
 
@@ -229,7 +229,7 @@ def test_a_watchdog_that_took_too_long_for_a_lost_heartbeat_is_tried_again(bench
     assert bench.drive.arming_failures() == []
 
 
-def test_an_error_that_was_not_told_to_be_forgotten_proves_nothing(bench: Bench) -> None:
+def test_error_that_was_not_cleared_proves_nothing(bench: Bench) -> None:
     """Frames and heartbeats may be long on their way: what the axis was fed by may have left it any time before."""
     bench.drive.start()
     bench.run(4)
@@ -280,7 +280,7 @@ def test_the_other_firmwares_bit_proves_nothing(configure: Configure, firmware: 
     assert bench.drive.health["watchdog_ms"] != "not seen"
 
 
-def test_heartbeats_that_are_too_seldom_are_an_arming_failure_that_says_what_to_set(bench: Bench) -> None:
+def test_slow_heartbeats_fail_arming_and_name_the_setting(bench: Bench) -> None:
     bench.drive.start()
     for _ in range(3):
         bench.now_ns += 100 * MS
@@ -421,7 +421,7 @@ def test_errors_and_a_state_left_by_itself_are_faults_with_names(bench: Bench) -
     assert bench.drive.faults() == ("the left ODrive axis switched its motor off: state 77, errors: none",)
 
 
-def test_silence_is_a_fault_three_periods_after_the_last_word(bench: Bench) -> None:
+def test_silence_is_a_fault_three_periods_after_the_last_frame(bench: Bench) -> None:
     bench.arm()
     bench.beat(CLOSED)
     bench.estimate()
@@ -481,7 +481,7 @@ def test_values_are_the_wheels_in_si(configure: Configure) -> None:
 
 
 @pytest.mark.parametrize("firmware", ["0.5", "0.6"])
-def test_the_left_axis_tells_the_supply_which_is_valid_for_a_second(configure: Configure, firmware: str) -> None:
+def test_supply_of_the_left_axis_is_valid_for_a_second(configure: Configure, firmware: str) -> None:
     bench = Bench(configure(firmware=firmware))
     assert list(bench.drive.signals.items())[3:] == [("supply.voltage", "V")]
     assert (bench.drive.read().ages[3], bench.drive.read().valid[3]) == (math.inf, False)
@@ -494,7 +494,7 @@ def test_the_left_axis_tells_the_supply_which_is_valid_for_a_second(configure: C
     assert bench.drive.read().valid[3] is False
 
 
-def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
+def test_unreported_supply_is_no_fault_and_no_arming_failure(bench: Bench) -> None:
     bench.arm()
     bench.run(20, CLOSED)
     assert bench.drive.read().valid[3] is False
@@ -503,9 +503,7 @@ def test_a_supply_that_is_not_told_is_no_fault_and_no_arming_failure(bench: Benc
 
 
 @pytest.mark.parametrize(("result", "stands"), [(14, True), (13, False), (0, False)])
-def test_an_axis_of_0_6_that_says_it_is_not_calibrated_refuses_arming(
-    configure: Configure, result: int, *, stands: bool
-) -> None:
+def test_uncalibrated_axis_of_0_6_fails_arming(configure: Configure, result: int, *, stands: bool) -> None:
     bench = Bench(configure(firmware="0.6"))
     bench.prove("0.6")
     bench.hear(0x01, struct.pack("<IBBxx", 0, IDLE, result))
@@ -518,7 +516,7 @@ def test_an_axis_of_0_6_that_says_it_is_not_calibrated_refuses_arming(
     assert bench.drive.arming_failures() == []
 
 
-def test_torque_is_told_by_0_6_itself_and_not_at_all_without_a_constant(configure: Configure) -> None:
+def test_torque_comes_from_0_6_itself_and_is_missing_without_a_constant(configure: Configure) -> None:
     new = Bench(configure(firmware="0.6"))
     new.hear(0x14, struct.pack("<ff", 9.0, 4.0))
     assert new.drive.read().valid[2] is False
@@ -531,7 +529,7 @@ def test_torque_is_told_by_0_6_itself_and_not_at_all_without_a_constant(configur
     assert without.drive.read().valid[2] is False
 
 
-def test_health_tells_what_arrived_by_name(configure: Configure) -> None:
+def test_health_names_what_arrived(configure: Configure) -> None:
     bench = Bench(configure(firmware="0.6"))
     bench.beat(CLOSED, 0x0C000000)
     bench.estimate(1000.0, 0.0)
@@ -568,7 +566,7 @@ def test_a_firmware_that_has_to_be_found_is_asked_for_and_does_not_answer_if_it_
     assert bench.drive.arming_failures() == []
 
 
-def test_a_firmware_that_answers_is_the_one_it_says(configure: Configure) -> None:
+def test_firmware_is_the_version_answered(configure: Configure) -> None:
     bench = Bench(configure(firmware="auto"))
     bench.drive.start()
     bench.run(2)
@@ -611,7 +609,7 @@ def test_the_version_decides_what_it_is(configure: Configure, version: str, *, i
     assert (bench.drive.arming_failures() == []) is is_old
 
 
-def test_a_drive_that_answers_although_it_is_said_to_be_0_5_is_an_arming_failure(bench: Bench) -> None:
+def test_version_answer_of_a_drive_configured_as_0_5_fails_arming(bench: Bench) -> None:
     bench.prove()
     bench.hear(0x00, VERSION_0_6)
     (failure,) = bench.drive.arming_failures()
@@ -655,7 +653,7 @@ def test_no_other_identifier_or_length_changes_anything(configure: Configure, fi
 
 
 @pytest.mark.parametrize("state", range(14))
-def test_it_is_off_where_a_heartbeat_says_idle_and_in_no_other_state(bench: Bench, state: int) -> None:
+def test_disable_feedback_is_idle_and_no_other_state(bench: Bench, state: int) -> None:
     bench.arm()
     assert not bench.drive.is_off
     bench.drive.disable()

@@ -76,7 +76,7 @@ def test_checksums_are_those_of_the_firmwares_documents() -> None:
         ),
     ],
 )
-def test_commands_become_words(line: OdriveSerialCodec, node: int, message: Message, words: list[str]) -> None:
+def test_commands_become_lines(line: OdriveSerialCodec, node: int, message: Message, words: list[str]) -> None:
     expected = b"".join(reply(word).replace(b"\r", b"") for word in words)
     assert line.encode(encode(Firmware.V0_5, node, message)) == expected
 
@@ -110,7 +110,7 @@ def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
         Frame(0x007, b""),
     ],
 )
-def test_there_are_no_words_for_anything_else(line: OdriveSerialCodec, frame: Frame) -> None:
+def test_nothing_else_is_carried(line: OdriveSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
 
 
@@ -167,7 +167,7 @@ def at_the_tenth_poll(line: OdriveSerialCodec) -> OdriveSerialCodec:
     return line
 
 
-def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveSerialCodec) -> None:
+def test_supply_of_the_board_is_given_for_both_nodes(started: OdriveSerialCodec) -> None:
     line = at_the_tenth_poll(started)
     frames = line.decode(b"".join(replies(9, [*REPLIES, *STATES, "24.500000", "-1.250000"])), NOW)
     assert frames[:4] == [LEFT, RIGHT, *BEATS]
@@ -177,9 +177,7 @@ def test_the_supply_of_the_board_is_told_for_both_nodes(started: OdriveSerialCod
 
 
 @pytest.mark.parametrize("told", [("invalid property", "0.500000"), ("24.500000", "invalid property"), ("nan", "inf")])
-def test_a_board_that_does_not_know_its_supply_tells_the_rest(
-    started: OdriveSerialCodec, told: tuple[str, str]
-) -> None:
+def test_unknown_supply_leaves_the_other_replies_valid(started: OdriveSerialCodec, told: tuple[str, str]) -> None:
     line = at_the_tenth_poll(started)
     assert line.decode(b"".join(replies(9, [*REPLIES, *STATES, *told])), NOW) == [LEFT, RIGHT, *BEATS]
     assert not line.refused
@@ -194,7 +192,7 @@ def test_a_poll_for_the_supply_with_replies_too_few_or_many_is_lost(
     assert line.refused == {"lost": 1}
 
 
-def test_a_poll_that_did_not_ask_for_the_supply_and_is_told_it_is_lost(started: OdriveSerialCodec) -> None:
+def test_supply_reply_to_a_poll_without_that_request_is_lost(started: OdriveSerialCodec) -> None:
     assert started.decode(b"".join(replies(1, [*REPLIES, *STATES, "24.500000", "1.000000"])), NOW) == []
     assert started.refused == {"lost": 1}
 
@@ -258,7 +256,7 @@ def test_what_was_received_can_be_forgotten(started: OdriveSerialCodec) -> None:
 
 
 @given(st.lists(st.integers(1, 20), max_size=40))
-def test_pieces_of_any_size_say_the_same(sizes: list[int]) -> None:
+def test_pieces_of_any_size_decode_alike(sizes: list[int]) -> None:
     line = _started()
     data = b"".join(replies(1))
     found: list[Frame] = []

@@ -16,7 +16,7 @@ right: {node_id: 4, max_torque: 2.5, direction: -1}
 WHEEL = {"node_id": 5, "max_torque": 1.0}
 
 
-def test_what_need_not_be_said_has_a_default() -> None:
+def test_optional_settings_have_defaults() -> None:
     settings = msgspec.yaml.decode(MINIMAL, type=OdriveSettings)
 
     assert (settings.firmware, settings.watchdog_s, settings.serial) == ("auto", 0.05, None)

@@ -15,7 +15,7 @@ from tests.fuzzing import fuzzed
     ("name", "mask", "data"),
     [("left", FAULT, "FE003200008000"), ("right", FAULT, "FD003200008000"), ("right", FLAGS, "FD003200200000")],
 )
-def test_a_question_is_one_frame_and_says_who_asks(name: str, mask: int, data: str) -> None:
+def test_request_is_one_frame_with_the_sender_id(name: str, mask: int, data: str) -> None:
     assert ask(name, 7, mask) == Frame(0x807, bytes.fromhex(data), is_extended=True)
 
 
@@ -30,7 +30,7 @@ def test_a_question_is_one_frame_and_says_who_asks(name: str, mask: int, data: s
         ("3200200000", Answer()),
     ],
 )
-def test_an_answer_says_one_of_the_two(packet: str, expected: Answer) -> None:
+def test_answer_carries_one_of_the_two(packet: str, expected: Answer) -> None:
     assert answer(ShortBuffer(7, Mode.PASS_ON, bytes.fromhex(packet)), 7) == expected
 
 

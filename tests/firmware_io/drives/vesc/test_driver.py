@@ -131,7 +131,7 @@ def test_the_angle_goes_on_where_the_tachometer_wraps(bench: Bench) -> None:
     assert bench.vesc.read().values[0] - before == pytest.approx(-math.tau / 2, abs=1e-6)
 
 
-def test_the_left_controller_tells_the_supply_which_is_valid_for_a_second(link: Link) -> None:
+def test_supply_of_the_left_controller_is_valid_for_a_second(link: Link) -> None:
     now_ns = 0
     left = Vesc(link, "left", SETTINGS, 0.01, lambda: now_ns)
     assert list(left.signals.items())[3:] == [("supply.voltage", "V")]
@@ -181,7 +181,7 @@ def test_frames_that_are_not_listed_change_nothing(bench: Bench, length: int) ->
     assert (bench.vesc.read(), bench.vesc.health, bench.vesc.arming_failures(), bench.vesc.faults()) == before
 
 
-def test_a_silent_controller_refuses_arming_and_says_what_to_set(bench: Bench) -> None:
+def test_silent_controller_fails_arming_and_names_the_setting(bench: Bench) -> None:
     (reason,) = bench.vesc.arming_failures()
     assert reason == (
         "the right VESC (id 9) does not send STATUS and STATUS_5 on memory; is it powered and on this bus? "
@@ -224,7 +224,7 @@ def test_a_time_out_that_does_not_act_refuses_arming(bench: Bench) -> None:
     assert bench.vesc.health["timeout"] == "does not act"
 
 
-def test_a_controller_that_does_not_tell_is_taken_at_the_word_of_the_robot_file(bench: Bench) -> None:
+def test_unreported_timeout_is_accepted_as_configured(bench: Bench) -> None:
     bench.measure(timed_out=None)
     assert bench.vesc.arming_failures() == []
     assert bench.vesc.health["timeout"].startswith("affirmed in the robot file, not measured")
@@ -379,7 +379,7 @@ def test_a_reported_fault_refuses_arming_and_is_one_while_enabled(bench: Bench) 
     assert bench.vesc.faults() == ("the right VESC (id 9) reports over-temperature of the power stage (fault 5)",)
 
 
-def test_a_fault_that_is_not_told_any_more_is_not_known(bench: Bench) -> None:
+def test_fault_code_expires_when_no_longer_reported(bench: Bench) -> None:
     bench.answer("320000800001")
     bench.now_ns += 300 * MS
     assert bench.vesc.health["fault"] == "over-voltage (fault 1)"
@@ -387,7 +387,7 @@ def test_a_fault_that_is_not_told_any_more_is_not_known(bench: Bench) -> None:
     assert bench.vesc.health["fault"] == "not reported"
 
 
-def test_health_tells_supply_and_current(bench: Bench) -> None:
+def test_health_has_supply_and_current(bench: Bench) -> None:
     bench.tell(PacketId.STATUS, Status(0, -2.5, 0.0))
     bench.tell(PacketId.STATUS_5, Status5(0, 36.5))
     assert bench.vesc.health == {
@@ -400,7 +400,7 @@ def test_health_tells_supply_and_current(bench: Bench) -> None:
     }
 
 
-def test_refused_frames_are_told_by_cause(bench: Bench) -> None:
+def test_refused_frames_are_counted_by_cause(bench: Bench) -> None:
     bench.vesc.take_frame(Frame(0x909, b"", is_extended=True))
     assert bench.vesc.health[f"refused.{Refusal.LENGTH}"] == "1"
 
@@ -408,7 +408,7 @@ def test_refused_frames_are_told_by_cause(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("amperes", "is_off"), [(0.0, True), (0.5, True), (-0.5, True), (0.6, False), (-0.6, False), (15.0, False)]
 )
-def test_it_is_off_where_next_to_no_current_is_measured_after_it_was_told_so(
+def test_disable_feedback_is_next_to_no_current_after_the_command(
     bench: Bench, amperes: float, *, is_off: bool
 ) -> None:
     bench.enable()

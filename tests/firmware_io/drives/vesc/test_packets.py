@@ -28,7 +28,7 @@ def test_packets_are_the_published_ones(packet: str, framed: str) -> None:
 
 
 @pytest.mark.parametrize(("length", "head"), [(1, "0201"), (255, "02FF"), (256, "030100"), (512, "030200")])
-def test_the_head_tells_the_length(length: int, head: str) -> None:
+def test_length_is_read_from_the_head(length: int, head: str) -> None:
     packet = bytes(range(256)) * 2
     framed = frame_packet(packet[:length])
     assert framed[: len(head) // 2].hex().upper() == head

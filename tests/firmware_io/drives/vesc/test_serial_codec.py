@@ -100,7 +100,7 @@ def test_the_uart_may_be_that_of_the_right_controller() -> None:
         (ask("right", FAR, FLAGS), "2217" + QUESTION),
     ],
 )
-def test_other_commands_and_questions_have_words_too(line: VescSerialCodec, frame: Frame, packet: str) -> None:
+def test_other_commands_and_requests_are_carried(line: VescSerialCodec, frame: Frame, packet: str) -> None:
     assert line.encode(frame) == framed(packet)
 
 
@@ -115,7 +115,7 @@ def test_other_commands_and_questions_have_words_too(line: VescSerialCodec, fram
         extended(0x10105, bytes(4)),
     ],
 )
-def test_there_are_no_words_for_anything_else(line: VescSerialCodec, frame: Frame) -> None:
+def test_nothing_else_is_carried(line: VescSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
 
 
@@ -135,7 +135,7 @@ def test_a_reply_becomes_frames_of_that_controller(line: VescSerialCodec) -> Non
     assert frames[2].data[0] == FAR
 
 
-def test_older_firmware_does_not_tell_its_flags(line: VescSerialCodec) -> None:
+def test_older_firmware_sends_no_flags(line: VescSerialCodec) -> None:
     frames = line.decode(reply(flags=""), 77)
     assert [frame.arbitration_id for frame in frames] == [0x905, 0x1B05, 0x8FE]
 
@@ -181,7 +181,7 @@ def test_the_bytes_are_those_of_the_reply_codec() -> None:
 
 @fuzzed
 @given(st.integers(0, 2**64))
-def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) -> None:
+def test_decoding_arbitrary_bytes_never_raises(seed: int) -> None:
     chance = random.Random(seed)  # noqa: S311 - a test's chance, not a secret
     ids = chance.choices((NEAR, FAR, 6), k=chance.randint(0, 3))
     noise = [chance.randbytes(chance.randint(0, 12)) for _ in ids]
@@ -197,7 +197,7 @@ def test_decoding_anything_never_raises_and_gives_only_what_was_said(seed: int) 
 
 
 @pytest.mark.parametrize("length", range(9))
-def test_frames_that_are_not_listed_have_no_words(line: VescSerialCodec, length: int) -> None:
+def test_unlisted_frames_are_not_carried(line: VescSerialCodec, length: int) -> None:
     listed = {c << 8 | i for c in (0, 1, 2, 3, 4, 8, 10, 12) for i in (NEAR, FAR)}
     for identifier in range(0x4000):
         assert line.encode(Frame(identifier, bytes(length))) is None

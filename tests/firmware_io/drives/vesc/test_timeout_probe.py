@@ -84,7 +84,7 @@ def test_one_late_answer_that_it_acted_is_enough(bench: Bench) -> None:
     assert bench.found() is Found.ACTS
 
 
-def test_three_times_without_an_answer_the_controller_does_not_tell(bench: Bench) -> None:
+def test_three_tries_without_an_answer_end_the_measurement(bench: Bench) -> None:
     for times in range(1, 4):
         assert bench.found() is Found.NOTHING, times
         bench.steps(QUIET_MS + 50)

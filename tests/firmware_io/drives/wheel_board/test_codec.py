@@ -273,13 +273,13 @@ def test_c_follows_any_sequence_of_counters_as_we_do(firmware: Firmware) -> None
 
 
 @pytest.mark.compiler
-def test_c_says_that_a_value_is_out_of_range(firmware: Firmware, reference_crc: Callable[[bytes], int]) -> None:
+def test_c_codec_reports_a_value_out_of_range(firmware: Firmware, reference_crc: Callable[[bytes], int]) -> None:
     body = b"\x00\x80\x00\x00\x01\x00\x00"  # -32.768 V on the left
     (told,) = firmware.check([(FrameId.WHEEL_COMMAND, body + bytes((reference_crc(body + b"\x10\x01"),)))])
     assert (told.verdict, told.in_range) == (TAKEN, False)
 
 
-def test_the_command_writes_the_files_and_tells_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_and_lists_the_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new" / "folder"
     assert main([str(folder)]) == 0
     told = [Path(line) for line in capsys.readouterr().out.splitlines()]
@@ -308,9 +308,7 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest
     ("program", "said"),
     [("import sys; sys.exit('no such message')", "no such message"), ("exit(1)", "no error message")],
 )
-def test_what_cantools_says_is_passed_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, said: str
-) -> None:
+def test_cantools_error_is_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, said: str) -> None:
     script = tmp_path / "python"
     script.write_text(f"#!{sys.executable}\n{program}\n", encoding="utf-8")
     script.chmod(0o755)

@@ -190,7 +190,7 @@ def test_the_supply_is_the_statuss_and_valid_for_a_second(bench: Bench) -> None:
     assert bench.driver.read().valid[-1] is False
 
 
-def test_a_supply_that_is_not_told_any_more_is_no_fault_of_its_own(bench: Bench) -> None:
+def test_supply_no_longer_sent_is_no_fault_of_its_own(bench: Bench) -> None:
     bench.enable()
     bench.now_ns += 2_000 * MS
     assert bench.driver.faults() == ("the wheel board's status is too old: 2000 ms",)
@@ -303,7 +303,7 @@ def test_a_board_that_switched_itself_off_refuses_arming(bench: Bench, state: Bo
     assert bench.driver.arming_failures() == []
 
 
-def test_an_imu_that_is_not_heard_refuses_arming(moving: Bench) -> None:
+def test_silent_imu_fails_arming(moving: Bench) -> None:
     moving.tell_status()
     (reason,) = moving.driver.arming_failures()
     assert reason.startswith("the board does not send IMU_GYRO and IMU_ACCELERATION; ")
@@ -314,7 +314,7 @@ def test_an_imu_that_is_not_heard_refuses_arming(moving: Bench) -> None:
     assert moving.driver.arming_failures() == []
 
 
-def test_every_reason_is_told_at_once(moving: Bench) -> None:
+def test_all_arming_failures_are_reported_at_once(moving: Bench) -> None:
     moving.tell_status(BoardState.FAULT, watchdog_s=0.0)
     assert len(moving.driver.arming_failures()) == 3
 
@@ -466,7 +466,7 @@ def test_a_watchdog_between_whole_milliseconds_is_sent_once_and_not_for_ever(
     assert bench.heard() == []
 
 
-def test_health_has_what_the_board_tells_and_every_count_as_text(bench: Bench) -> None:
+def test_health_has_the_board_status_and_every_count_as_text(bench: Bench) -> None:
     status = BoardStatus(BoardState.FAULT, 24.5, 0.05, 77)
     frames = [bench.frame(FrameId.BOARD_STATUS, status) for _ in range(5)]
     taken = [bench.driver.take_frame(f) for f in (frames[0], frames[4], frames[4], replace(frames[4], data=b"short"))]
@@ -495,9 +495,7 @@ def test_asking_sends_nothing(bench: Bench, ask: Callable[[WheelBoard], object])
 
 
 @pytest.mark.parametrize("state", list(BoardState))
-def test_it_is_off_in_every_state_but_enabled_once_that_is_heard_after_it_was_told_so(
-    bench: Bench, state: BoardState
-) -> None:
+def test_disable_feedback_is_every_state_but_enabled_after_the_command(bench: Bench, state: BoardState) -> None:
     bench.enable()
     assert not bench.driver.is_off
     bench.driver.disable()

@@ -125,7 +125,7 @@ def test_bytes_and_values_are_cantools_and_keep_every_value_to_half_a_step(
 
 
 @pytest.mark.parametrize("frame_id", FrameId)
-def test_counter_and_crc_stand_where_the_dbc_says(reference_crc: Crc, frame_id: FrameId) -> None:
+def test_counter_and_crc_are_at_the_dbc_positions(reference_crc: Crc, frame_id: FrameId) -> None:
     message = DBC.get_message_by_name(frame_id.name)
     places = {s.name: (s.start, s.length, s.is_signed) for s in message.signals if s.name in PROTECTION}
     assert places == {"Counter": (48, 4, False), "Crc": (56, 8, False)}
@@ -198,7 +198,7 @@ def test_bits_that_the_dbc_does_not_name_are_ignored(reference_crc: Crc, frame_i
     assert decode(frame_id, _seal(reference_crc, frame_id, filled[:7])) == decode(frame_id, data)
 
 
-def test_refused_frames_are_told_modulo_256() -> None:
+def test_refused_frames_are_reported_modulo_256() -> None:
     status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0x1FE)
     assert decode(FrameId.BOARD_STATUS, encode(FrameId.BOARD_STATUS, status, 0))[0] == replace(
         status, refused_frames=0xFE

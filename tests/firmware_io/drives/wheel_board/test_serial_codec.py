@@ -86,7 +86,7 @@ def test_the_frames_own_protection_is_carried_too(line: BoardSerialCodec) -> Non
         Frame(REQUEST_ID, b"12345678"),
     ],
 )
-def test_there_are_no_words_for_other_frames(line: BoardSerialCodec, frame: Frame) -> None:
+def test_other_frames_are_not_carried(line: BoardSerialCodec, frame: Frame) -> None:
     assert line.encode(frame) is None
     assert line.request() == _packet(0, REQUEST_ID, b"")
 

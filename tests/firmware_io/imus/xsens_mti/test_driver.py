@@ -207,7 +207,7 @@ def test_time_at_a_standstill_counts_for_the_sets_missed_meanwhile() -> None:
         ((RATE, FORCE), "group counter"),
     ],
 )
-def test_what_is_not_heard_is_named(bench: Bench, sent: tuple[int, ...], text: str) -> None:
+def test_missing_messages_are_named(bench: Bench, sent: tuple[int, ...], text: str) -> None:
     for arbitration_id in sent:
         bench.take(arbitration_id, bytes(LISTED[arbitration_id]))
     assert bench.imu.arming_failures() == [
@@ -232,7 +232,7 @@ def test_an_error_stays_an_arming_failure_until_the_sensor_began_anew(bench: Ben
     assert bench.imu.health["error"] == "none"
 
 
-def test_an_error_that_nobody_described_is_told_by_its_number(bench: Bench) -> None:
+def test_error_without_a_name_is_reported_by_number(bench: Bench) -> None:
     bench.set()
     bench.take(ERROR, b"\x2a")
     assert bench.imu.arming_failures() == ["the IMU reported error 42; switch it off and on to clear it"]
@@ -246,7 +246,7 @@ def test_a_warning_is_counted_and_is_no_arming_failure(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("unit", "period"), [("100us", "0.005000"), ("us", "0.000050")])
-def test_health_tells_how_often_the_sensor_measures_by_its_own_clock(unit: str, period: str) -> None:
+def test_health_has_the_sample_period_by_the_sensor_clock(unit: str, period: str) -> None:
     bench = Bench(sample_time_unit=unit)
     bench.take(0x005, (2**32 - 20).to_bytes(4, "big"))
     assert bench.imu.health["sample_period_s"] == "0.000000"
@@ -254,7 +254,7 @@ def test_health_tells_how_often_the_sensor_measures_by_its_own_clock(unit: str, 
     assert bench.imu.health["sample_period_s"] == period
 
 
-def test_health_tells_of_status_and_temperature_once_they_came(bench: Bench) -> None:
+def test_health_has_status_and_temperature_once_received(bench: Bench) -> None:
     assert not {"status_word", "temperature_c"} & set(bench.imu.health)
     bench.take(0x011, bytes.fromhex("00C00003"))
     bench.take(0x051, bytes.fromhex("1980"))

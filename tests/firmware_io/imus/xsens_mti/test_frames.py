@@ -111,7 +111,7 @@ VECTORS: list[tuple[Message, str, tuple[float, ...]]] = [
 
 
 @pytest.mark.parametrize(("message", "data", "values"), VECTORS)
-def test_known_messages_say_what_they_say(message: Message, data: str, values: tuple[float, ...]) -> None:
+def test_known_messages_decode_to_known_values(message: Message, data: str, values: tuple[float, ...]) -> None:
     assert decode(message, bytes.fromhex(data)) == pytest.approx(values, abs=1e-12)
     assert encode(message, values) == bytes.fromhex(data) or message is Message.DELTA_V
 
@@ -179,7 +179,7 @@ def test_another_length_is_refused(message: Message) -> None:
         (Message.UTC_TIME, "0001010000000000", "0000010000000000"),
     ],
 )
-def test_the_range_ends_where_the_document_says(message: Message, last_good: str, first_bad: str) -> None:
+def test_ranges_end_at_the_documented_limits(message: Message, last_good: str, first_bad: str) -> None:
     assert refusal(message, bytes.fromhex(last_good)) is None
     assert refusal(message, bytes.fromhex(first_bad)) is Refusal.RANGE
 

@@ -21,11 +21,11 @@ def imu(text: str) -> XsensMtiSettings | None:
     return getattr(hardware, "external_imu", None)
 
 
-def test_a_robot_has_no_imu_unless_it_says_so() -> None:
+def test_robot_has_no_imu_by_default() -> None:
     assert imu("") is None
 
 
-def test_an_imu_is_as_it_is_delivered_unless_the_file_says_otherwise() -> None:
+def test_imu_settings_default_to_the_factory_ones() -> None:
     found = imu("  external_imu: {}")
     assert found is not None
     assert (found.period_s, found.mounting, found.sample_time_tick_s) == (0.005, ("+x", "+y", "+z"), 1e-4)
