@@ -1,5 +1,6 @@
-"""A log that goes on through everything a disk can do: in files of a size, within bounds, and past a full disk."""
+"""A log that goes on through everything a disk can do: in files of a size, within a quota, and past a full disk."""
 
+import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -16,25 +17,25 @@ _PARTS: Final = 9999
 
 
 class BoundedLog:
-    """Takes the messages of a run as frames bring them.
+    """Logs the messages of a run.
 
-    While the disk refuses, messages are counted and dropped, and with each flush a new file is tried. What there was no
-    room for is told once, and again once there is room.
+    While the disk refuses, messages are counted and dropped, and with each flush a new file is tried. A full disk is
+    reported once, and again once there is room.
 
     Attributes:
         dropped: Messages that were not kept since the last file was opened.
     """
 
     def __init__(
-        self, path: Path, layout: CycleLayout, provenance: Provenance, bounds: LogQuota, tell: Callable[[str], None]
+        self, path: Path, layout: CycleLayout, provenance: Provenance, quota: LogQuota, report: Callable[[str], None]
     ) -> None:
-        """Open the first file; `tell` takes what people should know."""
+        """Open the first file; `report` takes what people should know."""
         self.dropped = 0
         self._path = path
         self._layout = layout
         self._provenance = provenance
-        self._bounds = bounds
-        self._tell = tell
+        self._quota = quota
+        self._report = report
         self._number = 0
         self._file = path
         self._unflushed = 0
@@ -45,19 +46,33 @@ class BoundedLog:
             self._lose(error)
 
     def write(self, kind: int, body: bytes) -> None:
-        """Take one frame."""
+        """Log one message."""
         self._unflushed += 1
         if self._log is None:
             return
         try:
-            _write(self._log, kind, body)
+            if kind == CYCLE:
+                self._log.write_cycle(body)
+            elif kind == EVENTS:
+                self._log.write_events(body)
+            else:
+                diagnostics = unpack_diagnostics(body)
+                self._log.write_diagnostics(diagnostics.stamp_ns, diagnostics.statuses)
         except RecordingError as error:
             self._lose(error)
 
     def flush(self) -> None:
-        """Put everything onto the disk, begin the next file where it is time, and keep within the bounds."""
+        """Put everything onto the disk, begin the next file where it is time, and keep within the quota."""
+        if self._log is None:
+            self._try_again()
+            return
         try:
-            self._flush()
+            self._log.flush()
+            self._unflushed = 0
+            remove_oldest_logs(self._path, self._quota, self._log.size, self._file)
+            if self._log.size >= self._quota.file_bytes:
+                self._log.close()
+                self._next()
         except RecordingError as error:
             self._lose(error)
 
@@ -72,26 +87,20 @@ class BoundedLog:
             raise RecordingError(f"{self.dropped} messages at the end of the log {self._path} are missing")
         self._log.close()
 
-    def _flush(self) -> None:
-        if self._log is None:
-            self._try_again()
-            return
-        self._log.flush()
-        self._unflushed = 0
-        remove_oldest_logs(self._path, self._bounds, self._log.size, self._file)
-        if self._log.size >= self._bounds.file_bytes:
-            self._log.close()
-            self._next()
-
     def _next(self) -> None:
         """Open the next file; its name and its beginning are on the disk when this returns."""
         self._number = min(self._number + 1, _PARTS)
         self._file = part_path(self._path, self._number)
-        remove_oldest_logs(self._path, self._bounds, 0, self._file)
+        remove_oldest_logs(self._path, self._quota, 0, self._file)
         log = CycleLog(self._file, self._layout, self._provenance)
         self._log = log
         log.flush()
-        _sync_folder(self._path.parent)
+        with contextlib.suppress(OSError):  # some file systems cannot; the name then comes with the file's content
+            folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
     def _try_again(self) -> None:
         """Begin a new file after a disk that refused; leave nothing where it still does."""
@@ -105,34 +114,10 @@ class BoundedLog:
                 self._file.unlink()
             self._number -= 1
             return
-        self._tell(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
+        self._report(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
         self.dropped = 0
 
     def _lose(self, error: RecordingError) -> None:
         """Do without the present file."""
         self._log = None
-        self._tell(str(error))
-
-
-def _write(log: CycleLog, kind: int, body: bytes) -> None:
-    if kind == CYCLE:
-        log.write_cycle(body)
-    elif kind == EVENTS:
-        log.write_events(body)
-    else:
-        diagnostics = unpack_diagnostics(body)
-        log.write_diagnostics(diagnostics.stamp_ns, diagnostics.statuses)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Put the names in a folder onto the disk."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError:
-        return  # some file systems cannot; the name then comes with the file's content
-    finally:
-        os.close(descriptor)
+        self._report(str(error))

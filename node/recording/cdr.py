@@ -41,7 +41,6 @@ _LAYOUTS_KEPT: Final = 64
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
-StatusFields: TypeAlias = "tuple[int, str, str, str, Mapping[str, str]]"
 
 UNKNOWN_COVARIANCE: Final[tuple[float, ...]] = (0.0,) * _COVARIANCE_LENGTH
 """A 6 by 6 covariance, row-major, of zeros: by ROS convention, one that is not known."""
@@ -75,7 +74,7 @@ class Twist(NamedTuple):
     covariance: Sequence[float] = UNKNOWN_COVARIANCE
 
 
-class Status(NamedTuple):
+class DiagnosticStatus(NamedTuple):
     """One diagnostic_msgs/DiagnosticStatus.
 
     Attributes:
@@ -172,7 +171,7 @@ def joint_state(
 
 
 def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_acceleration: Vector) -> bytes:
-    """Returns a sensor_msgs/Imu that tells no orientation, which the -1 in its covariance says, and no covariances.
+    """Returns a sensor_msgs/Imu without orientation, which the -1 in its covariance means, and without covariances.
 
     Args:
         stamp_ns: Time in ns.
@@ -193,8 +192,8 @@ def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_accelerat
     )
 
 
-def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFields]) -> bytes:
-    """Returns a diagnostic_msgs/DiagnosticArray; time in ns, each status as `Status` orders its fields."""
+def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[DiagnosticStatus]) -> bytes:
+    """Returns a diagnostic_msgs/DiagnosticArray; time in ns."""
     listed = tuple(statuses)
     body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
     _put_text(body, frame_id)

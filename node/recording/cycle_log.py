@@ -7,6 +7,7 @@ from pathlib import Path
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
+from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
 from segway_ecc.node.recording.layout import CycleLayout, layout_of
@@ -25,12 +26,12 @@ class CycleLog:
     """An MCAP log of cycles, written where it is called.
 
     `/cycle` holds everything of a cycle that is a number, `/cycle_events` what else happened in it: from these two a
-    run is replayed. What the robot tells the world in ROS is on the topics that bear it there, so that any tool for
-    ROS shows it: `/odom`, `/joint_states`, `/imu/data`, `/setpoint`, `/diagnostics`.
+    run is replayed. What the robot publishes in ROS is on the same topics here, so that any tool for ROS shows it:
+    `/odom`, `/joint_states`, `/imu/data`, `/setpoint`, `/diagnostics`.
     """
 
     def __init__(self, path: Path, layout: CycleLayout, provenance: Provenance = NO_PROVENANCE) -> None:
-        """Create the log; it stands alone, with all that says where it comes from.
+        """Create the log; it stands alone, with its provenance.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -65,18 +66,28 @@ class CycleLog:
     def write_cycle(self, message: bytes) -> None:
         """Log a cycle that is a message already; what happened in it has been logged before."""
         log, stamp_ns = self._log, stamp_of(message)
-        log.add(CYCLE_TOPIC, CYCLE_TYPE, self._codec.message.schema, stamp_ns, message)
+        log.add(CYCLE_TOPIC, CYCLE_TYPE, stamp_ns, message, self._codec.message.schema)
         log.twist("/setpoint", stamp_ns, *self._codec.message.setpoint(message))
-        self._write_published(stamp_ns, self._codec.message.published(message))
+        published = self._codec.message.published(message)
+        if self._odometry is not None:
+            log.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
+        if self._joints is not None:
+            left, right, left_velocity, right_velocity = measured = [published[index] for index in self._joints]
+            if all(map(math.isfinite, measured)):
+                log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
+        if self._imu is not None:
+            wx, wy, wz, ax, ay, az = measured = [published[index] for index in self._imu]
+            if all(map(math.isfinite, measured)):
+                log.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
 
     def write_events(self, message: bytes) -> None:
         """Log what happened in a cycle."""
-        self._log.add(EVENTS_TOPIC, CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA, stamp_of(message), message)
+        self._log.add(EVENTS_TOPIC, CYCLE_EVENTS, stamp_of(message), message, CYCLE_EVENTS_SCHEMA)
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Log a set of diagnostics."""
-        fields = [(int(s.level), s.name, s.message, "", s.values) for s in statuses]
-        self._log.diagnostics("/diagnostics", stamp_ns, fields)
+        listed = [cdr.DiagnosticStatus(int(s.level), s.name, s.message, "", s.values) for s in statuses]
+        self._log.diagnostics("/diagnostics", stamp_ns, listed)
 
     def flush(self) -> None:
         """Put all of it onto the disk.
@@ -89,19 +100,6 @@ class CycleLog:
     def close(self) -> None:
         """Finish the log."""
         self._log.close()
-
-    def _write_published(self, stamp_ns: int, published: Sequence[float]) -> None:
-        log = self._log
-        if self._odometry is not None:
-            log.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
-        if self._joints is not None:
-            left, right, left_velocity, right_velocity = measured = [published[index] for index in self._joints]
-            if all(map(math.isfinite, measured)):
-                log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
-        if self._imu is not None:
-            wx, wy, wz, ax, ay, az = measured = [published[index] for index in self._imu]
-            if all(map(math.isfinite, measured)):
-                log.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
 
 
 def _indices(published: dict[str, int], wanted: Sequence[str]) -> list[int] | None:

@@ -47,14 +47,7 @@ class CycleMessage:
 
     def __init__(self, layout: CycleLayout) -> None:
         """Make the message for a layout."""
-        groups = (
-            layout.sensors,
-            layout.sensors,
-            layout.inputs,
-            layout.outputs,
-            layout.commands,
-            layout.published,
-        )
+        groups = (layout.sensors, layout.sensors, layout.inputs, layout.outputs, layout.commands, layout.published)
         self._counts = (2, *map(len, groups))
         self._sensors = len(layout.sensors)
         head = f"<4siI8sQqq{len(_PHASES)}q"

@@ -1,6 +1,6 @@
 """What happened in a cycle beyond its numbers: what arrived, what the hardware answered, faults and events.
 
-Each piece is one JSON array whose first word says what it is. Numbers are written as Python does: all digits, and NaN
+Each piece is one JSON array whose first word is its kind. Numbers are written as Python does: all digits, and NaN
 and Infinity by name, so that they come back bit for bit.
 
     ["fault", TEXT]                     a fault that the drives report
@@ -13,8 +13,8 @@ and Infinity by name, so that they come back bit for bit.
 import json
 import operator
 import typing
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Sequence
+from typing import Final
 
 import msgspec
 from msgspec.structs import replace
@@ -48,7 +48,14 @@ def events_of(record: CycleRecord) -> Sequence[Piece]:
         and record.initial is None
     ):
         return ()
-    return list(_pieces(record))
+    pieces: list[Piece] = [] if record.initial is None else [["initial", msgspec.structs.asdict(record.initial)]]
+    for name in _FIELDS if inbox is not None else ():
+        arrived = getattr(inbox, name)
+        pieces += [[name, each.action if isinstance(each, Request) else each] for each in arrived]
+    pieces += [["answer", answer.call, answer.reasons] for answer in record.answers]
+    pieces += [["fault", fault] for fault in sensors.faults]
+    pieces += [["event", event] for event in sensors.events]
+    return pieces
 
 
 def encode_events(pieces: Iterable[Piece]) -> list[str]:
@@ -74,38 +81,14 @@ def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
                     answers.append(HardwareAnswer(call, tuple(reasons)))
                 case ["initial", snapshot]:
                     initial = msgspec.convert(snapshot, Sensors)
-                case [name, value]:
-                    getattr(inbox, name).append(_arrived(_KINDS[name], value))
-                case other:
-                    raise _not_one_of_ours(other)
+                case other:  # raises unless it is a name and a value
+                    name, value = other
+                    request = Request(Action(str(value)), discard_answer) if _KINDS[name] is Request else None
+                    getattr(inbox, name).append(request or msgspec.convert(value, _KINDS[name]))
     except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
-        raise RecordingError(f"what the log tells of cycle {record.cycle} is not understood: {error}") from error
+        raise RecordingError(f"the events of cycle {record.cycle} in the log are not understood: {error}") from error
     sensors = msgspec.structs.replace(record.sensors, faults=tuple(faults), events=tuple(events))
     return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial)
-
-
-def _pieces(record: CycleRecord) -> Iterator[Piece]:
-    if record.initial is not None:
-        yield ["initial", msgspec.structs.asdict(record.initial)]
-    for name in _FIELDS if record.inbox is not None else ():
-        for arrived in getattr(record.inbox, name):
-            yield [name, arrived.action if isinstance(arrived, Request) else arrived]
-    for answer in record.answers:
-        yield ["answer", answer.call, answer.reasons]
-    for fault in record.sensors.faults:
-        yield ["fault", fault]
-    for event in record.sensors.events:
-        yield ["event", event]
-
-
-def _arrived(kind: Any, value: object) -> object:  # noqa: ANN401 - one of the types that the inbox names
-    if kind is Request:
-        return Request(Action(str(value)), discard_answer)
-    return msgspec.convert(value, kind)
-
-
-def _not_one_of_ours(value: object) -> ValueError:
-    return ValueError(f"{value!r}")
 
 
 def discard_answer(_answer: Answer) -> None:

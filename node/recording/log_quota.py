@@ -1,18 +1,17 @@
-"""How much room the logs of a robot take: the oldest is removed first, and never one that is being written."""
+"""How much disk space the logs of a robot take: the oldest is removed first, and never one that is being written."""
 
 import contextlib
 import fcntl
 import os
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 
 MB: Final = 1_000_000
 _SUFFIX: Final = ".mcap"
 _FIRST: Final = 1
-"""Number of the part that bears the log's own name."""
+"""Number of the part that has the log's own name."""
 
 
 class LogQuota(msgspec.Struct, frozen=True):
@@ -29,14 +28,6 @@ class LogQuota(msgspec.Struct, frozen=True):
     is_own_folder: bool = False
 
 
-class _Log(NamedTuple):
-    """A file, in the order in which they are removed."""
-
-    written_ns: int
-    name: str
-    size: int
-
-
 def part_path(path: Path, number: int) -> Path:
     """The file of the n-th part of a log, from 1 on: `run.mcap`, `run-0002.mcap`, ..."""
     return path if number == _FIRST else path.with_name(f"{path.stem}-{number:04d}{path.suffix}")
@@ -48,28 +39,38 @@ def part_paths(path: Path) -> list[Path]:
     return [path, *(part_path(path, number) for number in sorted(n for n in numbers if n is not None))]
 
 
-def remove_oldest_logs(path: Path, bounds: LogQuota, taken: int, keep: Path) -> list[Path]:
+def remove_oldest_logs(path: Path, quota: LogQuota, taken: int, keep: Path) -> list[Path]:
     """Remove the oldest logs until all of them fit.
 
     Args:
         path: The first part of the present log.
-        bounds: What they may take.
+        quota: What they may take.
         taken: What the file takes that is being written, bytes.
         keep: That file.
 
     Returns:
         What was removed.
     """
-    others = sorted(log for log in _logs(path, bounds) if log.name != keep.name)
-    total = taken + sum(log.size for log in others)
+    # By their names: each Path made of one would take a place among Python's interned strings, and their table grow.
+    others = []
+    for entry in _entries(path.parent):
+        is_part = entry.name == path.name or _number(path, entry.name) is not None
+        if (entry.name.endswith(_SUFFIX) if quota.is_own_folder else is_part) and entry.name != keep.name:
+            with contextlib.suppress(OSError):  # somebody else has removed it
+                status = entry.stat()
+                others.append((status.st_mtime_ns, entry.name, status.st_size))
+    total = taken + sum(size for _, _, size in others)
     removed = []
-    for log in others:
-        if total <= bounds.total_bytes:
+    for _, name, size in sorted(others):
+        if total <= quota.total_bytes:
             break
-        found = path.with_name(log.name)
-        if _remove(found):
+        found = path.with_name(name)
+        # Not one that somebody writes, or has removed.
+        with contextlib.suppress(OSError), found.open("rb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            found.unlink()
             removed.append(found)
-            total -= log.size
+            total -= size
     return removed
 
 
@@ -77,17 +78,6 @@ def lock_log(descriptor: int) -> None:
     """Mark a file as being written, until it is closed."""
     with contextlib.suppress(OSError):  # what cannot be locked is no file that would be removed
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _logs(path: Path, bounds: LogQuota) -> Iterator[_Log]:
-    """The logs that may be removed, and the one that is being written."""
-    # By their names: each Path made of one would take a place among Python's interned strings, and their table grow.
-    for entry in _entries(path.parent):
-        is_ours = entry.name.endswith(_SUFFIX) if bounds.is_own_folder else _is_of(path, entry.name)
-        if is_ours:
-            with contextlib.suppress(OSError):  # somebody else has removed it
-                status = entry.stat()
-                yield _Log(status.st_mtime_ns, entry.name, status.st_size)
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
@@ -99,25 +89,9 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
         return []
 
 
-def _is_of(path: Path, name: str) -> bool:
-    """Whether a file is a part of a log."""
-    return name == path.name or _number(path, name) is not None
-
-
 def _number(path: Path, name: str) -> int | None:
     """Which part of a log a file is; None for the first, and for what is none."""
     head, tail = f"{path.stem}-", path.suffix
     number = name.removeprefix(head).removesuffix(tail)
     is_part = number.isascii() and number.isdigit() and name == f"{head}{int(number):04d}{tail}"
     return int(number) if is_part and int(number) != _FIRST else None
-
-
-def _remove(path: Path) -> bool:
-    """Remove a log unless somebody writes it."""
-    try:
-        with path.open("rb") as stream:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
-    except OSError:
-        return False
-    return True

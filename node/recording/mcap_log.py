@@ -6,10 +6,10 @@ message encoding `cdr`. Units and axes follow REP-103: metres, radians, seconds,
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import math
 import os
-from contextlib import suppress
 from io import BufferedIOBase
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Self, cast
@@ -32,7 +32,7 @@ from segway_ecc.node.recording.schemas import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from os import PathLike
     from types import TracebackType
 
@@ -83,25 +83,23 @@ class McapLog:
         self.size = 0
         self._stream, self._where, self._owns_stream = _open_stream(target)
         self._open = True
-        # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is held up less.
+        # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is delayed less.
         self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.LZ4)
-        try:
+        with self._storing():
             self._writer.start(profile=Profile.ROS2, library="segway-ecc")
-        except OSError as error:
-            raise self._failed(error) from error
 
     def float64(self, topic: str, stamp_ns: int, value: float) -> None:
-        """Logs one number in the unit that the topic's name tells, as std_msgs/Float64."""
-        self._write(topic, FLOAT64, stamp_ns, cdr.float64(value))
+        """Logs one number in the unit that the topic's name gives, as std_msgs/Float64."""
+        self.add(topic, FLOAT64, stamp_ns, cdr.float64(value))
 
     def point(self, topic: str, stamp_ns: int, x: float, y: float, z: float) -> None:
         """Logs a geometry_msgs/Point; coordinates in metres."""
-        self._write(topic, POINT, stamp_ns, cdr.point(x, y, z))
+        self.add(topic, POINT, stamp_ns, cdr.point(x, y, z))
 
     def twist(self, topic: str, stamp_ns: int, linear_m_s: float, angular_rad_s: float) -> None:
         """Logs a forward velocity in m/s and a yaw rate in rad/s, as geometry_msgs/TwistStamped in the child frame."""
         twist = cdr.Twist((linear_m_s, 0.0, 0.0), (0.0, 0.0, angular_rad_s))
-        self._write(topic, TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
+        self.add(topic, TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
 
     def odometry(  # noqa: PLR0913, PLR0917 - one planar state, in the order every caller has it
         self,
@@ -127,7 +125,7 @@ class McapLog:
         pose = cdr.Pose((x, y, 0.0), (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))
         twist = cdr.Twist((linear_velocity, 0.0, 0.0), (0.0, 0.0, angular_velocity))
         data = cdr.odometry(stamp_ns, self._frame_id, self._child_frame_id, pose, twist)
-        self._write(topic, ODOMETRY, stamp_ns, data)
+        self.add(topic, ODOMETRY, stamp_ns, data)
 
     def joint_state(self, topic: str, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]) -> None:
         """Logs a sensor_msgs/JointState: rad and rad/s, each one per joint name, or empty if not measured.
@@ -141,63 +139,51 @@ class McapLog:
                 f"Topic {topic} in {self._where} got {len(positions)} positions and {len(velocities)} velocities for "
                 f"{len(names)} joints: pass one value per name in joint_names, or none."
             )
-        self._write(topic, JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+        self.add(topic, JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
 
     def imu(
         self, topic: str, stamp_ns: int, frame_id: str, angular_velocity: cdr.Vector, linear_acceleration: cdr.Vector
     ) -> None:
         """Logs a sensor_msgs/Imu without orientation: rad/s and m/s2 in `frame_id`, with covariances not known."""
-        self._write(topic, IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
+        self.add(topic, IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
 
-    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.StatusFields]) -> None:
-        """Logs a diagnostic_msgs/DiagnosticArray of (level, name, message, hardware_id, pairs), as `cdr.Status`."""
-        self._write(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
-
-    def add(self, topic: str, type_name: str, definition: str, stamp_ns: int, data: bytes) -> None:
-        """Logs a message that is encoded already, of a type with this `ros2msg` definition."""
-        self._write(topic, type_name, stamp_ns, data, definition)
+    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.DiagnosticStatus]) -> None:
+        """Logs a diagnostic_msgs/DiagnosticArray."""
+        self.add(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
 
     def flush(self) -> None:
         """Finishes the chunk and puts all that was logged onto the disk: no power cut takes it away any more."""
-        self._require_open()
-        try:
+        with self._storing():
             # The library finishes a chunk by itself only when it is large.
             self._writer.flush()  # type: ignore[no-untyped-call]  # as of finish
             if self._owns_stream:
                 self.size = self._stream.tell()
-                _sync(self._stream.fileno())
-        except OSError as error:
-            raise self._failed(error) from error
+                try:
+                    os.fdatasync(self._stream.fileno())
+                except OSError as error:
+                    if error.errno != errno.EINVAL:  # a pipe or a device
+                        raise
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Puts a file such as the configuration into the log, at the time of the latest message."""
-        self._require_open()
-        stamp_ns = self._last_stamp_ns
-        try:
+        with self._storing():
             # The creation time is not known, for which MCAP asks zero.
-            self._writer.add_attachment(0, stamp_ns, _plain(name), _plain(media_type), data)
-        except OSError as error:
-            raise self._failed(error) from error
+            self._writer.add_attachment(0, self._last_stamp_ns, _plain(name), _plain(media_type), data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Puts named texts, such as the software's version, into the log."""
-        self._require_open()
-        try:
+        with self._storing():
             self._writer.add_metadata(_plain(name), {_plain(key): _plain(text) for key, text in values.items()})
-        except OSError as error:
-            raise self._failed(error) from error
 
     def close(self) -> None:
         """Writes what is waiting and the summary, and closes the file. A second call does nothing."""
         if not self._open:
             return
-        try:
+        with self._storing():
             self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
             self._stream.flush()
             if self._owns_stream:
                 self._stream.close()
-        except OSError as error:
-            raise self._failed(error) from error
         self._open = False
 
     def __enter__(self) -> Self:
@@ -208,31 +194,35 @@ class McapLog:
     ) -> None:
         self.close()
 
-    def _write(self, topic: str, type_name: str, stamp_ns: int, data: bytes, definition: str | None = None) -> None:
+    def add(self, topic: str, type_name: str, stamp_ns: int, data: bytes, definition: str | None = None) -> None:
+        """Logs a message that is encoded already; `definition` is its type's, None for one of `SCHEMAS`."""
         # A bad stamp has to be refused here: the writer would stop halfway through a record and spoil the file.
         cdr.split_stamp(stamp_ns)
         self._require_open()
-        known, channel_id = self._channels.get(topic) or self._register(topic, type_name, definition)
-        if known != type_name:
-            raise RecordingError(
-                f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
-            )
         try:
-            self._writer.add_message(channel_id, stamp_ns, data, stamp_ns)
+            if topic not in self._channels:
+                if type_name not in self._schema_ids:
+                    text = (definition or SCHEMAS[type_name]).encode()
+                    self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
+                channel = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
+                self._channels[topic] = (type_name, channel)
+            known, channel = self._channels[topic]
+            if known != type_name:
+                raise RecordingError(
+                    f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
+                )
+            self._writer.add_message(channel, stamp_ns, data, stamp_ns)
         except OSError as error:
             raise self._failed(error) from error
         self._last_stamp_ns = stamp_ns
 
-    def _register(self, topic: str, type_name: str, definition: str | None) -> tuple[str, int]:
+    @contextlib.contextmanager
+    def _storing(self) -> Iterator[None]:
+        self._require_open()
         try:
-            if type_name not in self._schema_ids:
-                text = (definition or SCHEMAS[type_name]).encode()
-                self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
-            channel_id = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
+            yield
         except OSError as error:
             raise self._failed(error) from error
-        self._channels[topic] = (type_name, channel_id)
-        return self._channels[topic]
 
     def _require_open(self) -> None:
         if not self._open:
@@ -242,7 +232,7 @@ class McapLog:
         # The writer has lost track of what reached the file, so going on would spoil what is already there.
         self._open = False
         if self._owns_stream:
-            with suppress(OSError):
+            with contextlib.suppress(OSError):
                 self._stream.close()
         return RecordingError(
             f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
@@ -251,7 +241,7 @@ class McapLog:
 
 
 def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes], str, bool]:
-    """Returns the stream to write, how to call it in messages, and whether it is ours to close."""
+    """Returns the stream to write, its name in messages, and whether it is ours to close."""
     if isinstance(target, BufferedIOBase):
         # The library declares its streams as IO, which the buffered ones are in fact and in type only one by one.
         return cast("IO[bytes]", target), str(getattr(target, "name", "in memory")), False
@@ -265,15 +255,6 @@ def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes
         ) from error
     lock_log(stream.fileno())
     return stream, str(path), True
-
-
-def _sync(descriptor: int) -> None:
-    """Puts a file onto the disk, where it is on one."""
-    try:
-        os.fdatasync(descriptor)
-    except OSError as error:
-        if error.errno != errno.EINVAL:  # a pipe or a device
-            raise
 
 
 def _plain(text: str) -> str:

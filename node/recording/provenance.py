@@ -1,4 +1,4 @@
-"""What a log says of where its run comes from; the software and the machine are added by the process that writes it."""
+"""Where the run in a log comes from; the software and the machine are added by the process that writes the log."""
 
 import importlib
 import os
@@ -18,7 +18,7 @@ _LIBRARIES: Final = ("msgspec", "python-can", "mcap", "numpy", "pyserial")
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """What a log says about the run beside its messages.
+    """What a log holds about the run beside its messages.
 
     Attributes:
         attachments: Texts by file name.

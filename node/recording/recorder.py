@@ -58,7 +58,12 @@ class ProcessRecorder:
                 f"a cycle of robot '{layout.robot}' takes {size} bytes, and the recorder takes "
                 f"{LARGEST} at most: it has too many signals and ports; run it with --no-log"
             )
-        _check_writable(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.open("wb").close()
+        except OSError as error:
+            reason = "a folder on the way is a file" if isinstance(error, FileExistsError) else error.strerror
+            raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error
         self._buffer = bytearray(size)
         memory = open_ring(ring_slots(layout.period_ns, size))
         try:
@@ -79,7 +84,7 @@ class ProcessRecorder:
         """Hand over diagnostics, one status at a time so that each is small; see `write`.
 
         Raises:
-            RecordingError: The writer is gone, which is worth telling once.
+            RecordingError: The writer is gone, which is worth one message.
         """
         # Asked here, about once a second in the slack of a cycle, because handing over does not show it.
         if self._process.poll() is not None:
@@ -96,16 +101,6 @@ class ProcessRecorder:
         self.dropped += self._ring.held()
         if self.dropped:
             _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
-
-
-def _check_writable(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb"):
-            pass
-    except OSError as error:
-        reason = "a folder on the way is a file" if isinstance(error, FileExistsError) else error.strerror
-        raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error
 
 
 def ring_slots(period_ns: int, cycle_bytes: int) -> int:

@@ -2,7 +2,6 @@
 
 import hashlib
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -12,7 +11,6 @@ import msgspec
 from segway_ecc.firmware_io.drives import wheel_board
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.models.locate import PythonSource
 from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
 
 _DBC_FILE: Final = "wheel_board.dbc"
@@ -46,50 +44,34 @@ def model_hash(source: str) -> str:
     That is every file of a folder of generated code, an FMU, or, of a model in Python that is loaded, the source of its
     module and of all that it imports from its own package or folder.
     """
+    path = Path(source)
+    if path.is_file():
+        files = {path.suffix.lower(): path}
+    elif path.exists():
+        files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
+    else:
+        files = _python_files(source.partition(":")[0])
     digest = hashlib.sha256()
-    for name, path in sorted(_native_files(Path(source)) if Path(source).exists() else _python_files(source)):
-        content = path.read_bytes()
+    for name, file in sorted(files.items()):
+        content = file.read_bytes()
         digest.update(f"{name}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
 
 
-def _native_files(path: Path) -> Iterator[tuple[str, Path]]:
-    if path.is_file():
-        yield path.suffix.lower(), path
-        return
-    for file in path.rglob("*"):
-        if file.is_file():
-            yield file.relative_to(path).as_posix(), file
-
-
-def _python_files(source: str) -> Iterator[tuple[str, Path]]:
-    python = PythonSource.parse(source)
-    first = source if python is None else python.module
-    seen, to_see = set(), [first]
+def _python_files(first: str) -> dict[str, Path]:
+    """Modules that `first` imports, and those that these import, of its package or in its folder; by name."""
+    found, to_see = dict[str, Path](), [first]
     while to_see:
         name = to_see.pop()
-        module = sys.modules.get(name)
-        if name in seen or module is None or not _is_of(first, module):
+        path = getattr(sys.modules.get(name), "__file__", None)
+        if name in found or path is None or not Path(path).is_file():
             continue
-        seen.add(name)
-        yield name, Path(str(module.__file__))
-        to_see += _imported(module)
-
-
-def _imported(module: ModuleType) -> Iterator[str]:
-    """The modules behind the names of a module."""
-    for value in vars(module).values():
-        name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
-        if isinstance(name, str):
-            yield name
-
-
-def _is_of(first: str, module: ModuleType) -> bool:
-    """Whether a module is of the same package as the model's, or lies in its folder."""
-    path = getattr(module, "__file__", None)
-    if path is None or not Path(path).is_file():
-        return False
-    package = first.partition(".")[0]
-    folder = Path(str(sys.modules[first].__file__)).parent
-    return module.__name__.partition(".")[0] == package or Path(path).is_relative_to(folder)
+        folder = Path(str(sys.modules[first].__file__)).parent
+        if name.partition(".")[0] == first.partition(".")[0] or Path(path).is_relative_to(folder):
+            found[name] = Path(path)
+            # The modules behind the names of the module.
+            values = vars(sys.modules[name]).values()
+            behind = (v.__name__ if isinstance(v, ModuleType) else getattr(v, "__module__", None) for v in values)
+            to_see += [each for each in behind if isinstance(each, str)]
+    return found

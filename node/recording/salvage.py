@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
 
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata
@@ -56,7 +55,7 @@ class Salvage:
 
     def _records(self) -> Iterator[McapRecord]:
         try:
-            stream: IO[bytes] = self.path.open("rb")
+            stream = self.path.open("rb")
         except OSError as error:
             raise RecordingError(f"cannot read the log {self.path}: {error.strerror}") from error
         with stream:

@@ -103,7 +103,7 @@ def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[]
         bus = can.Bus(interface=interface, channel=channel, bitrate=settings[2])
     except (can.CanError, OSError, ValueError, ImportError) as error:
         raise BusNotFoundError(f"cannot listen on CAN bus {interface} {channel}: {error}") from error
-    with contextlib.closing(_Shut(bus)):
+    with bus:
         flushed_s = time.monotonic()
         while not is_over():
             message = bus.recv(_WAIT_S)
@@ -113,10 +113,3 @@ def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[]
             if time.monotonic() - flushed_s > _WAIT_S:
                 log.flush()
                 flushed_s = time.monotonic()
-
-
-class _Shut:
-    """A bus that is closed as other things are."""
-
-    def __init__(self, bus: can.BusABC) -> None:
-        self.close = bus.shutdown

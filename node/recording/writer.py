@@ -1,4 +1,4 @@
-"""The process that writes a run's log: what it is to do comes through its standard input, the cycles through a ring."""
+"""The process that writes a run's log: its settings come through its standard input, the cycles through a ring."""
 
 import ctypes
 import itertools
@@ -13,7 +13,7 @@ import msgspec
 
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.bounded_log import BoundedLog
-from segway_ecc.node.recording.codec import CycleCodec, Message, RecorderSettings
+from segway_ecc.node.recording.codec import CycleCodec, RecorderSettings
 from segway_ecc.node.recording.provenance import with_surroundings
 from segway_ecc.node.ring import RingReader
 
@@ -41,15 +41,15 @@ def write_log(source: int, memory: int) -> None:
     Raises:
         RecordingError: The log cannot be written, or its end is missing.
     """
-    settings = msgspec.json.decode(_line(source), type=RecorderSettings)
+    with os.fdopen(source, "rb", closefd=False) as stream:
+        settings = msgspec.json.decode(stream.readline(), type=RecorderSettings)
     codec = CycleCodec(settings.layout)
     ring = RingReader(memory)
-    log = BoundedLog(
-        Path(settings.path), settings.layout, with_surroundings(settings.provenance), settings.bounds, _tell
-    )
+    provenance = with_surroundings(settings.provenance)
+    log = BoundedLog(Path(settings.path), settings.layout, provenance, settings.bounds, _report)
     damaged, pause_s = 0, _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
-    while not _is_over(source, pause_s):
+    while not (select.select([source], [], [], pause_s)[0] and not os.read(source, 1)):
         taken, lost = _keep_all(log, codec, ring)
         damaged += lost
         pause_s = _SHORT_PAUSE_S if taken == _MANY else _PAUSE_S
@@ -61,45 +61,27 @@ def write_log(source: int, memory: int) -> None:
         looks_for_nothing += taken == 0
     damaged += ring.damaged
     if damaged:
-        _tell(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
+        _report(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
     log.close()
 
 
 def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> tuple[int, int]:
     """Log messages that have arrived, `_MANY` at most; returns how many they were, and how many of them damaged."""
-    kept = [_keep(log, codec, message) for message in itertools.islice(ring.take_messages(), _MANY)]
-    return len(kept), kept.count(False)
+    taken = damaged = 0
+    for message in itertools.islice(ring.take_messages(), _MANY):
+        taken += 1
+        try:
+            bodies = codec.bodies(*message)
+        except RecordingError:
+            damaged += 1
+            continue
+        for kind, body in bodies:
+            log.write(kind, body)
+    return taken, damaged
 
 
-def _keep(log: BoundedLog, codec: CycleCodec, message: Message) -> bool:
-    """Log a message; False where it is damaged."""
-    try:
-        bodies = codec.bodies(*message)
-    except RecordingError:
-        return False
-    for kind, body in bodies:
-        log.write(kind, body)
-    return True
-
-
-def _line(source: int) -> bytes:
-    """The first line; waits for it."""
-    with os.fdopen(source, "rb", closefd=False) as stream:
-        return stream.readline()
-
-
-def _is_over(source: int, within_s: float) -> bool:
-    """Whether the loop has ended; waits for so long where it has not."""
-    return bool(select.select([source], [], [], within_s)[0]) and not os.read(source, 1)
-
-
-def _tell(text: str) -> None:
+def _report(text: str) -> None:
     sys.stderr.write(f"segway-ecc: recorder: {text}\n")
-
-
-def _wake_when_the_node_is_gone() -> None:
-    """Be continued (SIGCONT) when the node dies: a writer that is stopped just then would never see its input end."""
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGCONT))
 
 
 def main() -> int:
@@ -107,11 +89,12 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     signal.signal(signal.SIGABRT, signal.SIG_IGN)  # how a service manager's watchdog ends all of a service
-    _wake_when_the_node_is_gone()
+    # Continued when the node dies: a writer that is stopped just then would never see its input end.
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGCONT))
     try:
         write_log(sys.stdin.fileno(), int(sys.argv[1]))
     except RecordingError as error:
-        _tell(str(error))
+        _report(str(error))
         return error.exit_code
     return 0
 

@@ -33,23 +33,14 @@ class Difference(NamedTuple):
         )
 
 
-class Values(NamedTuple):
-    """Numbers of a cycle under one heading."""
-
-    kind: str
-    names: Sequence[str]
-    recorded: Sequence[float]
-    computed: Sequence[float]
-
-
 def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
     """What differs between a cycle as recorded and as computed: the port and both values; commands first."""
     pairs = (
-        Values("command", layout.commands, recorded.commands, computed.commands),
-        Values("model input", layout.inputs, recorded.u, computed.u),
-        Values("model output", layout.outputs, recorded.y, computed.y),
-        Values("set-point", recorded.setpoint._fields, recorded.setpoint, computed.setpoint),
-        Values("published", layout.published, recorded.published, computed.published),
+        ("command", layout.commands, recorded.commands, computed.commands),
+        ("model input", layout.inputs, recorded.u, computed.u),
+        ("model output", layout.outputs, recorded.y, computed.y),
+        ("set-point", recorded.setpoint._fields, recorded.setpoint, computed.setpoint),
+        ("published", layout.published, recorded.published, computed.published),
     )
     for kind, names, old, new in pairs:
         if same(old, new):
@@ -68,8 +59,5 @@ def same(a: Sequence[float], b: Sequence[float]) -> bool:
     layout = struct.Struct(f"{len(a)}d")
     if layout.pack(*a) == layout.pack(*b):
         return True
-    return all((x != x and y != y) or _bits(x) == _bits(y) for x, y in zip(a, b, strict=True))  # noqa: PLR0124 - NaN
-
-
-def _bits(value: float) -> bytes:
-    return struct.pack("d", value)
+    pairs = zip(a, b, strict=True)
+    return all((x != x and y != y) or struct.pack("d", x) == struct.pack("d", y) for x, y in pairs)  # noqa: PLR0124 - NaN

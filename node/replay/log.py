@@ -27,7 +27,7 @@ class RecordedRun:
         path: Of the log, or of the first of its files.
         robot: The robot file that was in force.
         layout: Names of what each cycle holds.
-        model_hash: Of the model that ran; empty where the log does not say.
+        model_hash: Of the model that ran; empty where the log lacks it.
         gap: What is missing, and where; None as long as nothing is.
         is_cut: Whether the last file that was read ends before its time, as after a power cut.
     """
@@ -49,34 +49,26 @@ class RecordedRun:
         self._message = CycleMessage(self.layout)
 
     def cycles(self) -> Iterator[CycleRecord]:
-        """The cycles, from the first one on, up to where one is missing; `gap` then tells."""
+        """The cycles, from the first one on, up to where one is missing; see `gap`."""
         texts: list[str] = []
         expected = 0
-        for topic, data in self._messages():
-            if topic == EVENTS_TOPIC:
-                texts += cdr.read_cycle_events(data)[1]
-                continue
-            record, events = self._cycle(data)
-            self.gap = _gap(record, expected, events, len(texts))
-            if self.gap is not None:
-                return
-            yield restore_events(record, texts)
-            texts = []
-            expected += 1
-
-    def _cycle(self, data: bytes) -> tuple[CycleRecord, int]:
-        try:
-            record, events = self._message.unpack(data)
-        except (struct.error, IndexError) as error:
-            raise RecordingError(f"the log {self.path} does not hold what it says a cycle holds: {error}") from error
-        return record, events
-
-    def _messages(self) -> Iterator[tuple[str, bytes]]:
         for path in part_paths(self.path):
             file = Salvage(path)
             for topic, message in file.messages():
-                if topic in {CYCLE_TOPIC, EVENTS_TOPIC}:
-                    yield topic, message.data
+                if topic == EVENTS_TOPIC:
+                    texts += cdr.read_cycle_events(message.data)[1]
+                elif topic == CYCLE_TOPIC:
+                    try:
+                        record, events = self._message.unpack(message.data)
+                    except (struct.error, IndexError) as error:
+                        where = f"the log {self.path}"
+                        raise RecordingError(f"{where} does not hold the cycles of its layout: {error}") from error
+                    self.gap = _gap(record, expected, events, len(texts))
+                    if self.gap is not None:
+                        return
+                    yield restore_events(record, texts)
+                    texts = []
+                    expected += 1
             self.is_cut = not file.is_whole
 
 
@@ -101,5 +93,5 @@ def _gap(record: CycleRecord, expected: int, events: int, found: int) -> str | N
             return f"the log begins with cycle {record.cycle}, and a replay needs the run from its beginning"
         return f"cycles {expected} to {record.cycle - 1} are missing in the log"
     if expected == 0 and not events:
-        return "the log does not tell from what the model started"
+        return "the log lacks the snapshot that the model started from"
     return None if events == found else f"of what happened in cycle {expected} only {found} of {events} are in the log"

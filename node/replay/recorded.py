@@ -1,4 +1,4 @@
-"""The hardware, the world and the clock of a run, which say what they said when it was recorded."""
+"""The hardware, the stage and the clock of a run, which answer as they did when it was recorded."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final

@@ -143,7 +143,7 @@ class _Keeper(NoRecorder):
 
 
 def _robot(run: RecordedRun, recorded: Recorded, source: str | None) -> Robot:
-    """The robot of a run, on hardware that says what it said."""
+    """The robot of a run, on hardware that answers as recorded."""
     folders = (run.path.resolve().parent, Path())
     found = locate_recorded(run.robot.model.source, folders) if source is None else locate(source, folders)
     file = msgspec.structs.replace(run.robot, model=msgspec.structs.replace(run.robot.model, source=found))

@@ -109,5 +109,5 @@ def test_setpoints_survive_bit_for_bit(drawn: list[tuple[float, float, int | Non
     ],
 )
 def test_what_is_not_understood_is_refused(text: str) -> None:
-    with pytest.raises(RecordingError, match="what the log tells of cycle 7 is not understood"):
+    with pytest.raises(RecordingError, match="the events of cycle 7 in the log are not understood"):
         restore_events(QUIET, [text])
