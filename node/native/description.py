@@ -28,7 +28,7 @@ class Description:
     Attributes:
         name: The model's name.
         flavour: Its shape.
-        build: What generated it, as it says itself; empty where it does not.
+        build: What generated it, as it states; empty where it does not.
         method: The integration method, under the name its generator gives it; empty where it is not known.
         step_size: Length of one step, s.
         finish_time: End of the experiment that is baked in, s; None where there is none. It does not end the model.

@@ -42,7 +42,7 @@ class NativeModel:
     """A `Model` whose equations are machine code; see `segway_ecc.node.model.model.Model`.
 
     Attributes:
-        description: Everything that was found out about it.
+        description: Everything that was found out about it; what `Model` asks for stands beside it.
         library_path: The shared object that it was loaded from.
         stopped: Whether the model has asked to stop.
     """
@@ -56,6 +56,11 @@ class NativeModel:
             ModelError: The library cannot be loaded.
         """
         self.description = description
+        self.name, self.step_size = description.name, description.step_size
+        self.inputs: Sequence[Variable] = description.inputs
+        self.outputs: Sequence[Variable] = description.outputs
+        self.parameters: Sequence[Variable] = description.parameters
+        self.states: Sequence[Variable] = description.states
         self.library_path = library
         self.stopped = False
         self._library = _load_copy(library)
@@ -77,36 +82,6 @@ class NativeModel:
         # Without declared types, and with references made once: what ctypes converts in a call costs more than a step.
         self._step = self._library["ecc_step"]
         self._arguments = ctypes.byref(self._u), ctypes.byref(self._y)
-
-    @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.description.name
-
-    @property
-    def step_size(self) -> float:
-        """The length of one step, s."""
-        return self.description.step_size
-
-    @property
-    def inputs(self) -> Sequence[Variable]:
-        """The input ports."""
-        return self.description.inputs
-
-    @property
-    def outputs(self) -> Sequence[Variable]:
-        """The output ports."""
-        return self.description.outputs
-
-    @property
-    def parameters(self) -> Sequence[Variable]:
-        """The parameters."""
-        return self.description.parameters
-
-    @property
-    def states(self) -> Sequence[Variable]:
-        """The states."""
-        return self.description.states
 
     def initialize(self, u: Sequence[float]) -> list[float]:
         """Start at time zero; see `Model.initialize`."""

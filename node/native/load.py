@@ -28,7 +28,7 @@ def load_native(path: Path, *, method: str | None = None, step_size: float | Non
         step_size: The step of a partial copy or an FMU that does not give it, s.
 
     Raises:
-        ModelError: The model cannot be loaded; the text says what is wrong with it and what to do.
+        ModelError: The model cannot be loaded; the text gives the reason and what to do.
     """
     if path.suffix.lower() == ".fmu":
         if method is not None:

@@ -16,7 +16,7 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         robot: The robot's name.
-        published: Signals that the robot tells the world.
+        published: Signals that the robot publishes.
         sensors: Signals that the hardware measures.
         inputs: The model's inputs.
         outputs: The model's outputs.

@@ -10,6 +10,7 @@ import contextlib
 import errno
 import math
 import os
+import re
 from io import BufferedIOBase
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Self, cast
@@ -260,3 +261,9 @@ def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes
 def _plain(text: str) -> str:
     """Returns `text` with what UTF-8 cannot hold as escapes, since the writer would stop halfway at it."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def topic_name(group: str, name: str) -> str:
+    """A valid ROS topic name: the name's hierarchy with `/`, and anything that ROS does not take as `_`."""
+    hierarchy = re.sub(r"[.\\]", "/", name)
+    return f"/{group}/{re.sub(r'[^A-Za-z0-9_/]', '_', hierarchy)}"

@@ -30,17 +30,12 @@ class Recorded:
         self._answers = iter(record.answers)
         self._next = next(self._answers, None)
 
-    def answer(self, call: str) -> tuple[str, ...]:
-        """What the hardware had against a call; nothing where the next answer is to another one."""
+    def next_reasons(self, call: str) -> tuple[str, ...] | None:
+        """What the hardware had against a call; None where the next answer is to another one."""
         if self._next is None or self._next.call != call:
-            return ()
+            return None
         reasons, self._next = self._next.reasons, next(self._answers, None)
         return reasons
-
-    def refused(self, call: str) -> tuple[str, ...] | None:
-        """What the hardware had against a call that it refused; None where it did not."""
-        is_refused = self._next is not None and self._next.call == call
-        return self.answer(call) if is_refused else None
 
 
 class RecordedHardware:
@@ -73,7 +68,7 @@ class RecordedHardware:
             self._exchanged = -1
             return record.initial or record.sensors
         is_first, self._exchanged = self._exchanged != record.cycle, record.cycle
-        lost = self._recorded.refused("exchange" if is_first else "send")
+        lost = self._recorded.next_reasons("exchange" if is_first else "send")
         if lost is not None:
             raise LinkLostError("; ".join(lost))
         return record.sensors
@@ -84,13 +79,13 @@ class RecordedHardware:
         Raises:
             ArmingRefusedError: It was.
         """
-        reasons = self._recorded.refused("arm")
+        reasons = self._recorded.next_reasons("arm")
         if reasons is not None:
             raise ArmingRefusedError(reasons)
 
     def arming_failures(self) -> Sequence[str]:
         """What kept it from arming."""
-        return self._recorded.answer("obstacles")
+        return self._recorded.next_reasons("obstacles") or ()
 
     def disarm(self) -> None:
         """Nothing to disarm."""

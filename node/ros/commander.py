@@ -90,7 +90,15 @@ class Commander:
                 f"the robot is {self.mode} ({self.reason}) and takes no set-points: arm it first, or add --arm"
             )
         sent: list[int] = []
-        self._spin_until(lambda: self._confirms_rest(sent), deadline_s, wait_s)
+
+        def is_confirmed() -> bool:
+            now_ns = self._odometry[-1].stamp_ns
+            if not sent or now_ns > sent[-1] + round(_REST_S * NS_PER_S):
+                sent.append(now_ns + self._on_grid(_REST_AHEAD_NS))
+                self._send(sent[-1], [TimedSetpoint(0, REST)])
+            return not self.confirmed.isdisjoint(sent)
+
+        self._spin_until(is_confirmed, deadline_s, wait_s)
 
     def play(self, player: Player, on_progress: Callable[[float], None]) -> None:
         """Play a manoeuvre to its end.
@@ -136,18 +144,18 @@ class Commander:
     def _spin_until(self, done: Callable[[], bool], deadline_s: float, wait_s: float) -> None:
         while not done():
             if time.monotonic() > deadline_s:
-                raise NobodyListensError(self._missing_text(wait_s))
+                namespace, topic = self._node.get_namespace(), self._publisher.topic_name
+                nodes = [f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()]
+                others = sorted(set(nodes) - {self._node.get_fully_qualified_name()})
+                seen = f"nodes seen: {', '.join(others)}" if others else f"no node is seen at all ({discovery_text()})"
+                raise NobodyListensError(
+                    f"no model node subscribed to {topic} and published odom and diagnostics within {wait_s:g} s in "
+                    f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with "
+                    "--namespace"
+                )
             self._executor.spin_once(timeout_sec=_SPIN_S)
             if self._stopped() is not None:
                 raise AbandonedError(f"abandoned by {self._stopped()} while waiting for the robot")
-
-    def _confirms_rest(self, sent: list[int]) -> bool:
-        """Send a set-point of zero now and then; whether the robot has confirmed one of these, stamped as in `sent`."""
-        now_ns = self._odometry[-1].stamp_ns
-        if not sent or now_ns > sent[-1] + round(_REST_S * NS_PER_S):
-            sent.append(now_ns + self._on_grid(_REST_AHEAD_NS))
-            self._send(sent[-1], [TimedSetpoint(0, REST)])
-        return not self.confirmed.isdisjoint(sent)
 
     def _on_grid(self, duration_ns: int) -> int:
         """A duration rounded up to the robot's periods, as far as they were seen."""
@@ -190,14 +198,3 @@ class Commander:
             if status.name.endswith(MODE_SUFFIX):
                 values = {pair.key: pair.value for pair in status.values}
                 self.mode, self.reason = Mode(values["mode"]), values["reason"]
-
-    def _missing_text(self, wait_s: float) -> str:
-        namespace = self._node.get_namespace()
-        topic = self._publisher.topic_name
-        nodes = [f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()]
-        others = sorted(set(nodes) - {self._node.get_fully_qualified_name()})
-        seen = f"nodes seen: {', '.join(others)}" if others else f"no node is seen at all ({discovery_text()})"
-        return (
-            f"no model node subscribed to {topic} and published odom and diagnostics within {wait_s:g} s in "
-            f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with --namespace"
-        )

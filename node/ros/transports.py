@@ -69,7 +69,7 @@ def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[Non
         file.write(profiles_for(environment))
         file.flush()
         environment[PROFILES] = file.name
-        if is_on_localhost(environment):  # where ROS would add shared memory itself: the profile says it all
+        if is_on_localhost(environment):  # where ROS would add shared memory itself: the profile has it all
             environment[RANGE] = "SYSTEM_DEFAULT"
             environment.pop(LOCALHOST_ONLY, None)
         try:

@@ -13,8 +13,7 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.model.simulate import Sample, simulate
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.locate import locate
-from segway_ecc.node.recording.mcap_log import McapLog
-from segway_ecc.node.recording.topics import topic
+from segway_ecc.node.recording.mcap_log import McapLog, topic_name
 
 _LONGEST_S: Final = 86_400.0
 _NS_PER_S: Final = 1_000_000_000
@@ -80,7 +79,7 @@ def _write_csv(path: Path, model: Model, samples: Sequence[Sample]) -> None:
 
 
 def _write_mcap(path: Path, model: Model, samples: Sequence[Sample]) -> None:
-    topics = [topic("model", v.name) for v in (*model.inputs, *model.outputs)]
+    topics = [topic_name("model", v.name) for v in (*model.inputs, *model.outputs)]
     with McapLog(path) as log:
         for sample in samples:
             for name, value in zip(topics, (*sample.u, *sample.y), strict=True):

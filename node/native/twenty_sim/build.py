@@ -70,7 +70,7 @@ def build(parts: Parts, shim: Shim) -> Built:
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     plan = _BuildPlan(folder, files, units, includes, parts.is_cpp)
     compilers = {cpp: _compiler(cpp=cpp) for cpp in {plan.cpp, *(_is_cpp(unit) for unit in units)}}
-    # What tells one version of a compiler from another without running it.
+    # Identifies the version of a compiler without running it.
     real = [compilers[cpp].resolve() for cpp in sorted(compilers)]
     identities = [f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in real]
     named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]

@@ -202,7 +202,7 @@ def _prefix(folder: Folder, model: SourceFile) -> str:
         for source in (model, *folder.sources):
             if match := re.search(pattern, source.code):
                 return match[1]
-    raise ModelError(f"cannot tell what the variables in {model.name} begin with: it sets neither step size nor states")
+    raise ModelError(f"cannot find what the variables in {model.name} begin with: it sets neither step size nor states")
 
 
 def _symbols(sources: Iterable[SourceFile], prefix: str) -> dict[str, Symbol]:

@@ -142,7 +142,7 @@ def _call(parts: Parts, entry: Function, time: str) -> str:
         name = argument.replace("*", " ").partition("[")[0].split()[-1]
         given.append(time if not _is_vector(argument) else "y" if name.lower().startswith("y") else "u")
     if given.count("u") > 1 or given.count("y") > 1:
-        raise ModelError(f"{parts.model.name}: cannot tell u from y among the arguments of {entry.name}")
+        raise ModelError(f"{parts.model.name}: cannot distinguish u from y among the arguments of {entry.name}")
     return f"{entry.name.rpartition('::')[2]}({', '.join(given)});"
 
 
