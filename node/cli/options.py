@@ -55,10 +55,20 @@ def _with_lines(file: RobotFile, options: argparse.Namespace) -> RobotFile:
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
-    """A model, and what some cannot tell of themselves."""
+    """A model, and what some do not contain."""
     parser.add_argument("model", help="a folder of generated code, an FMU, or package.module:Class")
     parser.add_argument("--method", help="integration method of a partial copy that does not name it")
     parser.add_argument("--step", type=float, metavar="S", help="step of a model that does not give it")
+
+
+def check_duration(duration_s: float | None, longest_s: float) -> None:
+    """Refuse a `--duration` out of range, s; None is no limit.
+
+    Raises:
+        ConfigurationError: It is.
+    """
+    if duration_s is not None and not 0.0 < duration_s <= longest_s:
+        raise ConfigurationError(f"--duration must be more than 0 s and at most {longest_s:g} s")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +93,7 @@ def print_table(rows: Mapping[str, str]) -> None:
 
 
 def default_log(name: str) -> Path:
-    """Where a run's log goes unless told otherwise: the user's state folder (XDG base directories)."""
+    """Where a run's log goes by default: the user's state folder (XDG base directories)."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     stamp = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
     return state / "segway-ecc" / "logs" / f"{name}-{stamp}-{os.getpid()}.mcap"
@@ -91,9 +101,9 @@ def default_log(name: str) -> Path:
 
 @contextlib.contextmanager
 def real_time(*, lock: bool = False) -> Iterator[None]:
-    """What a loop asks of the machine, while the context lasts; says once what is not to be had, and what that means.
+    """Meet the real-time requirements of a loop while the context lasts; log once what cannot be had, and its effect.
 
-    `lock` says whether the memory of this process is to be locked.
+    `lock` is whether the memory of this process is to be locked.
     """
     with real_time_loop(lock=lock) as lacking:
         for text in lacking:

@@ -47,8 +47,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--limit must be from {_LIMITS_S[0]:g} to {_LIMITS_S[1]:g} s")
     can, clocks = file.hardware.can, clocks_of(clock)
     watch = Watch(stopper_of(file.hardware), clock.now_ns(), round(options.limit * 1e9))
-    ears = can_link(can, clocks)
-    guard = Guard(ears, can_link(can, clocks), HeartbeatListener(can), watch, clocks)
+    listening = can_link(can, clocks)
+    guard = Guard(listening, can_link(can, clocks), HeartbeatListener(can), watch, clocks)
     gc.collect()
     gc.freeze()
     with messages(), stopped_by_signals(guard.stop), real_time():
@@ -57,9 +57,9 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(
             {
-                "bus": ears.description,
+                "bus": listening.description,
                 "limit_s": options.limit,
-                "frames": ears.counters.received,
+                "frames": listening.counters.received,
                 "commands": watch.commands,
                 "heartbeats": watch.heartbeats,
                 "longest_gap_ms": watch.longest_gap_ns * 1e-6,
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         print_table(
             {
-                "frames": f"{ears.counters.received}, {watch.commands} of them commands",
+                "frames": f"{listening.counters.received}, {watch.commands} of them commands",
                 "heartbeats": str(watch.heartbeats),
                 "longest gap": f"{watch.longest_gap_ns * 1e-6:.1f} ms while a drive followed",
                 "intervened": str(watch.intervened),
@@ -80,15 +80,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _report(told: Intervention, wall_ns: int) -> Mapping[str, object]:
+def _report(intervention: Intervention, wall_ns: int) -> Mapping[str, object]:
     """An intervention as JSON; stamps on the wall clock, ns, by what it leads the monotonic one."""
-    last_ns = told.last_command_ns
+    last_ns = intervention.last_command_ns
     return {
-        "cause": told.cause,
+        "cause": intervention.cause,
         "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
-        "first_stop_wall_ns": told.first_ns + wall_ns,
-        "reaction_ms": None if last_ns is None else (told.first_ns - last_ns) * 1e-6,
-        "lasted_ms": (told.last_ns - told.first_ns) * 1e-6,
-        "frames": told.frames,
-        "end": told.end,
+        "first_stop_wall_ns": intervention.first_ns + wall_ns,
+        "reaction_ms": None if last_ns is None else (intervention.first_ns - last_ns) * 1e-6,
+        "lasted_ms": (intervention.last_ns - intervention.first_ns) * 1e-6,
+        "frames": intervention.frames,
+        "end": intervention.end,
     }

@@ -5,16 +5,15 @@ cannot be read or replayed, or cycles are missing in it (those before them are i
 """
 
 import argparse
-import dataclasses
-import importlib.util
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.node.cli.files import Curve, draw_panels
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.cycle.interfaces import CycleRecord
-from segway_ecc.node.errors import ConfigurationError, RecordingError
+from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.replay.log import RecordedRun
 from segway_ecc.node.replay.replay import Outcome, replay
 
@@ -33,13 +32,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Replay, and tell what came of it."""
+    """Replay, and report the outcome."""
     names = RecordedRun(options.log).layout.commands
-    drawing = None if options.plot is None else _Drawing(options.plot, names)
-    outcome = replay(options.log, options.model, None if drawing is None else drawing.look)
-    if drawing is not None:
-        drawing.write()
-    for warning in _warnings(outcome):
+    pairs: list[tuple[CycleRecord, CycleRecord]] = []
+
+    def keep(recorded: CycleRecord, computed: CycleRecord) -> None:
+        pairs.append((recorded, computed))
+
+    outcome = replay(options.log, options.model, None if options.plot is None else keep)
+    if options.plot is not None:
+        times = [(recorded.start_ns - pairs[0][0].start_ns) * 1e-9 for recorded, _ in pairs]
+        panels = [(name, _curves(pairs, index)) for index, name in enumerate(names)]
+        draw_panels(options.plot, times, panels)
+    warnings = ["the model is not the one that ran: its files have another content"] if outcome.is_other_model else []
+    if outcome.gap is not None:
+        warnings.append(f"{outcome.gap}: replayed up to there")
+    elif outcome.is_cut:
+        warnings.append("the log ends before its time, as after a power cut: replayed up to there")
+    for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
     if options.json:
         print_json(_document(outcome))
@@ -48,17 +58,6 @@ def run(options: argparse.Namespace) -> int:
     if outcome.difference is not None:
         return _DIFFERS
     return RecordingError.exit_code if outcome.gap is not None or outcome.cycles == 0 else 0
-
-
-def _warnings(outcome: Outcome) -> list[str]:
-    said = []
-    if outcome.is_other_model:
-        said.append("the model is not the one that ran: its files have another content")
-    if outcome.gap is not None:
-        said.append(f"{outcome.gap}: replayed up to there")
-    elif outcome.is_cut:
-        said.append("the log ends before its time, as after a power cut: replayed up to there")
-    return said
 
 
 def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:
@@ -98,39 +97,7 @@ def _document(outcome: Outcome) -> dict[str, object]:
     }
 
 
-@dataclasses.dataclass(slots=True)
-class _Drawing:
-    """Commands over time, as recorded and as computed."""
-
-    path: Path
-    names: Sequence[str]
-    times: list[float] = dataclasses.field(default_factory=list)
-    recorded: list[Sequence[float]] = dataclasses.field(default_factory=list)
-    computed: list[Sequence[float]] = dataclasses.field(default_factory=list)
-
-    def look(self, recorded: CycleRecord, computed: CycleRecord) -> None:
-        """Take one cycle."""
-        self.times.append(recorded.start_ns * 1e-9)
-        self.recorded.append(recorded.commands)
-        self.computed.append(computed.commands)
-
-    def write(self) -> None:
-        """Draw the file."""
-        if importlib.util.find_spec("matplotlib") is None:
-            raise ConfigurationError("--plot needs a drawing library: install 'segway-ecc[report]'")
-        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra that the rest of this verb does without
-
-        figure = Figure(figsize=(8, 1.2 + 1.8 * len(self.names)), layout="constrained")
-        panels = figure.subplots(max(len(self.names), 1), 1, sharex=True, squeeze=False)[:, 0]
-        times = [time - self.times[0] for time in self.times]
-        for index, (panel, name) in enumerate(zip(panels, self.names, strict=False)):
-            panel.plot(times, [values[index] for values in self.recorded], linewidth=2.5, label="recorded")
-            panel.plot(times, [values[index] for values in self.computed], linewidth=1.0, label="computed")
-            panel.set_ylabel(name)
-            panel.grid(visible=True)
-            panel.legend()
-        panels[-1].set_xlabel("time, s")
-        try:
-            figure.savefig(self.path)
-        except (OSError, ValueError) as error:
-            raise ConfigurationError(f"cannot draw {self.path}: {error}") from error
+def _curves(pairs: Sequence[tuple[CycleRecord, CycleRecord]], index: int) -> list[Curve]:
+    """A command as recorded and as computed."""
+    recorded = Curve([each.commands[index] for each, _ in pairs], "recorded", 2.5)
+    return [recorded, Curve([each.commands[index] for _, each in pairs], "computed", 1.0)]

@@ -66,7 +66,7 @@ def _print(description: Description) -> None:
         {
             "model": description.name,
             "flavour": str(description.flavour),
-            "build": description.build or "not said",
+            "build": description.build or "not given",
             "method": description.method or "not known",
             "step": f"{description.step_size:g} s",
             "finish time": ends,
@@ -82,13 +82,11 @@ def _print(description: Description) -> None:
 
 def _section(title: str, variables: Sequence[Variable], *, writes: bool) -> None:
     sys.stdout.write(f"\n{title}{'' if variables else ': none'}\n")
-    rows = [(v.name, f"{v.value:g}", v.unit, _when(v) if writes else "") for v in variables]
+    rows = []
+    for v in variables:
+        effect = f"{_EFFECT[v.write]}: {v.why}" if v.why else _EFFECT[v.write]
+        rows.append((v.name, f"{v.value:g}", v.unit, effect if writes else ""))
     widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
     for name, value, unit, when in rows:
         line = f"  {name:<{widths[0]}}  {value:>{widths[1]}} {unit:<{widths[2]}}  {when}"
         sys.stdout.write(line.rstrip() + "\n")
-
-
-def _when(variable: Variable) -> str:
-    effect = _EFFECT[variable.write]
-    return f"{effect}: {variable.why}" if variable.why else effect

@@ -13,6 +13,7 @@ from segway_ecc.node.cli.options import (
     add_json,
     add_namespace,
     add_robot,
+    check_duration,
     default_log,
     print_json,
     print_table,
@@ -75,8 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Run the robot until it is stopped."""
-    if options.duration is not None and not 0.0 < options.duration <= _LONGEST_S:
-        raise ConfigurationError(f"--duration must be more than 0 s and at most {_LONGEST_S:g} s")
+    check_duration(options.duration, _LONGEST_S)
     file = robot_file(options)
     with messages(), contextlib.ExitStack() as stack:
         bridge = _bridge(stack, options)
@@ -86,16 +86,13 @@ def run(options: argparse.Namespace) -> int:
         loop = robot.loop(stage, recorder)
         loop.service = service_of(os.environ, robot.period_ns)
         with stopped_by_signals(loop.stop), real_time(lock=True):
-            loop.run(_cycles(options.duration, robot))
+            length = options.duration
+            loop.run(None if length is None else max(round(length * 1e9 / robot.period_ns), 1))
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
     if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
         raise RobotLostError(f"the robot went to {loop.modes.mode}: {loop.modes.reason}")
     return 0
-
-
-def _cycles(duration_s: float | None, robot: Robot) -> int | None:
-    return None if duration_s is None else max(round(duration_s * 1e9 / robot.period_ns), 1)
 
 
 def _bridge(stack: contextlib.ExitStack, options: argparse.Namespace) -> "RosBridge | None":
@@ -147,16 +144,13 @@ def _bounds(options: argparse.Namespace) -> LogQuota:
     return LogQuota(round(total * MB), round(one * MB), is_own_folder=options.log is None)
 
 
-def _played(stage: Stage) -> dict[str, int | None] | None:
-    if not isinstance(stage, ManoeuvreStage):
-        return None
-    player = stage.player
-    return {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": stage.started_wall_ns}
-
-
 def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
     counters, timing = loop.counters, loop.timing()
     if as_json:
+        played = None
+        if isinstance(stage, ManoeuvreStage):
+            player, started_ns = stage.player, stage.started_wall_ns
+            played = {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": started_ns}
         print_json(
             {
                 "cycles": counters.cycles,
@@ -166,7 +160,7 @@ def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
                 "mean_rate_hz": counters.mean_rate_hz,
                 "stop_reason": loop.stop_reason,
                 "timing": {name: dataclasses.asdict(summary) for name, summary in timing.items()},
-                "sequence": _played(stage),
+                "sequence": played,
                 "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
             }
         )

@@ -1,13 +1,13 @@
 """`segway-ecc sequence`: sequence control, a node of its own."""
 
 import argparse
-import csv
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.node.cli.files import write_csv
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError, NodeError
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wait", type=float, default=10.0, metavar="S", help="how long to wait for the model node")
     parser.add_argument("--node", default="model", help="name of the model node (default: model)")
     parser.add_argument("--arm", action="store_true", help="arm the robot first")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was heard")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the odometry that was received")
 
 
 @ends_at_once()
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         graph = commander.graph()
         unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
-        _write_csv(options.csv, player)
+        write_csv(options.csv, Odometry._fields, player.received)
     if unconfirmed:
         sys.stderr.write(f"segway-ecc: the robot did not confirm {unconfirmed} set-points at their own time\n")
     _report(player, [asdict(c) for c in graph], unconfirmed, as_json=options.json)
@@ -84,7 +84,7 @@ def _progress() -> Callable[[float], None]:
 
 
 def _last(player: Player) -> Odometry:
-    """The odometry that bears the stamp of the end."""
+    """The odometry of the end's stamp."""
     for odometry in reversed(player.received):
         if odometry.stamp_ns == player.end_ns:
             return odometry
@@ -99,13 +99,3 @@ def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as
         return
     seconds = player.manoeuvre.duration_ns * 1e-9
     sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")
-
-
-def _write_csv(path: Path, player: Player) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(Odometry._fields)
-            writer.writerows(player.received)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write {path}: {error.strerror}") from error
