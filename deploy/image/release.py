@@ -53,7 +53,8 @@ def collect_wheels(wheel: Path, recipe: Recipe, python: str) -> list[Path]:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         extras = f"[{','.join(sorted(recipe.extras))}]" if recipe.extras else ""
-        _pip(["wheel", "--wheel-dir", str(folder), f"{wheel.resolve()}{extras}", "pip"], recipe.epoch)
+        # Without it, a source distribution needs the package `wheel` here, which a virtual environment has not.
+        _pip(["wheel", "--use-pep517", "--wheel-dir", str(folder), f"{wheel.resolve()}{extras}", "pip"], recipe.epoch)
         for own in folder.glob("segway_ecc-*.whl"):
             own.unlink()
         kept.write_text(wanted, "utf-8")

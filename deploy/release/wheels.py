@@ -69,7 +69,7 @@ def _from_index(words: Sequence[str], cache: Path) -> subprocess.CompletedProces
         if not done.returncode or lacking is None:
             break
         with tempfile.TemporaryDirectory(prefix="segway-ecc-wheel-") as folder:
-            _pip(["wheel", "--no-deps", "--wheel-dir", folder, lacking[1]])
+            _pip(["wheel", "--use-pep517", "--no-deps", "--wheel-dir", folder, lacking[1]])
             built = next(Path(folder).glob("*-none-any.whl"), None)  # the same on every machine
             if built is None:
                 break
