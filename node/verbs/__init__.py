@@ -32,6 +32,9 @@ VERBS: Final = (
         __name__,
     ),
     Verb(
-        "log traffic", "the raw traffic on a robot's bus as a candump log", "segway-ecc log traffic run.mcap", __name__
+        "log traffic",
+        "the raw traffic on a robot's bus as a candump log",
+        "segway-ecc log traffic cart-can --out traffic.log",
+        __name__,
     ),
 )
