@@ -34,7 +34,17 @@ def check_ros(machine: System, _workload: Workload) -> Iterator[Finding]:
     yield _domain(settings.get("ROS_DOMAIN_ID", ""), place)
     yield _discovery(settings, place)
     if _PROFILES in settings:
-        yield _profiles(machine, settings[_PROFILES], place)
+        name, path = "Fast DDS profiles", settings[_PROFILES]
+        effect = "Fast DDS goes on with its own settings, so discovery and transports are not as meant"
+        remedy = f"correct {_PROFILES} in {place}, or the file it names"
+        try:
+            ET.fromstring(machine.path(path).read_bytes())  # noqa: S314 - of this machine; Fast DDS would read it next
+        except OSError as error:
+            yield warning(name, f"{path}: {error.strerror}", effect, remedy)
+        except ET.ParseError as error:
+            yield warning(name, f"{path} is not XML: {error}", effect, remedy)
+        else:
+            yield good(name, path)
 
 
 def _loads(machine: System, own: Mapping[str, str]) -> Finding:
@@ -88,16 +98,3 @@ def _discovery(settings: Mapping[str, str], place: str) -> Finding:
         return good(name, f"by the discovery server {server}, of {place}")
     where = "this machine" if reach == "LOCALHOST" else "the whole subnet"
     return good(name, f"{where}, and static peers {peers}, of {place}" if peers else where)
-
-
-def _profiles(machine: System, text: str, place: str) -> Finding:
-    name, path = "Fast DDS profiles", machine.path(text)
-    effect = "Fast DDS goes on with its own settings, so discovery and transports are not as meant"
-    remedy = f"correct {_PROFILES} in {place}, or the file it names"
-    try:
-        ET.fromstring(path.read_bytes())  # noqa: S314 - a file of this machine, which Fast DDS would read next
-    except OSError as error:
-        return warning(name, f"{text}: {error.strerror}", effect, remedy)
-    except ET.ParseError as error:
-        return warning(name, f"{text} is not XML: {error}", effect, remedy)
-    return good(name, text)

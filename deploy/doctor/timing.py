@@ -18,7 +18,16 @@ _INSTALL: Final = "sudo apt-get install systemd-timesyncd (in an image of ours: 
 
 def check_timing(machine: System, workload: Workload) -> Iterator[Finding]:
     """From the clock to the wake-up."""
-    yield _clock_source(machine)
+    others = (machine.read(f"{_CLOCK}/available_clocksource") or "").split()
+    source = machine.read(f"{_CLOCK}/current_clocksource")
+    better = next((name for name in others if name not in {source, *_SLOW_CLOCKS}), None)
+    remedy = "see why the kernel takes no better one: sudo dmesg | grep -iE 'clocksource|tsc'"
+    if better is not None:
+        now = f"echo {better} | sudo tee {_CLOCK}/current_clocksource"
+        remedy = f"{now}; for good: clocksource={better} on the kernel's command line"
+    effect = "reading the time is slow or coarse, and the loop does it all the time"
+    found = source or "not reported by the kernel"
+    yield graded("clock source", found, effect, remedy, fits=source not in _SLOW_CLOCKS)
     governors = set(machine.read_all(f"{_CPU}/cpu*/cpufreq/scaling_governor").values())
     yield graded(
         "processor governor",
@@ -62,20 +71,6 @@ def check_clock(machine: System, _workload: Workload) -> Iterator[Finding]:
         f"{_INSTALL if nobody_does else ''}sudo timedatectl set-ntp true; or chrony with the base station as server",
         fits=synchronised,
     )
-
-
-def _clock_source(machine: System) -> Finding:
-    source = machine.read(f"{_CLOCK}/current_clocksource")
-    if source is None:
-        return good("clock source", "not reported by the kernel")
-    others = (machine.read(f"{_CLOCK}/available_clocksource") or "").split()
-    better = next((name for name in others if name != source and name not in _SLOW_CLOCKS), None)
-    remedy = "see why the kernel takes no better one: sudo dmesg | grep -iE 'clocksource|tsc'"
-    if better is not None:
-        now = f"echo {better} | sudo tee {_CLOCK}/current_clocksource"
-        remedy = f"{now}; for good: clocksource={better} on the kernel's command line"
-    effect = "reading the time is slow or coarse, and the loop does it all the time"
-    return graded("clock source", source, effect, remedy, fits=source not in _SLOW_CLOCKS)
 
 
 def _wake_ups(machine: System, period_ns: int) -> Finding:

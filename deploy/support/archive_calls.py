@@ -140,7 +140,10 @@ class _Exchange:
         now_s = time.monotonic()
         unsent, self._unsent = [*self._unsent, *calls], []
         for call in unsent:
-            client = self._client(call.robot)
+            client = self._clients.get(call.robot)
+            if client is None and len(self._clients) < _MOST_ROBOTS:
+                client = self._node.create_client(self._type, f"{call.robot.rstrip('/')}/{NODE}/{SERVICE}")
+                self._clients[call.robot] = client
             until_s = max(self._begun_s + _FOUND_WITHIN_S, call.asked_s + _KNOWN_WITHIN_S)
             if client is not None and client.service_is_ready():
                 future = client.call_async(self._type.Request(names=[call.name]))
@@ -170,11 +173,3 @@ class _Exchange:
         for call in (*self._unsent, *(call for call, _, _ in self._sent)):
             call.answer.set_exception(NobodyListensError(why))
         self._executor.shutdown()
-
-    def _client(self, robot: str) -> RosObject:
-        if robot not in self._clients:
-            if len(self._clients) >= _MOST_ROBOTS:
-                return None
-            name = f"{robot.rstrip('/')}/{NODE}/{SERVICE}"
-            self._clients[robot] = self._node.create_client(self._type, name)
-        return self._clients[robot]

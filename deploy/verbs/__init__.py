@@ -14,7 +14,7 @@ _VERBS: Final = (
     ("deploy status", "HOST", "the releases on a robot, and how the last update ended"),
     ("deploy check", "robot.yaml", "whether a robot file loads here, with its model; no bus is opened"),
     ("deploy doctor", "segway", "whether this machine is fit to run the robot, and how to fix what is not"),
-    ("deploy image", "--out FOLDER", "build an image for the robot from Debian packages and this software"),
+    ("deploy image", "FOLDER", "build an image for the robot from Debian packages and this software"),
 )
 """Each with the arguments of its example."""
 _INSTALLED: Final = "install the station on this machine: service, tokens, discovery, firewall"

@@ -16,7 +16,7 @@ from segway_ecc.deploy.doctor.finding import Finding, Verdict, is_fit
 from segway_ecc.deploy.doctor.probes import RealProbes
 from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
-from segway_ecc.node.config import RobotFile, packaged_robots
+from segway_ecc.node.config import packaged_robots
 from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
@@ -45,7 +45,14 @@ def run(options: argparse.Namespace) -> int:
     if options.robot is None and _INSTALLED_ROBOT.exists():
         options.robot = str(_INSTALLED_ROBOT)
     file = None if options.robot is None else robot_file(options)
-    findings = examine(System(RealProbes(_show_progress)), _workload(file, options.logs))
+    # Logs go where the service writes them, where that folder is there.
+    usual = _INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent
+    workload = Workload((options.logs or usual).absolute(), LogQuota().total_bytes, file)
+    if file is not None:
+        model = file.model
+        loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
+        workload = dataclasses.replace(workload, period_ns=round(loaded.step_size * NS_PER_S))
+    findings = examine(System(RealProbes(_show_progress)), workload)
     _show_progress(1.0)
     name = None if file is None else file.name
     if options.json:
@@ -72,17 +79,6 @@ def report(robot: str | None, findings: Sequence[Finding]) -> str:
     what = "a robot" if robot is None else f"'{robot}'"
     total = ", ".join(f"{counts[verdict]} {verdict}" for verdict in (Verdict.BAD, Verdict.WARNING, Verdict.GOOD))
     return "\n".join([*lines, f"{fit} to run {what}: {total}", ""])
-
-
-def _workload(file: RobotFile | None, logs: Path | None) -> Workload:
-    """What the machine is to do; logs go where the service writes them, where that folder is there."""
-    folder = logs or (_INSTALLED_LOGS if _INSTALLED_LOGS.is_dir() else default_log("").parent)
-    workload = Workload(folder.absolute(), LogQuota().total_bytes, file)
-    if file is None:
-        return workload
-    section = file.model
-    model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    return dataclasses.replace(workload, period_ns=round(model.step_size * NS_PER_S))
 
 
 def _show_progress(fraction: float) -> None:

@@ -43,7 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build; 1 where the image differs from the one that it is compared with."""
-    recipe = _recipe(options)
+    if options.like is not None:
+        recipe = manifest.recipe_of(manifest.read(options.like))
+    else:
+        recipe = Recipe(
+            suite=options.suite,
+            mirror=options.mirror,
+            packages=(*Recipe().packages, *sorted(options.package)),
+            extras=(*(() if options.no_ros else ("ros",)), *sorted(options.extra)),
+            kernel=options.kernel,
+            vcan=options.vcan,
+        )
     if os.geteuid() != 0:
         return _as_root(recipe)
     if options.config is not None and not options.config.is_dir():
@@ -63,20 +73,6 @@ def run(options: argparse.Namespace) -> int:
             {name: str(value) for name, value in result.items()} | {str(n): text for n, text in enumerate(found)}
         )
     return 1 if found else 0
-
-
-def _recipe(options: argparse.Namespace) -> Recipe:
-    if options.like is not None:
-        return manifest.recipe_of(manifest.read(options.like))
-    plain = Recipe()
-    return Recipe(
-        suite=options.suite,
-        mirror=options.mirror,
-        packages=(*plain.packages, *sorted(options.package)),
-        extras=(*(() if options.no_ros else ("ros",)), *sorted(options.extra)),
-        kernel=options.kernel,
-        vcan=options.vcan,
-    )
 
 
 def _as_root(recipe: Recipe) -> int:

@@ -48,7 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @ends_at_once()
 def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
-    _require(options)
+    if not 0 <= options.port <= _LARGEST_PORT:
+        raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
+    if options.key is not None and options.certificate is None:
+        raise ConfigurationError("--key is of no use without --certificate")
+    if importlib.util.find_spec("aiohttp") is None:
+        raise ConfigurationError(
+            "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
+        )
     require_ros()
     tls = None if options.certificate is None else tls_context(options.certificate, options.key)
     sockets = bind(options.address, options.port)
@@ -72,17 +79,6 @@ def run(options: argparse.Namespace) -> int:
     total = ", ".join(f"{cause} {count}" for cause, count in refused.items()) if isinstance(refused, dict) else ""
     print_table({"ended by": str(report["ended_by"]), "refused": total or "nothing"})
     return 0
-
-
-def _require(options: argparse.Namespace) -> None:
-    if not 0 <= options.port <= _LARGEST_PORT:
-        raise ConfigurationError(f"--port is 0 to {_LARGEST_PORT}")
-    if options.key is not None and options.certificate is None:
-        raise ConfigurationError("--key is of no use without --certificate")
-    if importlib.util.find_spec("aiohttp") is None:
-        raise ConfigurationError(
-            "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
-        )
 
 
 def _access(options: argparse.Namespace, folder: Path, place: SiteAddress) -> Access | None:
@@ -111,6 +107,12 @@ def _serve(
     if not name.isprintable():
         raise ConfigurationError("--name has letters that cannot be printed")
     logs = options.logs or default_log("").parent
+
+    def log_address() -> None:
+        if not place.is_loopback and place.scheme == "http":
+            _logger.warning(PLAIN_HTTP)
+        _logger.info("open %s", url(options.address, place))
+
     with (
         contextlib.closing(ArchiveClient(ArchiveCalls(options.ros_arguments), folder / "fetched")) as archive,
         Station(name, ros_arguments=options.ros_arguments) as station,
@@ -125,13 +127,5 @@ def _serve(
             bundle=StationBundle(station, archive.bundle, folder, logs),
             archive=archive,
         )
-        report: Mapping[str, object] = server.serve(
-            station, sockets, settings, stopped_by_signals, lambda: _log_address(options, place)
-        )
+        report: Mapping[str, object] = server.serve(station, sockets, settings, stopped_by_signals, log_address)
     return report
-
-
-def _log_address(options: argparse.Namespace, place: SiteAddress) -> None:
-    if not place.is_loopback and place.scheme == "http":
-        _logger.warning(PLAIN_HTTP)
-    _logger.info("open %s", url(options.address, place))

@@ -105,7 +105,7 @@ def _change_release(store: Store, request: Mapping[str, Any], reporter: Reporter
     reporter.event("ready")
     if stream.readline() != b"go\n":
         raise AgentRefusedError("the connection ended before the switch: nothing was switched")
-    transaction = Transaction(kind, name, _way_back(store, name), by, stamp())
+    transaction = Transaction(kind, name, store.way_back(name), by, stamp())
     return detached(reporter, lambda: Update(store, rules, reporter).run(transaction))
 
 
@@ -152,12 +152,3 @@ def _prepare_rollback(store: Store, request: Mapping[str, Any], reporter: Report
     if is_robot_file_linked(store, config):
         link_robot_file(store, config, name)
     return str(name)
-
-
-def _way_back(store: Store, name: str) -> str | None:
-    """What is in use, unless it failed; else the newest healthy release."""
-    current = store.current()
-    manifest = store.manifest(current) if current is not None else None
-    if manifest is not None and manifest.state != FAILED and current != name:
-        return current
-    return next((m.name for m in reversed(store.complete()) if m.state == HEALTHY and m.name != name), None)

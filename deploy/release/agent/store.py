@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, link_whole, sync_folder
-from segway_ecc.deploy.release.agent.manifest import HEALTHY, ReleaseManifest, differences, read_manifest
+from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, ReleaseManifest, differences, read_manifest
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,99}")
 _INCOMING: Final = ".incoming-"
@@ -69,6 +69,14 @@ class Store:
         if name in names:
             older = older[: names.index(name)]
         return next((m.name for m in reversed(older) if m.state == HEALTHY), None)
+
+    def way_back(self, name: str) -> str | None:
+        """What an update to a release goes back to: what is in use, unless it failed; else the newest healthy one."""
+        current = self.current()
+        others = [manifest for manifest in self.complete() if manifest.name != name]
+        if any(manifest.name == current and manifest.state != FAILED for manifest in others):
+            return current
+        return next((m.name for m in reversed(others) if m.state == HEALTHY), None)
 
     def verify(self, name: str) -> None:
         """Compare a release with its manifest.
