@@ -26,35 +26,12 @@ class ProcessFailedError(RigError):
 class Command:
     """One `segway-ecc` command, its messages kept in a file; it is killed when the thread that started it ends."""
 
-    def __init__(
-        self,
-        arguments: Sequence[str],
-        messages: Path,
-        environment: Mapping[str, str],
-        *,
-        module: str = _OUR_COMMAND,
-        listens: bool = False,
-    ) -> None:
-        """Start the command.
-
-        Args:
-            arguments: What follows `segway-ecc`.
-            messages: Where its standard error goes.
-            environment: Added to this process' own.
-            module: What is run, where it is something around our command.
-            listens: Whether it takes commands, with `ask`.
-        """
-        self._arguments = list(arguments)
+    def __init__(self, process: subprocess.Popen[bytes], arguments: Sequence[str], messages: Path) -> None:
+        """Use a process that `command` started."""
+        self.process = process
+        self._arguments = arguments
         self._messages = messages
         self._received = b""
-        with messages.open("wb") as errors:
-            self.process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
-                [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module, *arguments],
-                stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                env={**os.environ, **environment},
-            )
 
     def result(self, timeout_s: float) -> dict[str, Any]:
         """Wait for the command and decode the JSON it printed.
@@ -116,8 +93,24 @@ def command(
     module: str = _OUR_COMMAND,
     listens: bool = False,
 ) -> Iterator[Command]:
-    """A command that has ended when the context is left, whatever happens; see `Command`."""
-    started = Command(arguments, messages, environment or {}, module=module, listens=listens)
+    """A command that has ended when the context is left, whatever happens.
+
+    Args:
+        arguments: What follows `segway-ecc`.
+        messages: Where its standard error goes.
+        environment: Added to this process' own.
+        module: What is run, where it is something around our command.
+        listens: Whether it takes commands, with `ask`.
+    """
+    with messages.open("wb") as errors:
+        process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
+            [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module, *arguments],
+            stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            env={**os.environ, **(environment or {})},
+        )
+    started = Command(process, arguments, messages)
     try:
         yield started
     finally:

@@ -51,7 +51,7 @@ class DriveWatch:
         """Observe `robot`.
 
         Raises:
-            PlantMismatchError: The plant does not say where the robot is.
+            PlantMismatchError: The plant does not report where the robot is.
         """
         self.way: list[Place] = []
         self.last_push_ns = -1

@@ -28,7 +28,7 @@ _READABLE_OF_BOARD: Final[Mapping[str, Callable[[Sequence[SimulatedAxis]], float
 
 
 class AsciiPort:
-    """Reads lines, obeys them and writes replies.
+    """Reads lines, executes them and writes replies.
 
     Attributes:
         refused: Lines with a wrong checksum, which the firmware passes over in silence.
@@ -44,11 +44,11 @@ class AsciiPort:
         self._is_too_long = False
 
     def serve(self, now_ns: int) -> None:
-        """Obey what has arrived since the last pass."""
+        """Execute what has arrived since the last pass."""
         for byte in self._port.read(self._port.in_waiting):
             if byte in _ENDS:
                 if not self._is_too_long:
-                    self._take(bytes(self._line), now_ns)
+                    self._serve_line(bytes(self._line), now_ns)
                 self._line.clear()
                 self._is_too_long = False
             elif len(self._line) < _LONGEST:
@@ -61,7 +61,7 @@ class AsciiPort:
         self._line.clear()
         self._port.read(self._port.in_waiting)
 
-    def _take(self, line: bytes, now_ns: int) -> None:
+    def _serve_line(self, line: bytes, now_ns: int) -> None:
         text, star, given = line.partition(b";")[0].decode("latin-1").partition("*")
         if star and given.strip() != str(_xor(text)):
             self.refused += 1

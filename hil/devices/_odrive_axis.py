@@ -178,16 +178,13 @@ class SimulatedAxis:
         """The torque that the control mode makes of the input; velocity and position without integrators."""
         velocity = self.velocity_rev_s
         if self.control_mode == TORQUE_CONTROL:
-            return self._within_velocity_limit(self.input_torque_nm, velocity)
+            limit, torque_nm = self.velocity_limit_rev_s, self.input_torque_nm
+            if limit is None:
+                return torque_nm
+            return min(max(torque_nm, _VELOCITY_GAIN * (-limit - velocity)), _VELOCITY_GAIN * (limit - velocity))
         wanted = self.input_velocity_rev_s
         if self.control_mode == _POSITION_CONTROL:
             wanted += _POSITION_GAIN * (self.input_position_rev - self.position_rev)
         elif self.control_mode != _VELOCITY_CONTROL:
             return 0.0
         return _VELOCITY_GAIN * (wanted - velocity) + self.input_torque_nm
-
-    def _within_velocity_limit(self, torque_nm: float, velocity: float) -> float:
-        limit = self.velocity_limit_rev_s
-        if limit is None:
-            return torque_nm
-        return min(max(torque_nm, _VELOCITY_GAIN * (-limit - velocity)), _VELOCITY_GAIN * (limit - velocity))

@@ -146,13 +146,21 @@ class Controller:
         return self._settings.drivetrain.wheel_torque(self.current * self._settings.torque_constant)
 
     def due(self, now_ns: int) -> list[Frame]:
-        """The status messages that are to be sent now."""
+        """The status messages that are to be sent now; what the model does not know is zero in them."""
         frames = []
         for number, rate_hz in self.firmware.status.items():
             sent_ns = self._sent_ns.get(number)
             if sent_ns is None or now_ns - sent_ns >= round(1e9 / rate_hz):
                 self._sent_ns[number] = now_ns
-                frames.append(self._status(number))
+                if number == 1:
+                    status = Status(self._erpm, self.current, self._duty)
+                    frames.append(frame_of(PacketId.STATUS, self.controller_id, status))
+                elif number == _TACHOMETER_MESSAGE:
+                    status_5 = Status5(self._tachometer, self.bus_voltage)
+                    frames.append(frame_of(PacketId.STATUS_5, self.controller_id, status_5))
+                else:
+                    identifier = arbitration_id(PacketId[f"STATUS_{number}"], self.controller_id)
+                    frames.append(Frame(identifier, bytes(8), is_extended=True))
         return frames
 
     def reply(self, question: bytes) -> bytes:
@@ -199,11 +207,3 @@ class Controller:
     def _tachometer(self) -> int:
         steps = math.floor(self._angle * self._settings.pole_pairs * _STEPS_PER_TURN / TURN)
         return (steps + (1 << 31)) % (1 << 32) - (1 << 31)
-
-    def _status(self, number: int) -> Frame:
-        """A status message; what the model does not know is zero in it."""
-        if number == 1:
-            return frame_of(PacketId.STATUS, self.controller_id, Status(self._erpm, self.current, self._duty))
-        if number == _TACHOMETER_MESSAGE:
-            return frame_of(PacketId.STATUS_5, self.controller_id, Status5(self._tachometer, self.bus_voltage))
-        return Frame(arbitration_id(PacketId[f"STATUS_{number}"], self.controller_id), bytes(8), is_extended=True)

@@ -58,10 +58,10 @@ class SimulatedVesc:
         self._receiver = PacketReceiver()
 
     def obey(self, frames: Sequence[Frame], now_ns: int, outputs: Mapping[str, float]) -> Sequence[float]:
-        """Take commands from both lines and run the motors; see `Device.obey`."""
+        """Process commands from both lines and run the motors; see `Device.obey`."""
         self._measure(outputs)
         for frame in frames:
-            self._take(frame, now_ns)
+            self._receive(frame, now_ns)
         if self._port is not None:
             for packet in self._receiver.feed(self._port.read(self._port.in_waiting)):
                 reply = self._process(self._near, packet, now_ns)
@@ -80,7 +80,7 @@ class SimulatedVesc:
         for name, controller in (("left", self.left), ("right", self.right)):
             controller.measure(outputs[f"{name}.angle"], outputs[f"{name}.velocity"], supply_voltage(outputs))
 
-    def _take(self, frame: Frame, now_ns: int) -> None:
+    def _receive(self, frame: Frame, now_ns: int) -> None:
         address = addressed(frame)
         for controller in (self.left, self.right):
             if address is None or address[1] not in (controller.controller_id, BROADCAST_ID):

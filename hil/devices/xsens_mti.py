@@ -60,21 +60,19 @@ class SimulatedXsensMti:
         if now_ns - self._on_since_ns < self._sets * self._period_ns:
             return
         if not self.frozen or not self._newest:
-            self._newest = self._measure(now_ns - self._on_since_ns, outputs)
+            ticks = round((now_ns - self._on_since_ns) * 1e-9 / self._settings.sample_time_tick_s)
+            rates, accelerations = (
+                [outputs[name] for name in names] for names in (_ANGULAR_VELOCITY, _LINEAR_ACCELERATION)
+            )
+            self._newest = [
+                self._frame(Message.GROUP_COUNTER, (self._sets % GROUP_COUNTS,)),
+                self._frame(Message.SAMPLE_TIME, (ticks % SAMPLE_TIME_TICKS,)),
+                self._vector(Message.RATE_OF_TURN, rates, MAX_ANGULAR_VELOCITY),
+                self._vector(Message.ACCELERATION, accelerations, MAX_LINEAR_ACCELERATION),
+            ]
         self._sets += 1
         for frame in self._newest:
             self._link.send(frame)
-
-    def _measure(self, uptime_ns: int, outputs: Mapping[str, float]) -> list[Frame]:
-        ticks = round(uptime_ns * 1e-9 / self._settings.sample_time_tick_s)
-        return [
-            self._frame(Message.GROUP_COUNTER, (self._sets % GROUP_COUNTS,)),
-            self._frame(Message.SAMPLE_TIME, (ticks % SAMPLE_TIME_TICKS,)),
-            self._vector(Message.RATE_OF_TURN, [outputs[name] for name in _ANGULAR_VELOCITY], MAX_ANGULAR_VELOCITY),
-            self._vector(
-                Message.ACCELERATION, [outputs[name] for name in _LINEAR_ACCELERATION], MAX_LINEAR_ACCELERATION
-            ),
-        ]
 
     def _vector(self, message: Message, vector: Sequence[float], largest: float) -> Frame:
         turned = self._settings.rotation.to_sensor(vector)

@@ -151,7 +151,7 @@ class Fault(Section, frozen=True, kw_only=True):
     amount: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense; ValueError says what does."""
+        """Refuse what makes no sense; the ValueError names what does."""
         kinds = KINDS[self.target]
         kind = kinds.get(self.type)
         if kind is None:

@@ -42,7 +42,12 @@ class SimulatedBus:
         """Queue a frame for the wire."""
         identifier, is_extended = frame.arbitration_id, frame.is_extended
         duration_ns = self._durations_ns[is_extended][len(frame.data)]
-        priority = _extended_priority(identifier) if is_extended else identifier << _TRAILING_BITS + 1
+        # In arbitration the lower leading bits win; of equal ones the standard frame (ISO 11898-1).
+        priority = identifier << _TRAILING_BITS + 1
+        if is_extended:
+            priority = (identifier >> _TRAILING_BITS) << _TRAILING_BITS + 1 | 1 + (
+                identifier & (1 << _TRAILING_BITS) - 1
+            )
         self._waiting.append((self._now_ns(), priority, duration_ns, frame, sender))
 
     def deliver(self) -> None:
@@ -77,11 +82,6 @@ class SimulatedBus:
             if entry[1] < best[1]:
                 best = entry
         return best
-
-
-def _extended_priority(identifier: int) -> int:
-    """In arbitration the lower leading bits win; of equal ones the standard frame (ISO 11898-1)."""
-    return (identifier >> _TRAILING_BITS) << _TRAILING_BITS + 1 | 1 + (identifier & (1 << _TRAILING_BITS) - 1)
 
 
 class SimulatedLink:

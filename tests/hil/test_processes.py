@@ -31,7 +31,7 @@ def test_what_a_command_prints_is_its_result(tmp_path: Path) -> None:
     assert "segway-ecc: ARMED: asked to arm" in (tmp_path / "messages.txt").read_text().splitlines()
 
 
-def test_a_command_that_fails_is_told_in_one_line_with_its_messages(tmp_path: Path) -> None:
+def test_a_command_that_fails_is_reported_in_one_line_with_its_messages(tmp_path: Path) -> None:
     with (
         command(["run", "no such robot"], tmp_path / "messages.txt") as started,
         pytest.raises(ProcessFailedError) as caught,
@@ -44,9 +44,9 @@ def test_a_command_that_fails_is_told_in_one_line_with_its_messages(tmp_path: Pa
     )
 
 
-def test_only_the_last_messages_are_told(tmp_path: Path) -> None:
-    started = processes.Command(["--version"], tmp_path / "messages.txt", {})
-    started.end()
+def test_only_the_last_messages_are_reported(tmp_path: Path) -> None:
+    with command(["--version"], tmp_path / "messages.txt") as started:
+        started.end()
     (tmp_path / "messages.txt").write_bytes(b"\n".join(b"line %d \xff" % number for number in range(8)))
 
     assert started._failure("fell").endswith(
@@ -55,14 +55,14 @@ def test_only_the_last_messages_are_told(tmp_path: Path) -> None:
     )
 
 
-def test_a_command_that_is_killed_is_told(tmp_path: Path) -> None:
+def test_a_command_that_is_killed_is_reported(tmp_path: Path) -> None:
     with command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started:
         started.process.kill()
         with pytest.raises(ProcessFailedError, match=r"ended with exit code -9: (no message|segway-ecc: )"):
             started.result(ENDS_WITHIN_S)
 
 
-def test_a_command_that_takes_too_long_is_told_and_ended(tmp_path: Path) -> None:
+def test_a_command_that_takes_too_long_is_reported_and_ended(tmp_path: Path) -> None:
     with command(RUNS_FOR_EVER, tmp_path / "messages.txt") as started:
         with pytest.raises(ProcessFailedError, match=r"^'segway-ecc run cart .*' did not end within 0\.01 s: "):
             started.result(0.01)
@@ -127,7 +127,7 @@ def test_a_command_that_listens_answers_line_by_line(tmp_path: Path) -> None:
     assert sorted(map(int, stamps)) == [int(stamp) for stamp in stamps]
 
 
-def test_answers_that_come_together_are_told_one_by_one_and_one_that_does_not_come_is_told(
+def test_answers_that_come_together_are_returned_one_by_one_and_one_that_does_not_come_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = tmp_path / "python"
