@@ -61,7 +61,7 @@ class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
     Attributes:
-        plant: What `load_model` takes; its inputs and outputs bear the names of the drive's commands and signals.
+        plant: What `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
     """
 
     plant: str

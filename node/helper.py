@@ -1,4 +1,4 @@
-"""Processes of our own that help the loop: started, told what to do in one line of JSON, and ended.
+"""Processes of our own that help the loop: started, given their task in one line of JSON, and ended.
 
 Only who starts them needs this: the processes themselves import neither it nor `subprocess`.
 """
@@ -31,14 +31,14 @@ def start_helper(
     )
 
 
-def send_task(process: "subprocess.Popen[bytes]", job: msgspec.Struct) -> None:
-    """Say what it is to do.
+def send_task(process: "subprocess.Popen[bytes]", task: msgspec.Struct) -> None:
+    """Send it its task as one line of JSON.
 
     Raises:
         BrokenPipeError: It has ended.
     """
     assert process.stdin is not None  # noqa: S101 - it was asked for when it was started
-    process.stdin.write(msgspec.json.encode(job) + b"\n")
+    process.stdin.write(msgspec.json.encode(task) + b"\n")
     process.stdin.flush()
 
 
@@ -50,11 +50,11 @@ def end_helper(process: "subprocess.Popen[bytes]", within_s: float) -> int:
         within_s: How long it may take, s.
 
     Returns:
-        With what it ended, as `subprocess.Popen` tells it.
+        Its exit status, as `subprocess.Popen` has it.
     """
     for stream in (process.stdin, process.stdout):
         if stream is not None:
-            with contextlib.suppress(OSError):  # what it was told last may have no reader any more
+            with contextlib.suppress(OSError):  # what was sent last may have no reader any more
                 stream.close()
     try:
         return process.wait(within_s)

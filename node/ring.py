@@ -3,7 +3,7 @@
 Neither side makes a system call, takes a lock or waits, so that a loop may write or read in each cycle. The memory
 outlives the process that writes: what was put is read also where that process was killed.
 
-The memory begins with a byte for each slot, which says what it holds: `FREE`, the kind of the message that begins
+The memory begins with a byte for each slot, which is what it holds: `FREE`, the kind of the message that begins
 there, or `CONTINUED`. The slots follow. A message takes as many of them in a row as it needs, after its length and its
 CRC. The writer touches no slot that is not free and writes the kind last; the reader touches no other and frees slots
 in their order. A processor other than x86 may show the kind before the message: then the CRC is wrong, and the reader
@@ -48,7 +48,7 @@ def open_ring(slots: int = 0) -> int:
 
 
 def size_ring(descriptor: int, slots: int) -> None:
-    """Give a ring its size, before anybody maps it; `slots_for` tells what a message takes."""
+    """Give a ring its size, before anybody maps it; `slots_for` is what a message takes."""
     os.ftruncate(descriptor, slots * (1 + SLOT_BYTES))
 
 

@@ -1,9 +1,9 @@
-"""Stand-ins to test a model or a robot with: scripted time, hardware that remembers, a scripted world.
+"""Stand-ins to test a model or a robot with: scripted time, hardware that records, a scripted world.
 
 Everything runs in one thread and in simulated time, so a test takes no longer than its arithmetic:
 
     bench = Bench(MyModel(), RecordingHardware({"left.velocity": "rad/s"}, {"left.voltage": "V"}, (30.0,)), wiring)
-    bench.stage.say(3, Setpoint(1.0, 0.0))
+    bench.stage.send_setpoint(3, Setpoint(1.0, 0.0))
     bench.loop.run(cycles=100)
     assert bench.hardware.sent[50] == (24.0,)
 """
@@ -61,7 +61,7 @@ class ScriptedClock:
         return self._now_ns + self._wall_offset_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Pass to the deadline, if it has not passed, and as much further as the script says."""
+        """Pass to the deadline, if it has not passed, and as much further as the script has it."""
         wait = len(self.woken_ns)
         self._now_ns = max(self._now_ns, deadline_ns) + self.late_ns.get(wait, 0)
         self.woken_ns.append(self._now_ns)
@@ -77,13 +77,13 @@ class ScriptedClock:
 
 
 class RecordingHardware:
-    """Hardware that measures what it is given and remembers what it is told; see `Hardware`.
+    """Hardware that measures what it is given and records its commands; see `Hardware`.
 
     Attributes:
         measured: The next snapshot.
         reasons: What speaks against arming.
         raises: The exception that a method raises, by the method's name.
-        health: What diagnostics are told.
+        health: What diagnostics show.
         journal: The methods called, in order, `exchange` only where it sent something.
         sent: Every command that was sent, in order.
         armed: Whether commands reach the motors.
@@ -149,17 +149,17 @@ class RecordingHardware:
 
 
 class ScriptedStage:
-    """A world that says and asks what a script tells it to; see `Stage`.
+    """A world whose set-points, requests and heartbeats are scripted; see `Stage`.
 
     Attributes:
         costs_ns: How long the ROS stage of the n-th cycle takes, ns.
-        over_after: The cycle after which the world is over, if any, and why it says so.
+        over_after: The cycle after which the world is over, if any, and why.
         answers: The answers to everything asked, in order.
         reports: What was published.
         diagnostics: The diagnostics published, with their stamps.
-        looks: How often it was told to look around.
+        looks: How often background work was asked for.
         journal: The methods called in each cycle, in order.
-        wants_reports: Whether its reports are heard.
+        wants_reports: Whether reports are made.
     """
 
     wants_reports = True
@@ -184,15 +184,15 @@ class ScriptedStage:
             return None
         return self.over_after[1]
 
-    def say(self, cycle: int, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
+    def send_setpoint(self, cycle: int, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
         """Let a set-point arrive in a cycle, for then or for a stamp, ns since the Unix epoch."""
         self._inboxes[cycle].setpoints.append(StampedSetpoint(setpoint, stamp_ns))
 
-    def ask(self, cycle: int, action: Action) -> None:
+    def send_request(self, cycle: int, action: Action) -> None:
         """Let a request arrive in a cycle."""
         self._inboxes[cycle].requests.append(Request(action, self.answers.append))
 
-    def beat(self, cycle: int, station: str = "base", stamp_ns: int = 0) -> None:
+    def send_heartbeat(self, cycle: int, station: str = "base", stamp_ns: int = 0) -> None:
         """Let a base station's heartbeat arrive in a cycle."""
         self._inboxes[cycle].stations.append(Heartbeat(station, stamp_ns))
 

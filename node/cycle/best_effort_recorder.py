@@ -1,4 +1,4 @@
-"""A recorder that the robot can do without."""
+"""Best-effort recording: a recorder that fails never ends control."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 class BestEffortRecorder:
     """Stands in front of a recorder and never raises: recording is worth less than control; see `Recorder`.
 
-    Once the recorder has failed nothing more is given to it, and that is said once; it is closed all the same.
+    Once the recorder has failed nothing more is given to it, and that is logged once; it is closed all the same.
     """
 
     def __init__(self, recorder: Recorder, events: deque[str]) -> None:

@@ -1,4 +1,4 @@
-"""What the cycle asks of the ROS stage and the recorder, so that it knows neither."""
+"""The cycle's interfaces to the ROS stage and the recorder, so that it depends on neither."""
 
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, Protocol
@@ -75,12 +75,11 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
         topics: Values of the variables that are published one by one, in the order of the wiring.
         reason: Why the robot is in that mode.
         cycle: The number of the cycle.
-        drives: `on` where every motor follows commands, `off` where every drive itself says that its motors are off,
+        drives: `on` where every motor follows commands, `off` where every drive reports its motors off,
             else `unconfirmed`; `none` where there are none.
         is_zero: Whether the commands that left last were all zero.
-        heartbeat: The newest of a base station, of each in turn where there are several; None where none was ever
-            heard.
-        heartbeat_age_ns: How long ago it was heard, ns.
+        heartbeat: The newest of a base station, of each in turn where there are several; None before the first.
+        heartbeat_age_ns: How long ago it was received, ns.
         set_values: What anybody may set, as it is in force, in the order of the wiring.
         at_ns: When it was made, monotonic, ns.
     """
@@ -101,7 +100,10 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Stage(Protocol):
-    """The world outside: takes what has arrived, publishes the state. Nothing here waits."""
+    """The world outside: takes what has arrived, publishes the state. Nothing here waits.
+
+    An implementation that builds on `NoStage` writes `take_inbox` and `publish`; the rest has its default there.
+    """
 
     @property
     def over(self) -> str | None:
@@ -109,7 +111,7 @@ class Stage(Protocol):
 
     @property
     def wants_reports(self) -> bool:
-        """Whether what is published of each cycle is heard; no report is made of a cycle in which it is not."""
+        """Whether anybody subscribes to what is published of each cycle; no report is made of a cycle where not."""
 
     def take_inbox(self) -> Inbox:
         """What has arrived since the last call."""
@@ -175,13 +177,13 @@ class Recorder(Protocol):
 
 
 class NoStage:
-    """A world with nobody in it."""
+    """A stage without a world: nothing arrives, nobody subscribes. A base for stages."""
 
     over: str | None = None
 
     @property
     def wants_reports(self) -> bool:
-        """Whether it is a world that builds on this one and hears reports."""
+        """Whether it is a stage that builds on this one and publishes reports."""
         return type(self).publish is not NoStage.publish
 
     def take_inbox(self) -> Inbox:
@@ -205,10 +207,10 @@ class NoRecorder:
     """A recorder that keeps nothing."""
 
     def write(self, record: CycleRecord) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Forget them."""
+        """Discard them."""
 
     def close(self) -> None:
         """There is nothing to finish."""

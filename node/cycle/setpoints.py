@@ -105,7 +105,7 @@ class SetpointSchedule:
         return self._applied_at is not None and now - self._applied_at > self._timeout
 
     def clear(self) -> None:
-        """Forget everything that is in force or waits."""
+        """Discard everything that is in force or waits."""
         self._waiting.clear()
         self._current = REST
         self._applied_at = None

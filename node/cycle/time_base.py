@@ -1,4 +1,4 @@
-"""Which wall-clock stamp each cycle bears.
+"""The wall-clock stamp of each cycle.
 
 Set-points are stamped ahead and durations counted in model time, so while any is scheduled the stamps of consecutive
 cycles differ by exactly one period, even where deadlines were missed. Only while no manoeuvre is being played does
@@ -20,7 +20,7 @@ class TimeBase:
         self._anchor_ns = 0
 
     def anchor(self, cycle: int, stamp_ns: int) -> None:
-        """Place the line so that a cycle bears this stamp."""
+        """Place the line so that a cycle has this stamp."""
         self._anchor_ns = stamp_ns - cycle * self.period_ns
 
     def stamp_ns(self, cycle: int) -> int:

@@ -1,4 +1,4 @@
-"""The seam every model fits, whatever it is written in."""
+"""The interface of every model, whatever it is written in."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -10,6 +10,9 @@ class Model(Protocol):
     """A model that advances one fixed step at a time.
 
     Inputs and outputs are sequences of floats in the order of `inputs` and `outputs`.
+
+    Five methods are to be written. The rest is data, and mostly plain attributes where it is implemented; properties
+    here, since only so may one model have a class attribute (`SectionedModel`) where another has one of the instance.
     """
 
     @property
@@ -57,7 +60,7 @@ class Model(Protocol):
         """
 
     def write(self, name: str, value: float) -> None:
-        """Write a parameter or a state; `Variable.write` says when it takes effect.
+        """Write a parameter or a state; `Variable.write` is when it takes effect.
 
         Raises:
             UnknownNameError: The model has no such name.

@@ -27,7 +27,7 @@ class Variable:
         unit: SI unit symbol, "1" for none.
         value: Start value, in `unit`.
         write: When a write takes effect.
-        why: What decides that, in a few words; empty where the model's author simply says so.
+        why: What decides that, in a few words; empty where the model's author declares it.
     """
 
     name: str

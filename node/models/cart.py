@@ -14,8 +14,8 @@ so that, with D = R b + K^2 + kp K = (kf + kp) K,
 
 The thesis' table 4.1 pins a2 = 8.68e-4 s^2 and a1 = 0.06497 s. Taking L = 8.68 mH and J = 2e-3 kg m^2 gives D = 0.02;
 b = 1e-3 N m s then leaves R = (a1 D - L b) / J = 0.64536 Ohm, and K = 0.1 N m/A leaves
-kp = (D - R b - K^2) / K = 0.0935464 V s: a 36 V motor for a cart of about 1.6 kg. The table also says that the
-cart turns 1.00174 times as fast as it is told: its controller takes the track for 0.174 % wider than it is.
+kp = (D - R b - K^2) / K = 0.0935464 V s: a 36 V motor for a cart of about 1.6 kg. By the table, too, the cart
+turns 1.00174 times as fast as its set-point: its controller takes the track for 0.174 % wider than it is.
 
 Frames: x ahead at the start, y to the left, heading counter-clockwise from x (REP-103).
 """

@@ -113,7 +113,7 @@ _OUTPUTS: Final = (
 class SegwayController(SectionedModel):
     """IMU and encoders in, torques of the wheels out.
 
-    Its states tell by name what it holds in the attributes below; nobody but the model writes those.
+    Its states are by name what it holds in the attributes below; nobody but the model writes those.
 
     Attributes:
         measured: What is measured.
@@ -161,7 +161,7 @@ class SegwayController(SectionedModel):
         self.torque_limit = p["TorqueLimit"]
 
     def input(self, u: Sequence[float]) -> None:
-        """Take what is measured; the first time, it says how the robot lies."""
+        """Take what is measured; the first measurement is how the robot lies."""
         self.measured = SegwayMeasurement(*u)
         if self.estimate.since == 0.0:
             self.estimate = self.estimator.start(self.measured)
@@ -195,9 +195,9 @@ class SegwayController(SectionedModel):
 
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the torques."""
-        return [*self.told(), *self.torques]
+        return [*self.published(), *self.torques]
 
-    def told(self) -> Sequence[float]:
+    def published(self) -> Sequence[float]:
         """What is published of the robot."""
         e = self.estimate
         phase = float(self.progress.phase)
@@ -231,9 +231,9 @@ class SegwayVoltageController(SegwayController):
     def output(self) -> Sequence[float]:
         """Pose, velocities, lean, phase and the voltages."""
         if self.progress.is_resting:
-            return [*self.told(), 0.0, 0.0]
+            return [*self.published(), 0.0, 0.0]
         m, (left, right) = self.measured, self.torques
-        return [*self.told(), self.volts(left, m.left_velocity), self.volts(right, m.right_velocity)]
+        return [*self.published(), self.volts(left, m.left_velocity), self.volts(right, m.right_velocity)]
 
     def volts(self, torque: float, velocity: float) -> float:
         """The voltage for a torque at the wheel, N m, that turns at a velocity against the body, rad/s."""

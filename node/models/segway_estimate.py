@@ -16,7 +16,7 @@ from segway_ecc.firmware_io.value import Value
 
 STANDARD_GRAVITY: Final = 9.80665
 _LEAST_GRAVITY: Final = 0.5 * STANDARD_GRAVITY
-"""An accelerometer that feels less, m/s2, has not been heard yet, or falls."""
+"""An accelerometer that feels less, m/s2, has sent nothing yet, or falls."""
 _STILL_RATE: Final = 0.1
 _STILL_SPEED: Final = 0.1
 _LARGEST_BIAS: Final = 0.1
@@ -43,10 +43,10 @@ class Estimate(Value, frozen=True):
     """What is known of the robot.
 
     Attributes:
-        since: How long it has been estimated, s; zero until the accelerometer was heard.
+        since: How long it has been estimated, s; zero before the first acceleration.
         pitch: Lean, positive forward, rad.
         pitch_rate: Its rate, rad/s.
-        pitch_bias: What the gyro says too much about y, rad/s.
+        pitch_bias: Offset of the gyro about y, rad/s.
         yaw_bias: The same about the vertical, rad/s.
         rotation: How far the wheels have turned, mean of both, rad.
         travel: How far the axle has come along its way, m.
@@ -94,7 +94,7 @@ class Estimator:
         self._pull_time = tilt_time * bias_time
         self._yaw_rate_per_speed = radius / track
         self._drawn = period / bias_time
-        # The part of what a resting gyro says that is taken for bias in one period.
+        # The part of a resting gyro's rate that is taken for bias in one period.
         self._settled = period / _REST_TIME_S
 
     def start(self, m: SegwayMeasurement) -> Estimate:
@@ -105,7 +105,7 @@ class Estimator:
         return Estimate(since=self._period, pitch=pitch, rotation=_rotation(m, pitch))
 
     def advance(self, e: Estimate, m: SegwayMeasurement, *, resting: bool) -> Estimate:
-        """The estimate one period later; `resting` says that the motors are off."""
+        """The estimate one period later; `resting` is whether the motors are off."""
         since, pitch, pitch_bias = e.since, e.pitch, e.pitch_bias
         if since == 0.0:
             return self.start(m)
@@ -126,7 +126,7 @@ class Estimator:
         tilt_time = _REST_TIME_S if still and resting else self._tilt_time
         pitch += period * (0.5 * (pitch_rate + rate_before) + innovation / tilt_time)
         if still:
-            # At rest the gyro should say zero; while it balances, what the accelerometer keeps pulling at is bias.
+            # At rest the gyro should read zero; while it balances, what the accelerometer keeps pulling at is bias.
             pulled = period * innovation / self._pull_time
             bias = pitch_bias + self._settled * pitch_rate if resting else pitch_bias - pulled
             pitch_bias = within(bias, _LARGEST_BIAS)

@@ -1,4 +1,4 @@
-"""A robot that does not go as it was told."""
+"""A robot that does not follow its set-points."""
 
 from collections import deque
 
@@ -63,7 +63,7 @@ class _Way:
         self._asked = _Range(span)
 
     def look(self, asked: float, velocity: float, now: int, *, begins: bool) -> str | None:
-        """Keep what is asked in period `now`, and say whether the velocity is wrong.
+        """Keep what is asked in period `now`, and report a velocity that is wrong.
 
         A robot that `begins` to follow may still move as it does.
         """
@@ -92,7 +92,7 @@ class _Range:
         self._highs: deque[tuple[int, float]] = deque()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discard everything."""
         self._lows.clear()
         self._highs.clear()
 

@@ -81,7 +81,7 @@ class YawAgreement(Check):
         self._held = 0 if agrees else self._held + view.periods
         if self._held < self._allowed:
             return None
-        return f"the wheels turn the robot at {wheels:.2f} rad/s, the gyro says {gyro:.2f} rad/s"
+        return f"the wheels turn the robot at {wheels:.2f} rad/s, the gyro reads {gyro:.2f} rad/s"
 
 
 _Sample = tuple[int, float, float, float, float]
@@ -127,7 +127,7 @@ class VelocityAgreement(Check):
         return self._compare(angle, velocity, travelled)
 
     def _compare(self, angle: float, velocity: float, travelled: float) -> str | None:
-        """Forget what is older than it has to be, and compare the newest sample, of now, with the oldest."""
+        """Discard what is older than it has to be, and compare the newest sample, of now, with the oldest."""
         samples = self._samples
         while self._now - samples[1][0] >= self._window:
             samples.popleft()

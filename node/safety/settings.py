@@ -1,4 +1,4 @@
-"""What a robot file says of the robot's safety."""
+"""The safety section of a robot file."""
 
 import math
 from typing import Annotated, Final
@@ -159,7 +159,7 @@ class StationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """What the robot does by itself when the base station that watches over it falls silent.
 
     Attributes:
-        timeout_s: Silence after which the robot holds its place, s; a station is heard ten times a second.
+        timeout_s: Silence after which the robot holds its place, s; a station sends ten heartbeats a second.
         sit_down_after_s: Silence after which it sits down, s; None where it stands by itself.
         sit_down: What sits it down: the value of each `set.<name>`, by name.
         disarm_after_s: Silence after which the motors go off, s; None where they never do for it.

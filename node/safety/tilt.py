@@ -57,7 +57,7 @@ class TiltEstimate:
         z += gain * (mz - z)
         self._up = _unit(x, y, z, hypot(x, y, z))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Begin anew with the next sample."""
         self._is_known = False
 
@@ -83,7 +83,7 @@ class TiltWatch(Check):
     def look(self, view: View) -> str | None:
         """See `Check`."""
         if not view.has(self.needs):
-            self.estimate.forget()
+            self.estimate.reset()
             return None
         gyro, accelerometer = imu_vectors(view.values, self.needs)
         self.estimate.update(gyro, accelerometer, view.periods)

@@ -26,7 +26,7 @@ def setpoints(bench: Bench) -> list[Setpoint]:
 
 def test_a_cycle_has_its_parts_in_their_order(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
-    bench.stage.ask(1, Action.ARM)
+    bench.stage.send_request(1, Action.ARM)
     bench.clock.events[1] = bench.journal.clear
     bench.clock.events[2] = lambda: bench.journal.append("next")
     bench.loop.run(cycles=3)
@@ -43,7 +43,7 @@ def test_the_limit_comes_last_where_it_is_followed_by_its_own_exchange(make_benc
 
 
 def test_commands_leave_at_the_next_exchange(bench: Bench) -> None:
-    bench.stage.say(3, FAST)
+    bench.stage.send_setpoint(3, FAST)
     bench.loop.run(cycles=6)
     assert [record.commands for record in bench.recorder.records] == [(0.0,)] * 3 + [(21.0,)] * 3
     # One exchange at the start, then one per cycle: that of cycle 4 is the first to send what cycle 3 worked out.
@@ -52,14 +52,14 @@ def test_commands_leave_at_the_next_exchange(bench: Bench) -> None:
 
 def test_commands_leave_at_once_where_that_is_asked_for(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(actuate_immediately=True)
-    bench.stage.say(3, FAST)
+    bench.stage.send_setpoint(3, FAST)
     bench.loop.run(cycles=6)
     assert bench.hardware.sent == [(0.0,)] + [(0.0,)] * 3 + [(21.0,)] * 3
 
 
 @pytest.mark.parametrize(("linear", "sent"), [(2.5, 25.0), (3.0, 30.0), (3.1, 30.0), (-1e9, -30.0)])
 def test_no_command_exceeds_what_the_hardware_takes(bench: Bench, linear: float, sent: float) -> None:
-    bench.stage.say(1, Setpoint(linear, 0.0))
+    bench.stage.send_setpoint(1, Setpoint(linear, 0.0))
     bench.loop.run(cycles=2)
     assert bench.recorder.records[1].commands == (sent,)
 
@@ -72,7 +72,7 @@ def test_the_model_is_stepped_with_what_was_measured_in_this_cycle(bench: Bench)
 
 def test_the_record_holds_the_whole_cycle(bench: Bench) -> None:
     bench.hardware.measured = Sensors((7.5,), (0.001,), (True,))
-    bench.stage.say(2, FAST)
+    bench.stage.send_setpoint(2, FAST)
     bench.clock.late_ns[2] = 3 * MS
     bench.stage.costs_ns[2] = 2 * MS
     bench.loop.run(cycles=3)
@@ -120,8 +120,8 @@ def test_a_report_is_made_where_it_is_heard(bench: Bench) -> None:
 
 
 def test_the_report_tells_which_set_point_came_into_force_and_when(bench: Bench) -> None:
-    bench.stage.say(1, FAST)
-    bench.stage.say(3, FAST)
+    bench.stage.send_setpoint(1, FAST)
+    bench.stage.send_setpoint(3, FAST)
     bench.loop.run(cycles=6)
     first, renewed = (StampedSetpoint(FAST, FIRST_STAMP + n * PERIOD) for n in (1, 3))
     assert [report.applied for report in bench.stage.reports] == [None, None, first, None, renewed, None]
@@ -129,16 +129,16 @@ def test_the_report_tells_which_set_point_came_into_force_and_when(bench: Bench)
 
 @pytest.mark.parametrize("off_ns", [-4 * MS, 0, 4 * MS])
 def test_a_stamped_set_point_comes_into_force_in_the_cycle_whose_stamp_is_nearest(bench: Bench, off_ns: int) -> None:
-    bench.stage.say(1, FAST, FIRST_STAMP + 4 * PERIOD + off_ns)
+    bench.stage.send_setpoint(1, FAST, FIRST_STAMP + 4 * PERIOD + off_ns)
     bench.loop.run(cycles=6)
     assert setpoints(bench) == [REST] * 4 + [FAST] * 2
 
 
 def test_a_set_point_for_a_robot_that_is_not_armed_is_refused_and_forgotten(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
-    bench.stage.say(0, FAST)
-    bench.stage.say(1, FAST, FIRST_STAMP + 3 * PERIOD)
-    bench.stage.ask(2, Action.ARM)
+    bench.stage.send_setpoint(0, FAST)
+    bench.stage.send_setpoint(1, FAST, FIRST_STAMP + 3 * PERIOD)
+    bench.stage.send_request(2, Action.ARM)
     bench.loop.run(cycles=5)
     assert bench.cycle.schedule.refused == {SetpointRefusal.NOT_ARMED: 2}
     assert setpoints(bench) == [REST] * 5
@@ -147,8 +147,8 @@ def test_a_set_point_for_a_robot_that_is_not_armed_is_refused_and_forgotten(make
 
 @pytest.mark.parametrize("bad", [Setpoint(math.nan, 0.0), Setpoint(0.0, math.inf), Setpoint(-math.inf, math.nan)])
 def test_a_set_point_that_is_not_finite_is_refused_and_the_last_good_one_kept(bench: Bench, bad: Setpoint) -> None:
-    bench.stage.say(1, SLOW)
-    bench.stage.say(3, bad)
+    bench.stage.send_setpoint(1, SLOW)
+    bench.stage.send_setpoint(3, bad)
     bench.loop.run(cycles=5)
     assert setpoints(bench) == [REST] + [SLOW] * 4
     assert bench.cycle.schedule.refused == {SetpointRefusal.NOT_FINITE: 1}
@@ -157,8 +157,8 @@ def test_a_set_point_that_is_not_finite_is_refused_and_the_last_good_one_kept(be
 
 def test_silence_means_hold_and_the_next_set_point_goes_on(bench: Bench) -> None:
     # Half a second of silence is 50 cycles: the fiftieth cycle after that of the set-point is still driven.
-    bench.stage.say(1, FAST)
-    bench.stage.say(60, SLOW)
+    bench.stage.send_setpoint(1, FAST)
+    bench.stage.send_setpoint(60, SLOW)
     bench.loop.run(cycles=62)
     assert modes(bench) == [Mode.ARMED] * 52 + [Mode.HOLD] * 8 + [Mode.ARMED] * 2
     assert setpoints(bench) == [REST] + [FAST] * 51 + [REST] * 8 + [SLOW] * 2
@@ -167,7 +167,7 @@ def test_silence_means_hold_and_the_next_set_point_goes_on(bench: Bench) -> None
 
 
 def test_in_hold_the_model_s_commands_still_reach_the_motors(bench: Bench, script: SimpleNamespace) -> None:
-    bench.stage.say(1, FAST)
+    bench.stage.send_setpoint(1, FAST)
     script.outputs[60] = (-4.0, 0.0)
     bench.loop.run(cycles=62)
     assert bench.recorder.records[60].mode is Mode.HOLD
@@ -176,8 +176,8 @@ def test_in_hold_the_model_s_commands_still_reach_the_motors(bench: Bench, scrip
 
 
 def test_a_robot_at_rest_may_be_left_in_silence(bench: Bench) -> None:
-    bench.stage.say(1, FAST)
-    bench.stage.say(5, REST)
+    bench.stage.send_setpoint(1, FAST)
+    bench.stage.send_setpoint(5, REST)
     bench.loop.run(cycles=200)
     assert modes(bench) == [Mode.ARMED] * 200
 
@@ -191,9 +191,9 @@ def test_the_first_exchange_is_zero_and_only_then_the_model_starts(bench: Bench)
 
 def test_a_robot_that_waits_to_be_asked_arms_when_asked(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
-    bench.stage.ask(2, Action.ARM)
-    bench.stage.ask(3, Action.ARM)
-    bench.stage.ask(4, Action.DISARM)
+    bench.stage.send_request(2, Action.ARM)
+    bench.stage.send_request(3, Action.ARM)
+    bench.stage.send_request(4, Action.DISARM)
     bench.loop.run(cycles=6)
     assert modes(bench) == [Mode.DISARMED] * 2 + [Mode.ARMED] * 2 + [Mode.DISARMED] * 2
     assert bench.stage.answers == [
@@ -207,7 +207,7 @@ def test_a_robot_that_waits_to_be_asked_arms_when_asked(make_bench: Callable[...
 def test_arming_is_refused_with_the_reasons_of_the_hardware(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
     bench.hardware.reasons = ("no supply: switch it on", "no watchdog: update the board")
-    bench.stage.ask(1, Action.ARM)
+    bench.stage.send_request(1, Action.ARM)
     bench.loop.run(cycles=3)
     assert modes(bench) == [Mode.DISARMED] * 3
     refused = Answer(accepted=False, message="drives: no supply: switch it on; no watchdog: update the board")
@@ -230,6 +230,6 @@ def test_a_robot_that_arms_itself_keeps_trying_and_tells_what_it_waits_for(bench
 
 
 def test_once_armed_by_itself_it_does_not_arm_itself_again(bench: Bench) -> None:
-    bench.stage.ask(2, Action.DISARM)
+    bench.stage.send_request(2, Action.DISARM)
     bench.loop.run(cycles=6)
     assert modes(bench) == [Mode.ARMED] * 2 + [Mode.DISARMED] * 4

@@ -28,12 +28,12 @@ Trouble = Callable[[Bench, SimpleNamespace, int], None]
 
 def stop(bench: Bench, script: SimpleNamespace, cycle: int) -> None:
     del script
-    bench.stage.ask(cycle, Action.STOP)
+    bench.stage.send_request(cycle, Action.STOP)
 
 
 def disarm(bench: Bench, script: SimpleNamespace, cycle: int) -> None:
     del script
-    bench.stage.ask(cycle, Action.DISARM)
+    bench.stage.send_request(cycle, Action.DISARM)
 
 
 def stale(bench: Bench, script: SimpleNamespace, cycle: int) -> None:
@@ -86,8 +86,8 @@ def test_a_fault_gives_zero_in_its_own_cycle_and_stays(
 ) -> None:
     bench = make_bench(actuate_immediately=immediately)
     trouble, reason = FAULTS[name]
-    bench.stage.say(2, FAST)
-    bench.stage.say(7, FAST)
+    bench.stage.send_setpoint(2, FAST)
+    bench.stage.send_setpoint(7, FAST)
     trouble(bench, script, 5)
     bench.loop.run(cycles=10)
     assert modes(bench) == [Mode.ARMED] * 5 + [Mode.FAULT] * 5
@@ -122,11 +122,11 @@ def test_whatever_takes_the_torque_away_switches_the_motors_off_in_its_own_cycle
 def test_whatever_takes_the_torque_away_forgets_every_set_point(
     bench: Bench, script: SimpleNamespace, name: str
 ) -> None:
-    bench.stage.say(2, FAST)
-    bench.stage.say(2, FAST, bench.clock.wall_ns() + 15 * bench.period_ns)
+    bench.stage.send_setpoint(2, FAST)
+    bench.stage.send_setpoint(2, FAST, bench.clock.wall_ns() + 15 * bench.period_ns)
     WAYS_OUT[name](bench, script, 5)
-    bench.stage.ask(8, Action.CLEAR_FAULT)
-    bench.stage.ask(9, Action.ARM)
+    bench.stage.send_request(8, Action.CLEAR_FAULT)
+    bench.stage.send_request(9, Action.ARM)
     bench.loop.run(cycles=20)
     assert modes(bench)[9:] == [Mode.ARMED] * 11
     # In cycle 5 itself a set-point was in force where only its own command showed that something is wrong.
@@ -134,9 +134,9 @@ def test_whatever_takes_the_torque_away_forgets_every_set_point(
 
 
 def test_a_set_point_of_before_is_forgotten_where_disarm_and_arm_come_in_one_cycle(bench: Bench) -> None:
-    bench.stage.say(2, FAST)
-    bench.stage.ask(5, Action.DISARM)
-    bench.stage.ask(5, Action.ARM)
+    bench.stage.send_setpoint(2, FAST)
+    bench.stage.send_request(5, Action.DISARM)
+    bench.stage.send_request(5, Action.ARM)
     bench.loop.run(cycles=8)
     assert [record.setpoint for record in bench.recorder.records[5:]] == [REST] * 3
 
@@ -148,7 +148,7 @@ def test_arming_into_a_fault_is_refused_and_the_motors_switched_off(
     bench = make_bench(arm_at_start=False)
     armed: list[bool] = []
     bench.hardware.measured = sensors
-    bench.stage.ask(2, Action.ARM)
+    bench.stage.send_request(2, Action.ARM)
     bench.clock.events[4] = lambda: armed.append(bench.hardware.armed)
     bench.loop.run(cycles=5)
     assert modes(bench) == [Mode.DISARMED] * 5
@@ -179,8 +179,8 @@ def test_what_the_model_wants_while_disarmed_is_not_sent(
 ) -> None:
     bench = make_bench(arm_at_start=False, actuate_immediately=immediately)
     script.outputs = dict.fromkeys(range(8), (5.0, 0.0))
-    bench.stage.ask(3, Action.ARM)
-    bench.stage.ask(5, Action.DISARM)
+    bench.stage.send_request(3, Action.ARM)
+    bench.stage.send_request(5, Action.DISARM)
     bench.loop.run(cycles=8)
     wanted = [(0.0,)] * 3 + [(5.0,)] * 2 + [(0.0,)] * 3
     assert [record.commands for record in bench.recorder.records] == wanted
@@ -190,7 +190,7 @@ def test_what_the_model_wants_while_disarmed_is_not_sent(
 
 def test_stop_is_latched_until_it_is_cleared(bench: Bench) -> None:
     for cycle, action in enumerate((Action.STOP, Action.ARM, Action.DISARM, Action.CLEAR_FAULT, Action.ARM), start=2):
-        bench.stage.ask(cycle, action)
+        bench.stage.send_request(cycle, action)
     bench.loop.run(cycles=7)
     assert modes(bench)[1:] == [Mode.ARMED, *[Mode.FAULT] * 3, Mode.DISARMED, Mode.ARMED]
     assert bench.stage.answers[1] == Answer(accepted=False, message="clear the fault first: stop was pressed")
@@ -222,9 +222,9 @@ def test_a_link_lost_between_the_two_exchanges_of_a_cycle_is_a_fault_too(
 
 EVENTS: dict[str, Trouble] = {
     **WAYS_OUT,
-    "arm": lambda bench, _script, cycle: bench.stage.ask(cycle, Action.ARM),
-    "clear": lambda bench, _script, cycle: bench.stage.ask(cycle, Action.CLEAR_FAULT),
-    "drive": lambda bench, _script, cycle: bench.stage.say(cycle, FAST),
+    "arm": lambda bench, _script, cycle: bench.stage.send_request(cycle, Action.ARM),
+    "clear": lambda bench, _script, cycle: bench.stage.send_request(cycle, Action.CLEAR_FAULT),
+    "drive": lambda bench, _script, cycle: bench.stage.send_setpoint(cycle, FAST),
 }
 
 
@@ -311,8 +311,8 @@ def test_model_that_gave_nan_is_initialized_when_the_fault_is_cleared() -> None:
     bench = Bench(Integrator(), hardware, {"Speed": "left.velocity", "Voltage": "left.voltage"})
     bench.clock.events[2] = lambda: setattr(hardware, "measured", Sensors((math.nan,), (0.001,), (True,)))
     bench.clock.events[3] = lambda: setattr(hardware, "measured", FRESH)
-    bench.stage.ask(5, Action.CLEAR_FAULT)
-    bench.stage.ask(6, Action.ARM)
+    bench.stage.send_request(5, Action.CLEAR_FAULT)
+    bench.stage.send_request(6, Action.ARM)
     bench.loop.run(cycles=9)
     assert modes(bench)[1:] == [Mode.ARMED, *[Mode.FAULT] * 3, Mode.DISARMED, *[Mode.ARMED] * 3]
     outputs = [record.y[0] for record in bench.recorder.records]

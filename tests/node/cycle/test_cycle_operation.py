@@ -91,7 +91,7 @@ class Operation(RuleBasedStateMachine):
         self.bench.clock.spend(max(start_ns + 2_000_000_000 - self.bench.clock.now_ns(), 0))
         self.before = self.after
         if self.beats:
-            self.stage.beat(self.stage._cycle + 1)
+            self.stage.send_heartbeat(self.stage._cycle + 1)
         self.cycle.run(self.number, round(late * period_ns))
         self.number += 1 + skip
 
@@ -106,13 +106,13 @@ class Operation(RuleBasedStateMachine):
 
     def ask(self, action: Action) -> None:
         self.asked_to_arm, self.cleared = action is Action.ARM, action is Action.CLEAR_FAULT
-        self.stage.ask(self.stage._cycle + 1, action)
+        self.stage.send_request(self.stage._cycle + 1, action)
         self.pass_cycle()
 
     @rule(wanted=st.tuples(WANTED, WANTED), cycles=st.integers(1, 8))
     def drive(self, wanted: tuple[float, float], cycles: int) -> None:
         self.script.wanted = wanted
-        self.stage.say(self.stage._cycle + 1, Setpoint(1.0, 0.0))
+        self.stage.send_setpoint(self.stage._cycle + 1, Setpoint(1.0, 0.0))
         self.asked_to_arm = self.cleared = False
         for _ in range(cycles):
             self.pass_cycle()

@@ -155,10 +155,10 @@ def test_commands_keep_to_the_robot_s_own_limit_and_slew_rate_also_from_zero_at_
 ) -> None:
     bench = balancer(quiet(max_command=4.0, command_slew=150.0), arm_at_start=False)
     script.outputs[7] = script.outputs[8] = -9.0
-    bench.stage.ask(2, Action.ARM)
-    bench.stage.ask(9, Action.STOP)
-    bench.stage.ask(10, Action.CLEAR_FAULT)
-    bench.stage.ask(11, Action.ARM)
+    bench.stage.send_request(2, Action.ARM)
+    bench.stage.send_request(9, Action.STOP)
+    bench.stage.send_request(10, Action.CLEAR_FAULT)
+    bench.stage.send_request(11, Action.ARM)
     bench.loop.run(cycles=14)
     # 1.5 N m per cycle, up to 4; a stop is zero at once; armed again it begins at zero.
     expected = [0.0, 0.0, 1.5, 3.0, 4.0, 4.0, 4.0, 2.5, 1.0, 0.0, 0.0, 1.5, 3.0, 4.0]
@@ -167,7 +167,7 @@ def test_commands_keep_to_the_robot_s_own_limit_and_slew_rate_also_from_zero_at_
 
 def test_lost_set_points_hold_and_do_not_cut(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(safety=SafetySettings(frozen_after_s=None, wheel_velocity_limit=None, max_command=20.0))
-    bench.stage.say(1, Setpoint(2.0, 1.0))
+    bench.stage.send_setpoint(1, Setpoint(2.0, 1.0))
     bench.loop.run(cycles=60)
     assert modes(bench)[-1] is Mode.HOLD
     assert bench.hardware.journal.count("disarm") == 1, "by the end of the run"
@@ -176,7 +176,7 @@ def test_lost_set_points_hold_and_do_not_cut(make_bench: Callable[..., Bench]) -
 
 def test_a_fault_wins_over_a_hold(balancer: Callable[..., Bench]) -> None:
     bench = balancer(quiet(tilt_limit_rad=0.5))
-    bench.stage.say(1, Setpoint(2.0, 1.0))
+    bench.stage.send_setpoint(1, Setpoint(2.0, 1.0))
     measure(bench, 52, sensors((0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 2.0 * G)))
     bench.loop.run(cycles=54)
     assert modes(bench)[51:] == [Mode.ARMED, Mode.FAULT, Mode.FAULT]
@@ -209,7 +209,7 @@ def make_two(script: SimpleNamespace) -> Callable[..., Bench]:
 
 
 def test_a_robot_that_does_not_follow_loses_its_torque(follower: Bench) -> None:
-    follower.stage.say(20, Setpoint(1.0, 0.0))
+    follower.stage.send_setpoint(20, Setpoint(1.0, 0.0))
     follower.loop.run(cycles=60)
     # Told in cycle 20, to be seen from 21 on; rest was last asked in cycle 20 and counts for 10 more, then 5 are wrong.
     assert modes(follower).index(Mode.FAULT) == 20 + 10 + 5
@@ -219,7 +219,7 @@ def test_a_robot_that_does_not_follow_loses_its_torque(follower: Bench) -> None:
 def test_a_robot_that_is_not_armed_has_nothing_to_follow(make_two: Callable[..., Bench]) -> None:
     bench = make_two(quiet(following_error=FOLLOWING), arm_at_start=False)
     bench.hardware.measured = Sensors((50.0, 50.0), (0.0, 0.0), (True, True))
-    bench.stage.ask(50, Action.ARM)
+    bench.stage.send_request(50, Action.ARM)
     bench.loop.run(cycles=60)
     assert [answer.accepted for answer in bench.stage.answers] == [True]
     assert bench.loop.modes.mode is Mode.ARMED
@@ -232,8 +232,8 @@ def test_a_robot_that_is_not_armed_has_nothing_to_follow(make_two: Callable[...,
 def test_a_robot_that_holds_must_come_to_rest(make_two: Callable[..., Bench]) -> None:
     bench = make_two(quiet(following_error=FOLLOWING))
     bench.hardware.measured = Sensors((10.0, 10.0), (0.0, 0.0), (True, True))
-    bench.stage.say(0, Setpoint(1.0, 0.0))
-    bench.stage.say(1, Setpoint(1.0, 0.0))
+    bench.stage.send_setpoint(0, Setpoint(1.0, 0.0))
+    bench.stage.send_setpoint(1, Setpoint(1.0, 0.0))
     bench.loop.run(cycles=100)
     found = [mode for mode, _ in itertools.groupby(modes(bench))]
     assert found == [Mode.ARMED, Mode.HOLD, Mode.FAULT]
@@ -243,10 +243,10 @@ def test_a_robot_that_holds_must_come_to_rest(make_two: Callable[..., Bench]) ->
 def test_the_checklist_refuses_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:
     bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
     bench.hardware.measured = sensors(LEANING)
-    bench.stage.ask(105, Action.ARM)
+    bench.stage.send_request(105, Action.ARM)
     measure(bench, 106, sensors(STILL))
-    bench.stage.ask(107, Action.ARM)
-    bench.stage.ask(700, Action.ARM)
+    bench.stage.send_request(107, Action.ARM)
+    bench.stage.send_request(700, Action.ARM)
     bench.loop.run(cycles=702)
     leaning, drawn, fit = bench.stage.answers
     assert leaning.message == "tilt: 0.66 rad from upright, allowed is 0.2 rad; hold the robot upright"

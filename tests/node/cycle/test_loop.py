@@ -129,7 +129,7 @@ def test_stamps_follow_the_wall_clock_over_a_gap_while_nothing_waits(bench: Benc
 
 
 def test_stamps_advance_by_one_period_over_a_gap_while_a_set_point_waits(bench: Bench) -> None:
-    bench.stage.say(1, FAST, WALL_START_NS + 5 * PERIOD)
+    bench.stage.send_setpoint(1, FAST, WALL_START_NS + 5 * PERIOD)
     bench.stage.costs_ns[2] = 35 * MS
     bench.loop.run(cycles=7)
     # The set-point comes into force in the cycle that bears its stamp, two skipped deadlines notwithstanding.
@@ -138,7 +138,7 @@ def test_stamps_advance_by_one_period_over_a_gap_while_a_set_point_waits(bench: 
 
 
 def test_stamps_follow_the_wall_clock_again_a_time_out_after_the_last_set_point_that_waited(bench: Bench) -> None:
-    bench.stage.say(1, FAST, WALL_START_NS + 5 * PERIOD)
+    bench.stage.send_setpoint(1, FAST, WALL_START_NS + 5 * PERIOD)
     bench.stage.costs_ns[2] = 35 * MS
     bench.loop.run(cycles=70)
     # In force from cycle 4 on; the time-out of half a second is 50 cycles.

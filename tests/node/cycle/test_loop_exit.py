@@ -19,7 +19,7 @@ def bench(make_bench: Callable[..., Bench]) -> Bench:
     """A bench whose robot drives from its second cycle on."""
     bench = make_bench()
     for cycle in range(1, 20):
-        bench.stage.say(cycle, Setpoint(2.0, 0.0))
+        bench.stage.send_setpoint(cycle, Setpoint(2.0, 0.0))
     return bench
 
 

@@ -50,11 +50,11 @@ class Watched:
         self.hardware, self.stage = hardware, self.bench.stage
         if driven:
             for cycle in range(1, 1000):
-                self.stage.say(cycle, DRIVEN)
+                self.stage.send_setpoint(cycle, DRIVEN)
 
     def beat(self, cycles: range) -> None:
         for cycle in cycles:
-            self.stage.beat(cycle)
+            self.stage.send_heartbeat(cycle)
 
     def run(self, cycles: int) -> None:
         self.bench.loop.stop_reason = None
@@ -87,7 +87,7 @@ def test_a_lost_station_means_hold_then_sit_down_then_disarm() -> None:
 def test_holding_sitting_down_and_disarming_are_each_told_once(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     watched = Watched()
-    watched.stage.beat(0)
+    watched.stage.send_heartbeat(0)
     watched.run(400)
     told = [record.getMessage() for record in caplog.records if LOST in record.getMessage()]
     assert told == [f"HOLD: {LOST}", f"{LOST}: the robot sits down", f"DISARMED: {LOST}"]
@@ -102,15 +102,15 @@ def test_a_robot_whose_station_was_never_heard_runs_alone() -> None:
 
 def test_a_robot_that_is_not_supervised_takes_no_notice() -> None:
     watched = Watched(None)
-    watched.stage.beat(0)
+    watched.stage.send_heartbeat(0)
     watched.run(900)
     assert watched.told == [(0, Mode.ARMED, "asked to arm")]
 
 
 def test_a_station_that_is_heard_again_ends_the_hold_and_the_robot_is_driven_on() -> None:
     watched = Watched()
-    watched.stage.beat(0)
-    watched.stage.beat(80)
+    watched.stage.send_heartbeat(0)
+    watched.stage.send_heartbeat(80)
     watched.run(120)
     assert watched.told[1:] == [(51, Mode.HOLD, LOST), (80, Mode.ARMED, "the base station is back")]
     assert watched.volts[50:81] == [11.0] + [1.0] * 29 + [11.0]
@@ -119,9 +119,9 @@ def test_a_station_that_is_heard_again_ends_the_hold_and_the_robot_is_driven_on(
 def test_a_set_point_of_before_does_not_move_the_robot_when_the_station_comes_back() -> None:
     watched = Watched(driven=False)
     watched.beat(range(0, 11, 10))
-    watched.stage.say(10, DRIVEN)
-    watched.stage.beat(100)
-    watched.stage.say(120, DRIVEN)
+    watched.stage.send_setpoint(10, DRIVEN)
+    watched.stage.send_heartbeat(100)
+    watched.stage.send_setpoint(120, DRIVEN)
     watched.run(125)
     assert watched.told[1:] == [
         (61, Mode.HOLD, LOST),
@@ -133,10 +133,10 @@ def test_a_set_point_of_before_does_not_move_the_robot_when_the_station_comes_ba
 
 def test_only_an_operator_makes_it_stand_again_and_only_while_a_station_is_heard() -> None:
     watched = Watched()
-    watched.stage.beat(0)
+    watched.stage.send_heartbeat(0)
     watched.stage.set_value(120, STAND, 1.0)
-    watched.stage.beat(150)
-    watched.stage.beat(190)
+    watched.stage.send_heartbeat(150)
+    watched.stage.send_heartbeat(190)
     watched.stage.set_value(195, STAND, 1.0)
     watched.run(200)
     assert watched.volts[100:120] == [1.0] + [0.0] * 19
@@ -148,14 +148,14 @@ def test_only_an_operator_makes_it_stand_again_and_only_while_a_station_is_heard
 def test_any_station_will_do() -> None:
     watched = Watched()
     for cycle in range(0, 300, 40):
-        watched.stage.beat(cycle, f"base {cycle // 40 % 2}", cycle)
+        watched.stage.send_heartbeat(cycle, f"base {cycle // 40 % 2}", cycle)
     watched.run(300)
     assert watched.told == [(0, Mode.ARMED, "asked to arm")]
 
 
 def test_a_fault_is_more_severe() -> None:
     watched = Watched()
-    watched.stage.beat(0)
+    watched.stage.send_heartbeat(0)
     watched.bench.clock.events[100] = lambda: watched.bench.cycle.arming.fail("smoke")
     watched.run(400)
     assert [(mode, reason) for _, mode, reason in watched.told[1:]] == [(Mode.HOLD, LOST), (Mode.FAULT, "smoke")]
@@ -164,16 +164,16 @@ def test_a_fault_is_more_severe() -> None:
 
 def test_a_fault_while_the_station_is_lost_stays_when_it_would_disarm() -> None:
     watched = Watched()
-    watched.stage.beat(0)
-    watched.stage.ask(150, Action.STOP)
+    watched.stage.send_heartbeat(0)
+    watched.stage.send_request(150, Action.STOP)
     watched.run(400)
     assert watched.told[-1] == (150, Mode.FAULT, "stop was pressed")
 
 
 def test_a_robot_that_was_disarmed_for_it_is_armed_again_by_who_asks_and_runs_alone() -> None:
     watched = Watched()
-    watched.stage.beat(0)
-    watched.stage.ask(300, Action.ARM)
+    watched.stage.send_heartbeat(0)
+    watched.stage.send_request(300, Action.ARM)
     watched.run(600)
     assert watched.told[2:] == [(201, Mode.DISARMED, LOST), (300, Mode.ARMED, "asked to arm")]
 
@@ -182,7 +182,7 @@ def test_drives_that_are_still_arming_when_the_station_is_lost_for_long_are_disa
     watched = Watched(arm_at_start=False)
     watched.hardware.measured = Sensors(ready=False)
     watched.beat(range(0, 21, 10))
-    watched.stage.ask(10, Action.ARM)
+    watched.stage.send_request(10, Action.ARM)
     watched.run(400)
     (answer,) = watched.stage.answers
     assert (answer.accepted, answer.message) == (False, LOST)
@@ -196,8 +196,8 @@ def test_drives_that_are_still_arming_when_the_station_is_lost_for_long_are_disa
 def test_drives_that_become_ready_after_the_station_was_lost_hold_at_once() -> None:
     watched = Watched(arm_at_start=False)
     watched.hardware.measured = Sensors(ready=False)
-    watched.stage.beat(0)
-    watched.stage.ask(0, Action.ARM)
+    watched.stage.send_heartbeat(0)
+    watched.stage.send_request(0, Action.ARM)
 
     def become_ready() -> None:
         watched.hardware.measured = Sensors(ready=True)
@@ -209,9 +209,9 @@ def test_drives_that_become_ready_after_the_station_was_lost_hold_at_once() -> N
 
 def test_what_is_published_tells_mode_reason_drives_zero_and_heartbeats() -> None:
     watched = Watched()
-    watched.stage.beat(3, "base 1", 111)
-    watched.stage.beat(5, "base 1", 222)
-    watched.stage.ask(8, Action.STOP)
+    watched.stage.send_heartbeat(3, "base 1", 111)
+    watched.stage.send_heartbeat(5, "base 1", 222)
+    watched.stage.send_request(8, Action.STOP)
     watched.run(11)
     reports = watched.stage.reports
     assert [report.cycle for report in reports] == list(range(11))
@@ -235,10 +235,10 @@ def test_what_is_published_tells_mode_reason_drives_zero_and_heartbeats() -> Non
 def test_several_stations_are_told_in_turn_and_one_that_is_gone_no_more() -> None:
     watched = Watched()
     for cycle in range(0, 200, 10):
-        watched.stage.beat(cycle, "base 1", cycle)
-        watched.stage.beat(cycle + 3, "base 2", cycle)
+        watched.stage.send_heartbeat(cycle, "base 1", cycle)
+        watched.stage.send_heartbeat(cycle + 3, "base 2", cycle)
     for cycle in range(200, 400, 10):
-        watched.stage.beat(cycle, "base 2", cycle)
+        watched.stage.send_heartbeat(cycle, "base 2", cycle)
     watched.run(400)
     told = [report.heartbeat.station if report.heartbeat else "" for report in watched.stage.reports]
     assert all(set(told[start : start + 20]) == {"base 1", "base 2"} for start in range(10, 280, 20))
@@ -248,7 +248,7 @@ def test_several_stations_are_told_in_turn_and_one_that_is_gone_no_more() -> Non
 def test_no_more_than_four_stations_are_remembered() -> None:
     watched = Watched()
     for cycle in range(60):
-        watched.stage.beat(cycle, f"base {cycle % 6}", cycle)
+        watched.stage.send_heartbeat(cycle, f"base {cycle % 6}", cycle)
     watched.run(60)
     told = [report.heartbeat.stamp_ns for report in watched.stage.reports if report.heartbeat]
     assert all(cycle - stamp in range(4) for cycle, stamp in enumerate(told))

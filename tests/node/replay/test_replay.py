@@ -227,8 +227,8 @@ class Forgetful(CycleLog):
 def test_where_what_happened_is_missing_the_replay_ends(path: Path) -> None:
     robot = build_robot(load_robot("cart"), LockstepRig(500_000))
     stage = ScriptedStage(ScriptedClock())
-    stage.say(10, Setpoint(1.0, 0.1))
-    stage.say(10, Setpoint(0.9, 0.1))
+    stage.send_setpoint(10, Setpoint(1.0, 0.1))
+    stage.send_setpoint(10, Setpoint(0.9, 0.1))
     robot.loop(stage, Forgetful(path, layout_of(robot), provenance_of(robot.file))).run(CYCLES)
     outcome = replay(path)
 

@@ -116,7 +116,7 @@ def test_wheels_that_turn_otherwise_than_the_gyro_are_told_after_their_time(gyro
     check = yaw()
     told = [check.look(see(-1.0, 4.0, gyro)) for _ in range(11)]
     assert told[:9] == [None] * 9
-    assert told[9] == told[10] == f"the wheels turn the robot at 1.00 rad/s, the gyro says {gyro:.2f} rad/s"
+    assert told[9] == told[10] == f"the wheels turn the robot at 1.00 rad/s, the gyro reads {gyro:.2f} rad/s"
 
 
 def test_a_short_slip_is_forgiven_and_counted_from_the_start_again() -> None:

@@ -38,7 +38,7 @@ def test_before_the_first_sample_nothing_is_known_and_after_forgetting_neither()
     estimate = TiltEstimate(STEP)
     assert estimate.tilt is None
     estimate.update(STILL, leaning(0.3), 1)
-    estimate.forget()
+    estimate.reset()
     assert estimate.tilt is None
     estimate.update((9.0, 9.0, 9.0), leaning(0.1), 1)
     assert estimate.tilt == pytest.approx(0.1)
