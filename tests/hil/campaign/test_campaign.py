@@ -100,7 +100,7 @@ def test_a_report_of_what_is_all_right_has_no_table_of_what_is_not() -> None:
     assert "Not as expected" not in Page(render(two_results()[:1], {})).texts
 
 
-def test_the_table_says_what_is_wrong_and_how_to_see_it_again() -> None:
+def test_the_table_names_what_is_wrong_and_the_command_to_repeat_it() -> None:
     lines = table(two_results()).splitlines()
     head = "scenario robot seed outcome detected, ms safe, ms tilt, rad distance, m verdict"
     assert lines[0].split() == head.split()
@@ -112,7 +112,7 @@ def test_the_table_says_what_is_wrong_and_how_to_see_it_again() -> None:
     assert lines[6] == "1 of 2 runs as expected"
 
 
-def test_one_result_is_told_name_by_name() -> None:
+def test_one_result_is_listed_name_by_name() -> None:
     good, bad = map(details, two_results())
     assert (good["outcome"], good["verdict"], good["parameters"]) == ("faults", "as expected", "its own")
     assert "why not" not in good

@@ -42,7 +42,7 @@ def test_what_is_met_to_the_limit_is_as_expected() -> None:
         ({"max_distance_m": 0.3}, "distance 0.4 m, more than 0.3 m"),
     ],
 )
-def test_each_thing_that_is_not_met_is_said(change: dict[str, object], why: str) -> None:
+def test_each_limit_that_is_not_met_is_reported(change: dict[str, object], why: str) -> None:
     result = judged(RESULT, msgspec.structs.replace(MET, **change))
     assert result.why_not == (why,)
     assert not result.is_as_expected

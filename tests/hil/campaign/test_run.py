@@ -141,7 +141,7 @@ def test_a_disk_that_fails_moves_no_motor_and_the_run_is_seen_to_its_end() -> No
     assert "left.velocity is too old" in result.reason
 
 
-def test_a_motor_that_is_off_is_noticed_once_the_robot_is_told_otherwise() -> None:
+def test_a_motor_that_is_off_is_detected_at_the_next_setpoint() -> None:
     result = run(fault("left_motor", "off"), robot="cart-odrive")
     assert result.outcome == "faults"
     assert result.reason.startswith("the robot goes ")

@@ -48,7 +48,7 @@ def test_a_scenario_is_read(tmp_path: Path) -> None:
         ("name: mine", "name: mine\nspeed: 1", "unknown field `speed`"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_an_error_is_reported_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(ConfigurationError) as raised:
         load_scenario(write(tmp_path, TEXT.replace(old, new)))
     assert message in str(raised.value)

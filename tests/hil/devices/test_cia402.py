@@ -136,7 +136,7 @@ def test_boots_up_once_and_then_is_silent(bench: Bench) -> None:
         ("2300140101020000 2300160110004060", "8000160122000008"),
     ],
 )
-def test_the_sdo_server_answers_as_the_standard_says(bench: Bench, request_: str, answer: str) -> None:
+def test_the_sdo_server_answers_as_in_the_standard(bench: Bench, request_: str, answer: str) -> None:
     bench.tick()
     assert bench.ask(*request_.split())[-1] == answer
 
@@ -215,7 +215,7 @@ def test_positions_and_velocities_are_in_the_units_of_the_settings(bench: Bench)
     assert int.from_bytes(bytes.fromhex(heard[0x282]), "little", signed=True) == 120
 
 
-def test_encoders_tell_whole_counts_and_wrap(bench: Bench) -> None:
+def test_encoders_report_whole_counts_and_wrap(bench: Bench) -> None:
     bench.enable()
     bench.outputs["right.angle"] = 10.9 / 1000 * TURN
     assert dict(bench.command(0x0F))[0x182][4:12] == "0a000000"
@@ -289,7 +289,7 @@ def test_a_quick_stop_that_stays_is_left_by_disabling_the_voltage_or_enabling(be
     assert bench.states()[0] is DriveState.SWITCH_ON_DISABLED
 
 
-def test_a_fault_is_told_latched_and_reset_by_a_rising_edge(bench: Bench) -> None:
+def test_a_fault_is_reported_latched_and_reset_by_a_rising_edge(bench: Bench) -> None:
     bench.enable()
     bench.drives.left.latch_fault()
     assert bench.states()[0] is DriveState.FAULT_REACTION_ACTIVE
@@ -316,7 +316,7 @@ def test_a_fault_is_told_latched_and_reset_by_a_rising_edge(bench: Bench) -> Non
         (3, DriveState.SWITCH_ON_DISABLED),
     ],
 )
-def test_the_watchdog_does_what_6007_says_once_the_heartbeat_has_stopped(
+def test_the_watchdog_acts_by_object_6007_once_the_heartbeat_has_stopped(
     bench: Bench, option: int, state: DriveState
 ) -> None:
     bench.enable()
@@ -332,7 +332,7 @@ def test_the_watchdog_does_what_6007_says_once_the_heartbeat_has_stopped(
     assert (0x701, "7f") in bench.tick(times=20)
 
 
-def test_the_watchdog_begins_with_the_first_heartbeat_and_its_end_is_told(bench: Bench) -> None:
+def test_the_watchdog_begins_with_the_first_heartbeat_and_reports_its_end(bench: Bench) -> None:
     bench.tick()
     bench.ask(WATCHDOG)
     assert bench.tick(times=200) == []

@@ -65,7 +65,7 @@ def node(bus: Bus) -> BaseNode402:
     return found
 
 
-def test_the_librarys_client_reads_writes_and_is_told_why_not(node: BaseNode402) -> None:
+def test_the_librarys_client_reads_writes_and_gets_abort_codes(node: BaseNode402) -> None:
     assert node.sdo[0x1000].raw == 0x20192
     node.sdo[0x1017].raw = 25
     assert node.sdo[0x1017].raw == 25
@@ -130,7 +130,7 @@ def test_pdos_that_the_library_maps_pass_both_ways(bus: Bus, node: BaseNode402) 
     assert status[0x606C].raw == 4000
 
 
-def test_the_library_hears_heartbeats_and_boot_ups(bus: Bus, node: BaseNode402) -> None:
+def test_the_library_receives_heartbeats_and_boot_ups(bus: Bus, node: BaseNode402) -> None:
     node.sdo[0x1017].raw = 10
     node.nmt.state = "OPERATIONAL"
     states: list[int] = []

@@ -58,7 +58,7 @@ def rig() -> Rig:
     return Rig()
 
 
-def test_armed_drives_give_the_torque_that_is_asked_for_and_tell_it(rig: Rig) -> None:
+def test_armed_drives_give_and_report_the_requested_torque(rig: Rig) -> None:
     rig.arm()
     rig.cycle(0.3, -0.6, times=2)
     assert (rig.drives.left.torque, rig.drives.right.torque) == pytest.approx((0.3, -0.6))
@@ -83,7 +83,7 @@ def test_a_loop_that_stops_loses_its_torque_within_the_watchdogs_time(rig: Rig) 
     rig.arm()
 
 
-def test_a_latched_fault_is_told_stops_both_and_is_reset_by_arming(rig: Rig) -> None:
+def test_a_latched_fault_is_reported_stops_both_and_is_reset_by_arming(rig: Rig) -> None:
     rig.arm()
     rig.cycle(1.0, 1.0, times=2)
     rig.drives.right.latch_fault()

@@ -66,16 +66,16 @@ def bench(request: pytest.FixtureRequest) -> Bench:
     return Bench(request.param)
 
 
-def test_drives_that_have_not_been_armed_say_that_they_are_off(bench: Bench) -> None:
+def test_drives_that_have_not_been_armed_report_that_they_are_off(bench: Bench) -> None:
     assert all(bench.cycles(5))
 
 
-def test_drives_that_are_being_switched_on_are_not_said_to_be_off(bench: Bench) -> None:
+def test_drives_that_are_being_switched_on_are_not_reported_off(bench: Bench) -> None:
     bench.hardware.arm()
     assert not any(bench.cycles(10))
 
 
-def test_a_stop_is_said_within_a_few_cycles_and_stays_said(bench: Bench) -> None:
+def test_a_stop_is_reported_within_a_few_cycles_and_stays_reported(bench: Bench) -> None:
     bench.drive()
     bench.hardware.disarm()
     said = bench.cycles(30)
@@ -83,7 +83,7 @@ def test_a_stop_is_said_within_a_few_cycles_and_stays_said(bench: Bench) -> None
     assert all(said[said.index(True) :])
 
 
-def test_a_stop_that_does_not_reach_the_drives_is_not_said_while_they_are_on(bench: Bench) -> None:
+def test_a_stop_that_does_not_reach_the_drives_is_not_reported_while_they_are_on(bench: Bench) -> None:
     bench.drive()
     bench.link.fault = LinkFault.QUEUE_FULL
     bench.hardware.disarm()
@@ -95,7 +95,7 @@ def test_a_stop_that_does_not_reach_the_drives_is_not_said_while_they_are_on(ben
     assert bench.cycles(30)[-1], "and are heard to be off by now"
 
 
-def test_drives_that_are_not_heard_are_not_said_to_be_off_though_they_are(bench: Bench) -> None:
+def test_silent_drives_are_not_reported_off_though_they_are(bench: Bench) -> None:
     bench.drive()
     bench.link.fault = LinkFault.STALE
     bench.hardware.disarm()
@@ -105,7 +105,7 @@ def test_drives_that_are_not_heard_are_not_said_to_be_off_though_they_are(bench:
     assert bench.cycles(CONFIRMED_WITHIN)[-1]
 
 
-def test_what_was_said_long_ago_is_not_said_any_more(bench: Bench) -> None:
+def test_an_old_report_of_off_expires(bench: Bench) -> None:
     bench.link.fault = LinkFault.STALE
     said = bench.cycles(60)
     assert said[0]

@@ -392,7 +392,7 @@ def test_requests_are_answered(firmware: str, *, is_remote: bool) -> None:
         assert [frame.arbitration_id for frame in frames] == ([0x20 | command] if command in ANSWERED[firmware] else [])
 
 
-def test_0_6_tells_its_version_and_a_missing_motor_sensor() -> None:
+def test_0_6_reports_its_version_and_a_missing_motor_sensor() -> None:
     bench = Bench("0.6")
     bench.tick()
     version, temperatures = bench.tick(Frame(0x00, b"", is_remote=True), Frame(0x15, b"", is_remote=True))
@@ -400,7 +400,7 @@ def test_0_6_tells_its_version_and_a_missing_motor_sensor() -> None:
     assert math.isnan(struct.unpack("<ff", temperatures.data)[1])
 
 
-def test_without_power_nothing_is_heard_told_or_moved_and_after_it_nothing_is_remembered() -> None:
+def test_without_power_nothing_is_received_sent_or_moved_and_nothing_is_kept() -> None:
     bench = Bench()
     bench.close_loop()
     bench.tick(torque(0, 1.0))
@@ -510,7 +510,7 @@ def test_a_wrong_checksum_is_passed_over_in_silence() -> None:
         ("w axis0.requested_state idle", b"not implemented"),
     ],
 )
-def test_what_the_board_does_not_understand_it_says(text: str, reply: bytes) -> None:
+def test_an_unknown_line_is_answered_with_an_error(text: str, reply: bytes) -> None:
     assert Bench().say(text).partition(b"*")[0] == reply
 
 
@@ -547,7 +547,7 @@ def test_commands_feed_the_watchdog_and_questions_do_not(text: str, *, feeds: bo
     assert (bench.left.error == 0) is feeds
 
 
-def test_lines_set_states_and_modes_clear_errors_and_tell_the_watchdog() -> None:
+def test_lines_set_states_and_modes_clear_errors_and_report_the_watchdog() -> None:
     bench = Bench()
     bench.left.latch(0x100)
     bench.say("sc")

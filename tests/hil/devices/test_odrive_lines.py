@@ -101,7 +101,7 @@ def test_the_robot_goes_on_over_the_serial_line_whatever_happens_to_the_bus(
         assert (gaps["torque_gap"] or 1e9) <= torque_gap_ms * MS
 
 
-def test_without_a_fault_it_stays_on_the_bus_and_the_line_is_heard_without_loss() -> None:
+def test_without_a_fault_it_stays_on_the_bus_and_the_line_loses_nothing() -> None:
     bench = Bench(460_800)
     seen = bench.run(None, 60)
     assert not bench.link.is_on_fallback

@@ -50,7 +50,7 @@ def test_a_plant_without_a_supply_is_fed_by_a_constant_one(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CARTS)
-def test_what_the_plant_says_is_measured_within_a_third_of_a_second(name: str) -> None:
+def test_the_plants_supply_is_measured_within_a_third_of_a_second(name: str) -> None:
     bench = Bench(name)
     bench.cycle(30)
     for volts in (23.4, 19.8):
@@ -93,7 +93,7 @@ def test_drives_without_the_object_are_armed_and_their_supply_is_never_fresh() -
     assert bench.hardware.arming_failures() == []
 
 
-def test_a_drive_that_was_off_and_is_set_up_again_tells_its_supply_again() -> None:
+def test_a_drive_that_was_off_and_is_set_up_again_reports_its_supply_again() -> None:
     bench = Bench("cart-cia402")
     bench.cycle(30)
     drives = bench.robot._devices[0]

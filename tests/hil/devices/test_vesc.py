@@ -197,7 +197,7 @@ def test_a_time_out_may_brake() -> None:
     assert bench.vesc.left.current == pytest.approx(5.0, abs=1e-3)
 
 
-def test_a_new_controller_waits_a_second_and_tells_nothing() -> None:
+def test_a_new_controller_waits_a_second_and_sends_nothing() -> None:
     bench = Bench(Firmware())
     bench.send(PacketId.SET_CURRENT, Current(10.0))
     bench.run(990)
@@ -229,7 +229,7 @@ def test_each_message_can_be_set_to_a_rate() -> None:
     assert all(decode(frame.arbitration_id >> 8, frame.data) for frame in frames)
 
 
-def test_status_tells_what_is_measured(bench: Bench) -> None:
+def test_status_reports_what_is_measured(bench: Bench) -> None:
     bench.send(PacketId.SET_CURRENT, Current(10.0), 2)
     bench.outputs = {"left.angle": 1.0, "left.velocity": 30.0, "right.angle": 1.0, "right.velocity": 30.0}
     bench.run(26)
@@ -336,7 +336,7 @@ def test_a_packet_that_wants_no_answer_has_none(bench: Bench, mode: Mode) -> Non
     assert not [f for f in bench.heard() if f.arbitration_id >> 8 == 8]
 
 
-def test_older_firmware_does_not_tell_its_flags() -> None:
+def test_older_firmware_does_not_send_its_flags() -> None:
     bench = Bench(Firmware(knows_flags=False))
     assert bench.ask("fault", "flags") == {"fault": 0}
     assert bench.ask("fault") == {"fault": 0}

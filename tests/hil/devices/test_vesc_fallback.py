@@ -141,7 +141,7 @@ def test_both_wheels_follow_again_over_the_uart(bench: Bench) -> None:
     assert told["supply.voltage"] == pytest.approx(36.0)
 
 
-def test_a_fault_is_told_over_the_uart_too(bench: Bench) -> None:
+def test_a_fault_is_reported_over_the_uart_too(bench: Bench) -> None:
     bench.arm()
     bench.plug.is_pulled = True
     bench.cycles(20)

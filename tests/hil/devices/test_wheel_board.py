@@ -173,21 +173,21 @@ def test_is_a_device_that_fits_the_cart(fresh: Bench) -> None:
     assert set(OUTPUTS) <= {v.name for v in CartPlant.outputs}
 
 
-def test_wheels_are_told_every_tick_and_the_status_every_twenty_milliseconds(fresh: Bench) -> None:
+def test_wheels_are_sent_every_tick_and_the_status_every_twenty_milliseconds(fresh: Bench) -> None:
     fresh.tick(times=8)
     ids = [frame_id for frame_id, _ in fresh.heard()]
     assert ids == 2 * (WHEELS + STATUS + 3 * WHEELS)
     assert TICK_NS == 5_000_000
 
 
-def test_the_status_is_also_told_at_once_when_the_state_changes(bench: Bench) -> None:
+def test_the_status_is_also_sent_at_once_when_the_state_changes(bench: Bench) -> None:
     bench.tick(ON)
     bench.tick(ON)
     told = [(frame_id, getattr(payload, "state", None)) for frame_id, payload in bench.heard()]
     assert [state for frame_id, state in told if frame_id is FrameId.BOARD_STATUS] == [BoardState.ENABLED]
 
 
-def test_an_imu_is_told_after_the_wheels_where_the_settings_say_so() -> None:
+def test_an_imu_is_sent_after_the_wheels_where_the_settings_have_one() -> None:
     bench = Bench(WITH_IMU)
     bench.tick(times=5)
     heard = bench.heard()
@@ -197,14 +197,14 @@ def test_an_imu_is_told_after_the_wheels_where_the_settings_say_so() -> None:
     assert astuple(told[FrameId.IMU_ACCELERATION]) == pytest.approx((5.0, 6.0, 9.8))
 
 
-def test_each_wheel_is_told_its_own_values(fresh: Bench) -> None:
+def test_each_wheel_is_sent_with_its_own_values(fresh: Bench) -> None:
     fresh.tick()
     told = dict(fresh.heard())
     assert astuple(told[FrameId.LEFT_WHEEL]) == pytest.approx((1.0, 2.0))
     assert astuple(told[FrameId.RIGHT_WHEEL]) == pytest.approx((3.0, 4.0))
 
 
-def test_what_is_beyond_the_range_of_the_frames_is_told_at_its_end() -> None:
+def test_values_beyond_the_range_of_the_frames_are_clamped() -> None:
     bench = Bench(WITH_IMU)
     bench.outputs = RUNAWAY
     bench.tick()
@@ -255,7 +255,7 @@ def test_the_voltages_are_what_the_plant_is_given(bench: Bench) -> None:
     assert tuple(bench.board.obey([frame], bench.now_ns, OUTPUTS)) == (3.0, -4.0)
 
 
-def test_a_command_that_does_not_enable_switches_off_whatever_its_voltages_say(bench: Bench) -> None:
+def test_a_command_that_does_not_enable_switches_off_whatever_its_voltages(bench: Bench) -> None:
     bench.tick(OFF)
     assert bench.motors() == (BoardState.DISABLED, (0.0, 0.0))
     bench.tick(ON)
@@ -325,7 +325,7 @@ def test_a_fault_lasts_as_long_as_its_cause_and_is_left_through_a_command_that_d
     assert bench.state() is BoardState.DISABLED
 
 
-def test_the_watchdog_is_set_while_not_enabled_only_and_told_in_the_status(bench: Bench) -> None:
+def test_the_watchdog_is_set_while_not_enabled_only_and_reported_in_the_status(bench: Bench) -> None:
     assert bench.status().watchdog_s == pytest.approx(0.05)
     bench.can.send(FrameId.BOARD_SETUP, BoardSetup(0.03))
     bench.tick()
@@ -343,7 +343,7 @@ def test_the_watchdog_is_set_while_not_enabled_only_and_told_in_the_status(bench
     assert bench.status().watchdog_s == pytest.approx(0.04)
 
 
-def test_refused_frames_are_counted_told_and_do_not_feed_the_watchdog(bench: Bench) -> None:
+def test_refused_frames_are_counted_reported_and_do_not_feed_the_watchdog(bench: Bench) -> None:
     bench.tick(ON)
     damaged = bytearray(encode(FrameId.WHEEL_COMMAND, ON, 2))
     damaged[0] ^= 1
@@ -410,7 +410,7 @@ def test_without_an_imu_the_answer_has_none(bench: Bench) -> None:
     assert [frame_id for frame_id, _ in bench.heard_serial()] == WHEELS + STATUS, "one answer for both"
 
 
-def test_the_answer_tells_what_the_commands_before_it_did(bench: Bench) -> None:
+def test_the_answer_shows_what_the_commands_before_it_did(bench: Bench) -> None:
     bench.serial.send(FrameId.WHEEL_COMMAND, OFF)
     bench.serial.send(FrameId.WHEEL_COMMAND, ON)
     assert bench.status().state is BoardState.ENABLED

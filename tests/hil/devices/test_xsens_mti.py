@@ -60,7 +60,7 @@ class Bench:
         ]
 
 
-def test_it_moves_nothing_and_measures_what_the_plant_tells_of_an_imu() -> None:
+def test_it_moves_nothing_and_measures_the_plants_imu_outputs() -> None:
     assert SimulatedXsensMti.inputs == ()
     assert sorted(SimulatedXsensMti.needs) == sorted(NAMES)
     assert Bench().imu.refused_frames == 0
@@ -145,7 +145,7 @@ def test_an_error_can_be_reported() -> None:
 
 @pytest.mark.parametrize("mounting", [("+x", "+y", "+z"), ("+y", "+z", "+x"), ("-y", "-x", "-z")], ids=" ".join)
 @pytest.mark.parametrize("extended_ids", [False, True])
-def test_the_driver_reads_what_the_plant_told(mounting: tuple[str, ...], *, extended_ids: bool) -> None:
+def test_the_driver_reads_the_plants_outputs(mounting: tuple[str, ...], *, extended_ids: bool) -> None:
     bench = Bench(mounting=mounting, extended_ids=extended_ids)
     bench.tick(2)
     taken = [bench.driver.take_frame(frame) for frame in bench.heard()]

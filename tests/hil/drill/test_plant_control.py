@@ -228,7 +228,7 @@ def test_answers_that_nobody_reads_hold_up_nobody(pipes: Pipes) -> None:
     os.close(pipes.write)
 
 
-def test_the_end_is_told_once(pipes: Pipes) -> None:
+def test_the_end_is_reported_once(pipes: Pipes) -> None:
     os.close(pipes.write)
     for _ in range(3):
         pipes.reader()

@@ -1,4 +1,4 @@
-"""A watchdog of 40 ms ends the torque 10 ms before it must, and still outlasts a loop that is held up for a moment."""
+"""A watchdog of 40 ms ends the torque 10 ms before it must, and still outlasts a loop that is preempted for a moment."""
 
 import importlib.resources
 import re
@@ -32,7 +32,7 @@ def robot_with_watchdog(robot: str, folder: Path) -> str:
         ("cart-can", 0.06, "faults"),
     ],
 )
-def test_a_loop_that_is_held_up_for_a_moment_drives_on(
+def test_a_loop_that_is_preempted_for_a_moment_drives_on(
     tmp_path: Path, robot: str, stall_s: float, outcome: str
 ) -> None:
     scenario = load_scenario("node-stalls-briefly")

@@ -30,7 +30,7 @@ def test_nothing_fails_before_the_robot_is_armed() -> None:
 @pytest.mark.parametrize(
     ("after_ms", "is_active"), [(0, False), (99, False), (100, True), (299, True), (300, False), (301, False)]
 )
-def test_a_fault_is_there_from_its_time_on_for_as_long_as_declared(after_ms: int, *, is_active: bool) -> None:
+def test_a_fault_is_active_from_its_time_on_for_its_duration(after_ms: int, *, is_active: bool) -> None:
     clock = Clock()
     faults = injections(clock, for_s=0.2)
     faults.timeline.start()

@@ -54,7 +54,7 @@ def datas(count: int) -> list[bytes]:
     return [bytes([n]) for n in range(count)]
 
 
-def test_a_cut_bus_carries_nothing_and_does_not_say_so() -> None:
+def test_a_cut_bus_carries_nothing_and_reports_nothing() -> None:
     bench = Bench("can", "off")
     assert bench.to_devices(*frames(3)) == []
     assert bench.sent
@@ -158,7 +158,7 @@ def test_an_imu_loses_some_of_its_frames() -> None:
     assert Bench("imu", "intermittent", 1.0).to_robot(*frames(16, 0x51)) == datas(16)
 
 
-def test_without_supply_nobody_speaks_or_hears() -> None:
+def test_without_supply_nothing_is_sent_or_received() -> None:
     bench = Bench("battery", "off")
     assert bench.to_robot(*frames(3)) == []
     assert bench.to_devices(*frames(3)) == []

@@ -45,5 +45,5 @@ def test_a_command_that_speaks_of_panic_is_waited_for(pipe: Pipe) -> None:
     assert screen.output == ["Kernel panic - not syncing\n"]
 
 
-def test_a_guest_that_says_nothing_runs_out_of_time(pipe: Pipe) -> None:
+def test_a_silent_guest_runs_out_of_time(pipe: Pipe) -> None:
     assert not Console("token", None).follow(pipe.host, time.monotonic() + 0.05)

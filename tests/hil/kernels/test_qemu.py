@@ -149,7 +149,7 @@ def test_the_guest_does_not_outlive_the_process_that_started_it(tmp_path: Path) 
 
 
 @pytest.mark.rt_kernel
-def test_a_kernel_that_panics_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_kernel_that_panics_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--timeout", "100", "--", "sh", "-c", "echo last words; echo c > /proc/sysrq-trigger"]) == 125
     error = capsys.readouterr().err
     assert "without the command's exit status" in error
@@ -158,7 +158,7 @@ def test_a_kernel_that_panics_is_told(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.rt_kernel
-def test_an_interface_that_cannot_be_set_up_is_told() -> None:
+def test_an_interface_that_cannot_be_set_up_is_reported() -> None:
     with pytest.raises(GuestError, match=r"its set-up failed(.|\n)*can0: could not be set up at 7 bit/s"):
         run_in_guest(["true"], cwd=ROOT, bitrate=7, timeout_s=100.0)
 
@@ -245,7 +245,7 @@ def test_the_newest_kernel_is_taken(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert qemu._newest_kernel() == kernels[1]
 
 
-def test_the_command_line_says_what_to_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_command_line_sets_what_to_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     calls: list[tuple[Sequence[str], dict[str, Any]]] = []
 
     def run(command: Sequence[str], **settings: Any) -> GuestResult:

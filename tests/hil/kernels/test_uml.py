@@ -97,7 +97,7 @@ def test_out_of_time_ends_every_process() -> None:
     assert [pid for pid in seen if Path(f"/proc/{pid}").exists()] == []
 
 
-def test_a_guest_that_ends_without_a_status_is_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_guest_that_ends_without_a_status_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     cut_the_power = "echo last words; echo o > /proc/sysrq-trigger; sleep 60"
 
     assert main(["--", "sh", "-c", cut_the_power]) == 125

@@ -162,7 +162,7 @@ def test_the_imu_measures_how_the_truth_changes() -> None:
     assert after["imu.angular_velocity_z"] == after["truth.angular_velocity"]
 
 
-def test_torques_turn_the_wheels_as_the_equations_say() -> None:
+def test_torques_turn_the_wheels_as_in_the_equations() -> None:
     """J dw/dt = T - b w gives w = T / b (1 - exp(-b t / J)) from rest."""
     plant = CartTorquePlant()
     names = [v.name for v in plant.outputs]

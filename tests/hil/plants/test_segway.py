@@ -143,7 +143,7 @@ def test_a_weak_battery_gives_less_torque() -> None:
     assert weak["truth.linear_velocity"] < 0.7 * strong["truth.linear_velocity"]
 
 
-def test_perfect_sensors_tell_the_truth() -> None:
+def test_perfect_sensors_measure_the_truth() -> None:
     end = _run(_started(SegwayTorquePlant, InitialPitch=0.02), 0.4, (0.1, 0.15))
     assert end["imu.angular_velocity_y"] == end["truth.pitch_rate"]
     assert end["imu.angular_velocity_z"] == pytest.approx(end["truth.angular_velocity"] * math.cos(end["truth.pitch"]))

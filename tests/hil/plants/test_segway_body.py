@@ -265,7 +265,7 @@ def test_a_short_step_onto_the_stop_leaves_nothing_that_turns_it_further() -> No
     assert body.dq == 0.0
 
 
-def test_friction_at_rest_stops_a_wheel_at_the_rate_it_says() -> None:
+def test_friction_at_rest_stops_a_wheel_at_the_stated_rate() -> None:
     """How the wheels' acceleration changes with their speed about rest, by differences; rolling, then turning."""
     for lever, payload in ((0.0, 0.0), (0.0, PAYLOAD), (1.0, 0.0)):
         p = dataclasses.replace(PUBLISHED, viscous_friction=0.01, body_yaw_inertia=0.0981 if not lever else 1e-4)

@@ -148,7 +148,7 @@ def _solve(matrix: list[list[float]], right: list[float]) -> list[float]:
         (0.7, 1.5, -4.0, 0.6, -0.2, PAYLOAD, 25.0, -0.2, 0.3),
     ],
 )
-def test_accelerates_as_the_lagrangian_says(  # noqa: PLR0913, PLR0917 - one case in full
+def test_accelerates_as_in_the_lagrangian(  # noqa: PLR0913, PLR0917 - one case in full
     v: float, q: float, w: float, lean: float, slope: float, payload: float, push: float, left: float, right: float
 ) -> None:
     half, r = 0.5 * P.track, P.wheel_radius

@@ -57,7 +57,7 @@ def test_velocity_settles_at_the_true_one() -> None:
     assert 0.0 < max(seen[100:]) - min(seen[100:]) < COUNT / H
 
 
-def test_an_encoder_without_counts_tells_the_truth() -> None:
+def test_an_encoder_without_counts_measures_the_truth() -> None:
     encoder = Encoder(dataclasses.replace(PUBLISHED, encoder_counts_per_turn=0.0), H, 0.1)
     assert encoder.angle == 0.1
     sample(encoder, 0.123456, 7.0)
@@ -81,7 +81,7 @@ def test_turning_upright_it_turns_about_its_own_axis_and_feels_the_curve() -> No
     assert felt == pytest.approx((0.0, 0.0, 2.0, 0.0, 3.0, G))
 
 
-def test_measures_what_its_path_says() -> None:
+def test_measures_the_motion_of_its_path() -> None:
     """Accelerations from where the IMU was, angular velocity from how it was turned, one step before and after."""
     body = SegwayBody(dataclasses.replace(PUBLISHED, stop_angle=1e3, coulomb_friction=0.0))
     body.v, body.w, body.pitch = 0.8, 2.5, 0.3

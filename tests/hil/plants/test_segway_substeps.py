@@ -90,7 +90,7 @@ Case = tuple[type[Plant], type[VoltageMotor | TorqueMotor], bool]
 
 
 @pytest.mark.parametrize(("cls", "motor", "in_volts"), CASES)
-def test_a_cycle_at_once_is_off_by_less_than_sensors_tell(
+def test_a_cycle_at_once_is_off_by_less_than_sensors_resolve(
     cls: type[Plant], motor: type[VoltageMotor | TorqueMotor], *, in_volts: bool
 ) -> None:
     """What a cycle of 5 ms adds: at most a quarter of a count of the encoders, and a tenth of that as a rule."""

@@ -55,7 +55,7 @@ def test_an_unplugged_adapter_is_gone() -> None:
     assert bench.link.counters.send_dropped == 1
 
 
-def test_a_mended_link_works_and_what_came_meanwhile_is_lost() -> None:
+def test_a_restored_link_works_and_what_came_meanwhile_is_lost() -> None:
     bench = Bench(LinkFault.CUT)
     bench.exchange()
     bench.link.fault = None

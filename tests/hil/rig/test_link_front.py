@@ -30,7 +30,7 @@ class Wire:
         self.journal.append("close")
 
 
-def test_tells_what_the_link_behind_tells() -> None:
+def test_reports_the_state_of_the_link_behind() -> None:
     wire = Wire()
     front = LinkFront(wire)
     assert front.behind is wire

@@ -132,6 +132,6 @@ def test_the_same_run_gives_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("cell", thesis_cells(), ids=lambda cell: f"{cell.linear:g}-{cell.angular:g}")
-def test_every_cell_of_the_case_study_ends_where_the_thesis_says(cell: Cell) -> None:
+def test_every_cell_of_the_case_study_ends_where_the_thesis_has_it(cell: Cell) -> None:
     run = LockstepCanSeat(None).run("cell", single_segment(cell.linear, cell.angular, 10.0))
     assert difference(run.position, cell.thesis_offline) < 0.12

@@ -166,7 +166,7 @@ def test_a_failing_observer_leaves_no_bus_open(file: RobotFile, channel: str) ->
     assert channel not in virtual.channels
 
 
-def test_says_where_it_is_and_what_it_tells(file: RobotFile, channel: str) -> None:
+def test_reports_its_bus_and_its_outputs(file: RobotFile, channel: str) -> None:
     plant = made(file, ManualClock())
     assert plant.robot.link.description == f"virtual {channel}"
     assert plant.robot.output_names[:4] == ["left.angle", "left.velocity", "right.angle", "right.velocity"]
@@ -179,7 +179,7 @@ def test_a_bus_that_is_not_there_is_refused_on_opening(file: RobotFile) -> None:
         plant.robot.link.open()
 
 
-def test_what_the_motors_give_is_told_with_when_the_tick_really_began(file: RobotFile) -> None:
+def test_the_motors_inputs_are_traced_with_the_real_start_of_the_tick(file: RobotFile) -> None:
     plant = made(file, ManualClock({1: 2 * MS}))
     told: list[tuple[int, int, tuple[float, ...]]] = []
 

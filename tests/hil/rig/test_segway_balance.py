@@ -36,7 +36,7 @@ def test_it_stands_up_from_either_stop_and_holds_its_place_for_20_s(pitch: float
     assert largest([at.heading - calm[0].heading for at in calm]) < 0.05
 
 
-def test_it_tracks_1_m_per_s_and_1_rad_per_s_and_sits_down_when_told() -> None:
+def test_it_tracks_1_m_per_s_and_1_rad_per_s_and_sits_down_on_request() -> None:
     balance = Balance(load_robot("segway"), pitch=STOP)
     truth = balance.run(
         20.0,
@@ -82,7 +82,7 @@ def test_it_recovers_from_a_push_and_returns_to_its_place(force: float) -> None:
     )  # what a push takes it further than MaxTravelError, it does not go back
 
 
-def test_knocked_over_it_gives_up_in_time_and_stays_down_until_told_to_sit_and_stand() -> None:
+def test_knocked_over_it_gives_up_in_time_and_stays_down_until_requested_to_sit_and_stand() -> None:
     # Without what watches it, which would switch the motors off for good.
     balance = Balance(structs.replace(load_robot("segway"), safety=None), pitch=STOP)
     balance.run(

@@ -41,7 +41,7 @@ def wire() -> Wire:
         (Frame(1, bytes(8), is_extended=True), 160),
     ],
 )
-def test_frames_are_as_long_as_the_analysis_says(frame: Frame, bits: int) -> None:
+def test_frames_are_as_long_as_in_the_analysis(frame: Frame, bits: int) -> None:
     """Davis et al. 2007: 55 and 135 bits for 0 and 8 bytes at 11-bit identifiers, 80 and 160 at 29-bit ones."""
     assert worst_case_bits(len(frame.data), is_extended=frame.is_extended) == bits
 
@@ -62,7 +62,7 @@ def test_a_frame_arrives_as_it_was_sent(wire: Wire) -> None:
     assert wire.b.receive() == [replace(sent, received_ns=110 * BIT_NS)]
 
 
-def test_everybody_but_the_sender_hears_a_frame(wire: Wire) -> None:
+def test_everybody_but_the_sender_receives_a_frame(wire: Wire) -> None:
     wire.a.send(Frame(1, b""))
     wire.now_ns = 55 * BIT_NS
     assert [len(link.receive()) for link in (wire.a, wire.b, wire.c)] == [0, 1, 1]
@@ -153,7 +153,7 @@ def test_opening_and_closing_forget_what_was_not_taken(wire: Wire) -> None:
         assert wire.c.receive() == []
 
 
-def test_participants_say_which_they_are(wire: Wire) -> None:
+def test_participants_describe_themselves(wire: Wire) -> None:
     assert wire.a.description == "simulated bus, a"
 
 

@@ -147,7 +147,7 @@ def test_each_device_gives_its_own_inputs_of_the_plant_by_name(bench: Bench) -> 
     assert bench.robot.inputs == [1.0, 2.0, -3.0]
 
 
-def test_devices_obey_before_the_plants_step_and_tell_after_it(bench: Bench) -> None:
+def test_devices_obey_before_the_plants_step_and_send_after_it(bench: Bench) -> None:
     bench.tick(2)
     expected = [("obey", TICK_NS, 0.0), ("tell", TICK_NS, 1.0), ("obey", 2 * TICK_NS, 1.0), ("tell", 2 * TICK_NS, 2.0)]
     assert bench.drive.calls == bench.lift.calls == expected
@@ -203,7 +203,7 @@ def test_a_coarse_plant_steps_only_when_its_time_has_passed() -> None:
     assert bench.robot.outputs == [7.0, 3.0]
 
 
-def test_every_device_hears_every_frame_oldest_first_and_once(bench: Bench) -> None:
+def test_every_device_receives_every_frame_oldest_first_and_once(bench: Bench) -> None:
     for identifier in (0x300, 0x100):
         bench.host.send(Frame(identifier, b"x"))
         bench.now_ns += 1_000
@@ -258,5 +258,7 @@ def _refusal(devices: Sequence[Motors], plant: Plant) -> str:
         ),
     ],
 )
-def test_a_plant_that_does_not_fit_is_told_what_is_wrong(devices: Sequence[Motors], plant: Plant, message: str) -> None:
+def test_a_plant_that_does_not_fit_is_refused_with_the_reason(
+    devices: Sequence[Motors], plant: Plant, message: str
+) -> None:
     assert _refusal(devices, plant) == message

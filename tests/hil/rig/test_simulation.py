@@ -33,7 +33,7 @@ def test_the_plant_is_the_one_that_the_file_names() -> None:
     assert type(simulated_plant(load_robot("cart-can"))) is CartPlant
 
 
-def test_a_robot_without_a_plant_is_told_where_to_name_one() -> None:
+def test_a_robot_without_a_plant_is_refused_with_the_key_to_add() -> None:
     file = structs.replace(load_robot("cart-can"), simulation=None)
     with pytest.raises(NoSimulationError, match=r"^robot 'cart-can' has no plant: add simulation\.plant to its file$"):
         simulated_plant(file)
