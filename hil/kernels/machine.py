@@ -122,13 +122,6 @@ class Machine:
         """A property of a unit."""
         return self.run(f"systemctl show -P {name} {unit}").strip()
 
-    def power_off(self, timeout_s: float = 60.0) -> None:
-        """Shut it down in an orderly way."""
-        os.write(self._shell, b"systemctl poweroff\n")
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout_s)
-        self.cut()
-
     def cut(self) -> None:
         """Take its power away: what is not on its disk is lost."""
         with contextlib.suppress(ProcessLookupError):

@@ -1,4 +1,4 @@
-"""A watchdog of 40 ms ends the torque 10 ms before it must, and still outlasts a loop that is preempted for a moment."""
+"""A watchdog of 40 ms ends the torque 10 ms before it must, and outlasts a loop that is preempted for a moment."""
 
 import importlib.resources
 import re
