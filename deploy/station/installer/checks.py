@@ -1,8 +1,7 @@
-"""Whether a machine can be a base station, told before anything is written."""
+"""Whether a machine can be a base station, checked before anything is written."""
 
 import re
 import shutil
-from pathlib import Path
 
 from segway_ecc.deploy.station.installer.machine import USER, Owner, TargetMachine, acting_as
 from segway_ecc.deploy.station.installer.program import is_hidden
@@ -46,7 +45,11 @@ def check_place(machine: TargetMachine, settings: InstallSettings) -> None:
     Raises:
         ConfigurationError: One of them is not.
     """
-    for bound in bind(settings.address, settings.port if _port_in_use(machine) != settings.port else 0):
+    path = machine.path(ENVIRONMENT)
+    text = path.read_text("utf-8", "replace") if path.is_file() else ""
+    is_ours = re.search(rf"--port {settings.port}\b", text) is not None
+    is_running = is_ours and machine.succeeds(["systemctl", "is-active", "--quiet", STATION])
+    for bound in bind(settings.address, 0 if is_running else settings.port):
         bound.close()
 
 
@@ -58,11 +61,10 @@ def check_files(machine: TargetMachine, settings: InstallSettings, user: Owner |
     """
     if settings.certificate is None:
         return
-    hidden = next((path for path in settings.files if is_hidden(path)), None)
+    files = [path for _, path in settings.file_options]
+    hidden = next(filter(is_hidden, files), None)
     if hidden is not None:
-        raise ConfigurationError(
-            f"{hidden} is out of the service's sight: copy it to where it is not, such as /etc/ssl"
-        )
+        raise ConfigurationError(f"{hidden} is not visible to the service: copy it to where it is, such as /etc/ssl")
     certificate = machine.path(str(settings.certificate))
     key = None if settings.key is None else machine.path(str(settings.key))
     if user is None:
@@ -72,18 +74,7 @@ def check_files(machine: TargetMachine, settings: InstallSettings, user: Owner |
         with acting_as(user):
             tls_context(certificate, key)
     except ConfigurationError as error:
-        names = " ".join(map(str, settings.files))
+        names = " ".join(map(str, files))
         raise ConfigurationError(
             f"as the user {USER}: {error}; let it read them: setfacl -m u:{USER}:r {names}"
         ) from None
-
-
-def _port_in_use(machine: TargetMachine) -> int | None:
-    """The port that our own service listens on now."""
-    try:
-        text = Path(machine.path(ENVIRONMENT)).read_text("utf-8", "replace")
-    except OSError:
-        return None
-    found = re.search(r"--port ([0-9]+)", text)
-    is_running = found is not None and machine.succeeds(["systemctl", "is-active", "--quiet", STATION])
-    return int(found[1]) if found is not None and is_running else None

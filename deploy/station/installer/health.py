@@ -1,4 +1,4 @@
-"""Whether the service that was started serves."""
+"""The health check of the service that was started."""
 
 import ssl
 import time
@@ -23,30 +23,27 @@ def wait_until_healthy(
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:
-    """Ask `GET /health` until the answer is `ok`.
+    """Poll `GET /health` until the answer is `ok`.
 
     Raises:
-        NodeError: It is not within `timeout_ns`; with the last answer and where to look.
+        NodeError: It is not within `timeout_ns`; with the last problem and where to look.
     """
     end_ns = now_ns() + timeout_ns
-    while (said := _ask(_address(settings))) is not None:
+    host = _EVERYWHERE.get(settings.address, settings.address)
+    address = f"{settings.scheme}://{f'[{host}]' if ':' in host else host}:{settings.port}/health"
+    while (problem := _problem(address)) is not None:
         if now_ns() >= end_ns:
             within = f"within {timeout_ns / _NS_PER_S:g} s"
             raise NodeError(
-                f"the station is installed, and did not say {within} that it is well ({said}); "
+                f"the station is installed, but its health check did not pass {within} ({problem}); "
                 f"see journalctl --unit {STATION} --lines 20"
             )
         sleep(_PAUSE_S)
 
 
-def _address(settings: InstallSettings) -> str:
-    host = _EVERYWHERE.get(settings.address, settings.address)
-    return f"{settings.scheme}://{f'[{host}]' if ':' in host else host}:{settings.port}/health"
-
-
-def _ask(address: str) -> str | None:
-    """None where all is well, else what was wrong."""
-    # No proxy, and no look at the certificate: it is for the name by which browsers come, and we ask by the address.
+def _problem(address: str) -> str | None:
+    """Why the health check fails, or None where it passes."""
+    # No proxy, and no check of the certificate: it is for the name that browsers use, and we use the address.
     context = ssl.create_default_context()
     context.check_hostname = False
     context.verify_mode = ssl.CERT_NONE

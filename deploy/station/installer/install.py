@@ -19,8 +19,7 @@ from segway_ecc.node.errors import NodeError
 
 _WANTED: Final = f"{UNITS}/multi-user.target.wants"
 _TIMEOUT_NS: Final = 60_000_000_000
-
-Show = Callable[[Mapping[Role, str]], None]
+_MAKE_USER: Final = ["systemd-sysusers", SYSUSERS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +57,12 @@ def plan(machine: TargetMachine, settings: InstallSettings, command: str | None)
         check_place(machine, settings)
     check_files(machine, settings)
     made = files(settings, program, ros_variables() if machine.is_live else {})
-    if RULES in made and machine.is_live and os.geteuid() == 0:  # the kernel tells nobody else
+    if RULES in made and machine.is_live and os.geteuid() == 0:  # only root may ask the kernel
         check_rules(machine, made[RULES])
     return Plan(machine, settings, made)
 
 
-def install(made: Plan, *, new_tokens: bool, show: Show) -> list[str]:
+def install(made: Plan, *, new_tokens: bool, show: Callable[[Mapping[Role, str]], None]) -> list[str]:
     """Do what is planned.
 
     Args:
@@ -87,12 +86,23 @@ def install(made: Plan, *, new_tokens: bool, show: Show) -> list[str]:
     if tokens:
         show(tokens)
     changed += [name for name, text in made.files.items() if machine.write(name, text)]
+    if made.settings.firewall is None:
+        if machine.is_live and machine.path(f"{UNITS}/{FIREWALL}").exists():
+            machine.run(["systemctl", "--quiet", "disable", "--now", FIREWALL])
+        for name in (f"{_WANTED}/{FIREWALL}", f"{UNITS}/{FIREWALL}", RULES):
+            machine.delete(name)
     if machine.is_live:
-        _start(made, is_changed=bool(was_interrupted or changed or tokens))
+        machine.run(["systemctl", "daemon-reload"])
+        for words in _starting(made, is_changed=bool(was_interrupted or changed or tokens)):
+            machine.run(words)
         wait_until_healthy(made.settings, _TIMEOUT_NS)
         machine.delete(PENDING)
-    else:
-        _enable_offline(made)
+        return changed
+    for unit in made.units:  # what `systemctl enable` does
+        link = machine.path(f"{_WANTED}/{unit}")
+        link.parent.mkdir(parents=True, exist_ok=True)
+        if not link.is_symlink():
+            link.symlink_to(f"{UNITS}/{unit}")
     return changed
 
 
@@ -100,17 +110,13 @@ def commands(made: Plan) -> list[list[str]]:
     """What is run on this machine, in order."""
     if not made.machine.is_live:
         return []
-    return [_sysusers(), ["systemctl", "daemon-reload"], *_starting(made, is_changed=True)]
-
-
-def _sysusers() -> list[str]:
-    return ["systemd-sysusers", SYSUSERS]
+    return [_MAKE_USER, ["systemctl", "daemon-reload"], *_starting(made, is_changed=True)]
 
 
 def _user(machine: TargetMachine) -> Owner:
     """The service's user, made where it is not there."""
     if machine.is_live:
-        machine.run(_sysusers())
+        machine.run(_MAKE_USER)
     elif machine.owner() is None and os.geteuid() == 0 and shutil.which("systemd-sysusers"):
         machine.run(["systemd-sysusers", f"--root={machine.root}", Path(SYSUSERS).name])
     owner = machine.owner()
@@ -118,19 +124,8 @@ def _user(machine: TargetMachine) -> Owner:
         return owner
     if machine.is_live:
         raise NodeError(f"systemd-sysusers made no user of {SYSUSERS}")
-    # Not as root: whoever packs the folder says whose the files are.
+    # Not as root: whoever packs the folder sets their owner.
     return Owner(os.geteuid(), os.getegid())
-
-
-def _start(made: Plan, *, is_changed: bool) -> None:
-    machine = made.machine
-    if made.settings.firewall is None and machine.path(f"{UNITS}/{FIREWALL}").exists():
-        machine.run(["systemctl", "--quiet", "disable", "--now", FIREWALL])
-        machine.delete(f"{UNITS}/{FIREWALL}")
-        machine.delete(RULES)
-    machine.run(["systemctl", "daemon-reload"])
-    for words in _starting(made, is_changed=is_changed):
-        machine.run(words)
 
 
 def _starting(made: Plan, *, is_changed: bool) -> list[list[str]]:
@@ -139,16 +134,3 @@ def _starting(made: Plan, *, is_changed: bool) -> list[list[str]]:
     verbs = {FIREWALL: "reload-or-restart", STATION: "restart"} if is_changed else {}
     starting = [["systemctl", verbs.get(unit, "start"), unit] for unit in made.units]
     return [["systemctl", "--quiet", "enable", *made.units], *starting]
-
-
-def _enable_offline(made: Plan) -> None:
-    """What `systemctl enable` does."""
-    machine = made.machine
-    if made.settings.firewall is None:
-        for name in (f"{_WANTED}/{FIREWALL}", f"{UNITS}/{FIREWALL}", RULES):
-            machine.delete(name)
-    for unit in made.units:
-        link = machine.path(f"{_WANTED}/{unit}")
-        link.parent.mkdir(parents=True, exist_ok=True)
-        if not link.is_symlink():
-            link.symlink_to(f"{UNITS}/{unit}")

@@ -3,15 +3,18 @@
 import contextlib
 import os
 import shutil
+import stat
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from segway_ecc.deploy.station.web.access import replace_file
 from segway_ecc.node.errors import ConfigurationError, NodeError
 
 USER: Final = "segway"
 _PASSWD_FIELDS: Final = 7
+_MODE: Final = 0o644
 
 
 class Owner(NamedTuple):
@@ -25,7 +28,7 @@ class TargetMachine:
     """Files below a root folder, and commands where that is the running system."""
 
     def __init__(self, root: Path = Path("/"), *, is_live: bool = True) -> None:
-        """Know where, and whether services can be started there."""
+        """Use a root folder; `is_live` is whether services can be started there."""
         self.root = root
         self.is_live = is_live
 
@@ -56,23 +59,26 @@ class TargetMachine:
         return next((Owner(int(entry[2]), int(entry[3])) for entry in found), None)
 
     def write(self, name: str, text: str) -> bool:
-        """Write a file that everybody may read, whole or not at all; tell whether anything changed.
+        """Write a file that everybody may read, whole or not at all; return whether anything changed.
 
         Raises:
             NodeError: It cannot be written.
         """
         path = self.path(name)
         try:
-            if _holds(path, text):
-                return False
+            content = text.encode()
+            with contextlib.suppress(FileNotFoundError):
+                mode = path.lstat().st_mode
+                if stat.S_ISREG(mode) and stat.S_IMODE(mode) == _MODE and path.read_bytes() == content:
+                    return False
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o755)
-            _replace(path, text)
+            replace_file(path, content, _MODE)
         except OSError as error:
             raise NodeError(f"{path} cannot be written: {error.strerror}") from None
         return True
 
     def delete(self, name: str) -> bool:
-        """Delete a file or a link; tell whether it was there.
+        """Delete a file or a link; return whether it was there.
 
         Raises:
             NodeError: It cannot be deleted.
@@ -94,12 +100,12 @@ class TargetMachine:
         """Run a command, which reads `text`.
 
         Raises:
-            NodeError: It fails; with the first error that it names, or what it said last.
+            NodeError: It fails; with the first error that it prints, or its last line.
         """
         done = _run(words, text)
         if done.returncode != 0:
-            said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-            named = next((line for line in said if "Error: " in line), said[-1])
+            lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+            named = next((line for line in lines if "Error: " in line), lines[-1])
             raise NodeError(f"{' '.join(words)}: {named}")
 
 
@@ -130,27 +136,3 @@ def _run(words: Sequence[str], text: str = "") -> "subprocess.CompletedProcess[s
         raise NodeError(f"{words[0]} is not installed here")
     words = [program, *words[1:]]
     return subprocess.run(words, check=False, capture_output=True, text=True, input=text)  # noqa: S603 - ours
-
-
-def _holds(path: Path, text: str) -> bool:
-    try:
-        return not path.is_symlink() and path.read_bytes() == text.encode() and path.stat().st_mode & 0o7777 == 0o644  # noqa: PLR2004 - a mode
-    except FileNotFoundError:
-        return False
-
-
-def _replace(path: Path, text: str) -> None:
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    new.unlink(missing_ok=True)
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-    with os.fdopen(file, "w", encoding="utf-8") as stream:
-        os.fchmod(stream.fileno(), 0o644)  # whatever the umask is
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    new.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

@@ -1,5 +1,6 @@
 """The program that the service runs, and whether the service's user can reach it."""
 
+import contextlib
 import importlib.util
 import os
 import sys
@@ -17,7 +18,7 @@ _NAME: Final = "segway-ecc"
 _RELEASES: Final = Path("/opt/segway-ecc")
 _INSTALLED: Final = (RELEASE, "/usr/bin/segway-ecc", "/usr/local/bin/segway-ecc")
 _HIDDEN: Final = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - not written to
-"""What the unit's ProtectHome= and PrivateTmp= take from the service's sight."""
+"""What the unit's ProtectHome= and PrivateTmp= hide from the service."""
 _OF_ROS: Final = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
 
 
@@ -48,34 +49,35 @@ def check_environment(command: str) -> None:
             "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
         )
     require_ros()
-    needed = [Path(command), Path(sys.executable), *map(_folder_of, ("segway_ecc", "aiohttp", "rclpy"))]
-    obstacle = obstacle_to(needed)
-    if obstacle is not None:
+    needed = [Path(command), Path(sys.executable), *map(_file_of, ("segway_ecc", "aiohttp", "rclpy"))]
+    closed = first_closed(needed)
+    if closed is not None:
         raise ConfigurationError(
-            f"{obstacle} is out of the service's sight: make the environment elsewhere and of a Python that everybody "
+            f"{closed} is not visible to the service: make the environment elsewhere and of a Python that everybody "
             "may use, such as: /usr/bin/python3 -m venv /opt/segway-ecc-station"
         )
 
 
-def obstacle_to(paths: Iterable[Path]) -> Path | None:
-    """The first file or folder that a user of the system, in the unit's sandbox, does not get to or through."""
+def first_closed(paths: Iterable[Path]) -> Path | None:
+    """The first file or folder that a user of the system, in the unit's sandbox, cannot reach or pass through."""
     for path in paths:
         for form in (path.absolute(), path.resolve()):
             if is_hidden(form):
                 return form
-            closed = next((step for step in (*reversed(form.parents), form) if not _is_open(step)), None)
-            if closed is not None:
-                return closed
+            for step in (*reversed(form.parents), form):
+                with contextlib.suppress(OSError):  # what is missing is reported by who needs it
+                    if not step.stat().st_mode & (0o001 if step.is_dir() else 0o004):
+                        return step
     return None
 
 
 def is_hidden(path: Path) -> bool:
-    """Whether the unit's sandbox takes a path from the service's sight."""
+    """Whether the unit's sandbox hides a path from the service."""
     return any(path.is_relative_to(hidden) for hidden in _HIDDEN)
 
 
 def ros_variables(variables: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Where a ROS 2 lies that was sourced here, which the service has to be told; empty where none was.
+    """The variables of a ROS 2 that was sourced here, which the service needs; empty where none was.
 
     Raises:
         ConfigurationError: A value cannot stand in a file of variables.
@@ -86,7 +88,7 @@ def ros_variables(variables: Mapping[str, str] = os.environ) -> dict[str, str]:
     for name, value in found.items():
         if not all(is_plain_path(part) for part in value.split(os.pathsep) if part):
             raise ConfigurationError(
-                f"{name}={value!r} cannot be handed to a service: letters, digits and ._+@:,/- only"
+                f"{name}={value!r} cannot be passed to a service: letters, digits and ._+@:,/- only"
             )
     return found
 
@@ -108,17 +110,8 @@ def _of_that_system(machine: TargetMachine) -> str:
     return found
 
 
-def _folder_of(package: str) -> Path:
+def _file_of(package: str) -> Path:
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         raise ConfigurationError(f"the package {package} has no file")
     return Path(spec.origin)
-
-
-def _is_open(path: Path) -> bool:
-    """Whether everybody may read a file or go through a folder; what is not there is told by who needs it."""
-    try:
-        mode = path.stat().st_mode
-    except OSError:
-        return True
-    return bool(mode & (0o001 if path.is_dir() else 0o004))

@@ -32,41 +32,42 @@ def files(settings: InstallSettings, command: str, ros: Mapping[str, str]) -> di
         command: The program that the service runs.
         ros: Variables of a sourced ROS 2.
     """
-    made = {
-        SYSUSERS: _shipped("systemd", "segway-ecc.sysusers.conf"),
-        ENVIRONMENT: environment(settings, ros),
-        f"{UNITS}/{STATION}": _station(settings, command),
-    }
-    if settings.firewall is not None:
-        made |= {RULES: _rules(settings), f"{UNITS}/{FIREWALL}": _shipped("station/installer", FIREWALL)}
-    return made
-
-
-def _station(settings: InstallSettings, command: str) -> str:
-    text = _shipped("systemd", STATION)
-    text = _replaced(text, f"ExecStart={RELEASE} ", f"ExecStart={command} ")
+    station = _replaced(_shipped("systemd", STATION), f"ExecStart={RELEASE} ", f"ExecStart={command} ")
     # After the robot's, where this machine is one too: what comes later counts.
-    text = _replaced(text, _VARIABLES, f"EnvironmentFile={ENVIRONMENT}\n")
+    station = _replaced(station, _VARIABLES, f"EnvironmentFile={ENVIRONMENT}\n")
+    firewall = {}
     if settings.firewall is not None:
         # DDS does not use an interface that comes up later; of one that is not WireGuard's there is no such service.
-        text = _replaced(text, _AFTER, f"{_AFTER}After=wg-quick@{settings.firewall}.service\n")
+        station = _replaced(station, _AFTER, f"{_AFTER}After=wg-quick@{settings.firewall}.service\n")
+        firewall = {
+            RULES: _rules(settings, settings.firewall),
+            f"{UNITS}/{FIREWALL}": _shipped("station/installer", FIREWALL),
+        }
     version = importlib.metadata.version("segway-ecc")
-    return f"# Written by `segway-ecc station install` {version}, which writes it anew each time.\n{text}"
+    head = f"# Written by `segway-ecc station install` {version}, which writes it anew each time.\n"
+    return {
+        SYSUSERS: _shipped("systemd", "segway-ecc.sysusers.conf"),
+        ENVIRONMENT: environment(settings, ros),
+        f"{UNITS}/{STATION}": head + station,
+        **firewall,
+    }
 
 
-def _rules(settings: InstallSettings) -> str:
+def _rules(settings: InstallSettings, interface: str) -> str:
     first, last = settings.dds_ports
     text = _shipped("station/installer", "base-station.nft")
-    text = _replaced(text, "#   sudo nft -f base-station.nft\n", f"#   sudo nft -f {RULES}\n")
-    text = _replaced(
-        text,
-        "# The ports are those of ROS domain 42: 7400 + 250 * 42 and the 249 after it (DDSI-RTPS 2.2, 9.6.1.1).\n",
-        f"# The ports are those of ROS domain {settings.domain} (DDSI-RTPS 2.2, 9.6.1.1).\n",
-    )
-    text = _replaced(text, "define dds_ports = 17900-18149\n", f"define dds_ports = {first}-{last}\n")
-    text = _replaced(text, "define page_port = 8700\n", f"define page_port = {settings.port}\n")
-    return text.replace('"wg-robots"', f'"{settings.firewall}"').replace(
-        "inside the WireGuard network.", f"behind {settings.firewall}."
+    for old, new in (
+        ("#   sudo nft -f base-station.nft\n", f"#   sudo nft -f {RULES}\n"),
+        (
+            "# The ports are those of ROS domain 42: 7400 + 250 * 42 and the 249 after it (DDSI-RTPS 2.2, 9.6.1.1).\n",
+            f"# The ports are those of ROS domain {settings.domain} (DDSI-RTPS 2.2, 9.6.1.1).\n",
+        ),
+        ("define dds_ports = 17900-18149\n", f"define dds_ports = {first}-{last}\n"),
+        ("define page_port = 8700\n", f"define page_port = {settings.port}\n"),
+    ):
+        text = _replaced(text, old, new)
+    return text.replace('"wg-robots"', f'"{interface}"').replace(
+        "inside the WireGuard network.", f"behind {interface}."
     )
 
 

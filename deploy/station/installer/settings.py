@@ -1,4 +1,4 @@
-"""What a base station is told: checked, and as the files that its service reads."""
+"""The settings of a base station: checked, and as the file that its service reads."""
 
 import ipaddress
 import re
@@ -58,15 +58,16 @@ class InstallSettings:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether the page is for this machine only, as far as the address says it."""
+        """Whether the page is for this machine only, judging by the address."""
         if self.address == "localhost":
             return True
         return _is_address(self.address) and ipaddress.ip_address(self.address).is_loopback
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """Certificate and key."""
-        return tuple(path for path in (self.certificate, self.key) if path is not None)
+    def file_options(self) -> list[tuple[str, Path]]:
+        """Certificate and key, where they are given, by option."""
+        options = (("--certificate", self.certificate), ("--key", self.key))
+        return [(option, path) for option, path in options if path is not None]
 
     @property
     def dds_ports(self) -> tuple[int, int]:
@@ -93,7 +94,11 @@ def check(settings: InstallSettings) -> None:
         raise ConfigurationError(f"--address {settings.address!r}: it is an address of this machine, or a name of it")
     _check_names("--peer", settings.peers)
     _check_names("--host", settings.hosts)
-    _check_files(settings)
+    if settings.key is not None and settings.certificate is None:
+        raise ConfigurationError("--key is of no use without --certificate")
+    for option, path in settings.file_options:
+        if not is_plain_path(str(path)):
+            raise ConfigurationError(f"{option} {path}: it is an absolute path of letters, digits and ._+@:,/-")
     if settings.firewall is not None and _INTERFACE.fullmatch(settings.firewall) is None:
         raise ConfigurationError(f"--firewall {settings.firewall!r}: it is the name of a network interface")
 
@@ -108,13 +113,18 @@ def environment(settings: InstallSettings, ros: Mapping[str, str]) -> str:
         settings: Checked.
         ros: Where a sourced ROS 2 lies; empty where Python finds it by itself.
     """
+    options = ["--address", settings.address, "--port", str(settings.port), "--require-token"]
+    for host in settings.hosts:
+        options += ["--host", host]
+    for option, path in settings.file_options:
+        options += [option, str(path)]
     reach = settings.discovery or ("localhost" if settings.peers else "subnet")
     variables = {
         **ros,
         "ROS_DOMAIN_ID": str(settings.domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": reach.upper(),
         "ROS_STATIC_PEERS": ";".join(settings.peers),
-        "STATION_OPTIONS": " ".join(_options(settings)),
+        "STATION_OPTIONS": " ".join(options),
     }
     lines = (f'{name}="{value}"\n' for name, value in variables.items())
     return "# Written by `segway-ecc station install`, which writes it anew each time.\n" + "".join(lines)
@@ -125,26 +135,9 @@ def is_plain_path(path: str) -> bool:
     return _PATH.fullmatch(path) is not None
 
 
-def _options(settings: InstallSettings) -> list[str]:
-    words = ["--address", settings.address, "--port", str(settings.port), "--require-token"]
-    for host in settings.hosts:
-        words += ["--host", host]
-    for option, path in (("--certificate", settings.certificate), ("--key", settings.key)):
-        words += [] if path is None else [option, str(path)]
-    return words
-
-
-def _check_files(settings: InstallSettings) -> None:
-    if settings.key is not None and settings.certificate is None:
-        raise ConfigurationError("--key is of no use without --certificate")
-    for option, path in (("--certificate", settings.certificate), ("--key", settings.key)):
-        if path is not None and not is_plain_path(str(path)):
-            raise ConfigurationError(f"{option} {path}: it is an absolute path of letters, digits and ._+@:,/-")
-
-
 def _check_names(option: str, names: Iterable[str]) -> None:
     for name in names:
-        if not _is_name(name) and not _is_ipv4(name):
+        if not _is_name(name) and (not _is_address(name) or ":" in name):
             raise ConfigurationError(f"{option} {name!r}: it is the name of a machine, or an IPv4 address")
 
 
@@ -160,7 +153,3 @@ def _is_address(text: str) -> bool:
         return getattr(ipaddress.ip_address(text), "scope_id", None) is None
     except ValueError:
         return False
-
-
-def _is_ipv4(text: str) -> bool:
-    return _is_address(text) and ":" not in text

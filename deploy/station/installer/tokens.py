@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +26,7 @@ def make_tokens(machine: TargetMachine, owner: Owner, *, anew: bool) -> Mapping[
     Args:
         machine: Where.
         owner: The service's user.
-        anew: Whether the old ones are to be good for nothing any more.
+        anew: Whether the old ones become invalid.
 
     Raises:
         ConfigurationError: The file is none of ours.
@@ -51,7 +51,7 @@ def is_the_service_s(machine: TargetMachine) -> bool:
 
 
 def delete_tokens(machine: TargetMachine) -> bool:
-    """Delete them; tell whether there were any."""
+    """Delete them; return whether there were any."""
     owner = machine.owner()
     if not machine.is_live or owner is None:
         return machine.delete(ACCESS)
@@ -67,22 +67,15 @@ def _in_state(machine: TargetMachine, owner: Owner) -> Iterator[None]:
         if not state.exists():
             state.mkdir(parents=True, mode=0o750)
             _give(state, owner)
-        if machine.is_live:
-            with acting_as(owner):
-                _make_private(machine.path(FOLDER))
-                yield
-        else:
-            _make_private(machine.path(FOLDER))
+        with acting_as(owner) if machine.is_live else nullcontext():
+            folder = machine.path(FOLDER)
+            folder.mkdir(exist_ok=True, mode=0o700)
+            if folder.is_symlink():
+                raise ConfigurationError(f"{folder} is a link; it has to be a folder of the service's user")
+            folder.chmod(0o700)
             yield
     except OSError as error:
         raise NodeError(f"{state} cannot be made ready: {error.strerror}") from None
-
-
-def _make_private(folder: Path) -> None:
-    folder.mkdir(exist_ok=True, mode=0o700)
-    if folder.is_symlink():
-        raise ConfigurationError(f"{folder} is a link; it has to be a folder of the service's user")
-    folder.chmod(0o700)
 
 
 def _give(path: Path, owner: Owner) -> None:

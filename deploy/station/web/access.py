@@ -4,7 +4,6 @@ A token is 160 random bits, so a plain SHA-256 of it cannot be searched through;
 need it, would only let a stranger load the station.
 """
 
-import contextlib
 import enum
 import hashlib
 import hmac
@@ -71,7 +70,7 @@ class Access:
         kept = _Stored(self._salt.hex(), {role: digest.hex() for role, digest in self._hashes.items()})
         try:
             path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            _write(path, msgspec.json.encode(kept))
+            replace_file(path, msgspec.json.encode(kept), 0o600)
         except OSError as error:
             raise ConfigurationError(f"the tokens cannot be kept in {path}: {error.strerror}; see --folder") from None
 
@@ -109,13 +108,23 @@ def _digest(salt: bytes, token: str) -> bytes:
     return hashlib.sha256(salt + token.encode("utf-8", "surrogatepass")).digest()
 
 
-def _write(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes, mode: int) -> None:
+    """Replace a file, or make it: whole or not at all, with that mode whatever the umask is, and durably.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     new = path.with_name(f".{path.name}.{os.getpid()}")
-    with contextlib.suppress(FileNotFoundError):
-        new.unlink()
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    new.unlink(missing_ok=True)
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     with os.fdopen(file, "wb") as stream:
+        os.fchmod(stream.fileno(), mode)
         stream.write(content)
         stream.flush()
         os.fsync(stream.fileno())
     new.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

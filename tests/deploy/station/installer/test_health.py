@@ -60,7 +60,7 @@ def test_it_asks_until_the_station_is_well(port: int, monkeypatch: pytest.Monkey
 )
 def test_what_does_not_get_well_is_told_with_its_last_answer(port: int, answer: tuple[int, bytes], said: str) -> None:
     _Handler.answers.append(answer)
-    with pytest.raises(NodeError, match=rf"within 3\.5 s that it is well \({said}\); see journalctl --unit segway-ecc"):
+    with pytest.raises(NodeError, match=rf"within 3\.5 s \({said}\); see journalctl --unit segway-ecc"):
         wait(InstallSettings(port=port))
     assert len(_Handler.paths) == 4  # at 1, 2, 3 and 4 s: the last one after the time-out
 

@@ -205,7 +205,7 @@ def test_a_certificate_is_tried_before_anything_is_written(fake: Fake, monkeypat
     made = planned(fake, **files)
     do(made)
     assert "--certificate /etc/tls/c.pem --key /etc/tls/k.pem" in fake.text(ENVIRONMENT)
-    with pytest.raises(ConfigurationError, match=r"/root/c\.pem is out of the service's sight"):
+    with pytest.raises(ConfigurationError, match=r"/root/c\.pem is not visible to the service"):
         planned(fake, certificate=Path("/root/c.pem"))
     # What root can read and the service's user cannot.
     monkeypatch.setattr("segway_ecc.deploy.station.installer.checks.tls_context", _refuse)

@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.deploy.station.installer import program
 from segway_ecc.deploy.station.installer.machine import TargetMachine
-from segway_ecc.deploy.station.installer.program import check_environment, command_for, obstacle_to, ros_variables
+from segway_ecc.deploy.station.installer.program import check_environment, command_for, first_closed, ros_variables
 from segway_ecc.deploy.station.installer.rendering import RELEASE
 from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
 from tests.deploy.station.installer.conftest import COMMAND, Fake
@@ -77,12 +77,12 @@ def test_what_the_service_s_user_does_not_get_to_is_found(tmp_path: Path, monkey
     (tmp_path / "open").chmod(0o755)
     (tmp_path / "closed").chmod(0o750)
     (tmp_path / "open/link").symlink_to("../hidden/x")
-    assert obstacle_to([tmp_path / "open/x"]) is None
-    assert obstacle_to([tmp_path / "open/x", tmp_path / "closed/x"]) == tmp_path / "closed"
-    assert obstacle_to([tmp_path / "open/secret"]) == tmp_path / "open/secret"
-    assert obstacle_to([tmp_path / "hidden/x"]) == tmp_path / "hidden/x"
+    assert first_closed([tmp_path / "open/x"]) is None
+    assert first_closed([tmp_path / "open/x", tmp_path / "closed/x"]) == tmp_path / "closed"
+    assert first_closed([tmp_path / "open/secret"]) == tmp_path / "open/secret"
+    assert first_closed([tmp_path / "hidden/x"]) == tmp_path / "hidden/x"
     # As a virtual environment leads to the Python that made it.
-    assert obstacle_to([tmp_path / "open/link"]) == tmp_path / "hidden/x"
+    assert first_closed([tmp_path / "open/link"]) == tmp_path / "hidden/x"
 
 
 @pytest.mark.parametrize("folder", ["/root/venv", "/home/ann/venv", "/run/user/1000/venv"])
@@ -91,7 +91,7 @@ def test_what_the_sandbox_hides_is_known(folder: str, monkeypatch: pytest.Monkey
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda _name: importlib.machinery.ModuleSpec("x", None, origin="/usr")
     )
-    with pytest.raises(ConfigurationError, match=f"{folder}/bin/segway-ecc is out of the service's sight: make the"):
+    with pytest.raises(ConfigurationError, match=f"{folder}/bin/segway-ecc is not visible to the service: make the"):
         check_environment(f"{folder}/bin/segway-ecc")
 
 
@@ -109,7 +109,7 @@ def test_a_ros_that_was_sourced_is_handed_to_the_service() -> None:
     sourced = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy", "PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages"}
     assert ros_variables({**sourced, "HOME": "/root", "LD_LIBRARY_PATH": ""}) == sourced
     assert ros_variables({"PYTHONPATH": "/mine"}) == {}
-    with pytest.raises(ConfigurationError, match="PYTHONPATH='/a b' cannot be handed"):
+    with pytest.raises(ConfigurationError, match="PYTHONPATH='/a b' cannot be passed"):
         ros_variables({**sourced, "PYTHONPATH": "/a b"})
 
 
