@@ -15,7 +15,7 @@ from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage, S
 from segway_ecc.deploy.station.robot_tasks import RobotTasks, SubmittedCommand
 from segway_ecc.deploy.station.sequences import SequencePlayback
 from segway_ecc.deploy.station.stops import StopState
-from segway_ecc.deploy.station.views import Act, Drive, FleetView, RobotView
+from segway_ecc.deploy.station.views import Act, Drive, FleetView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
@@ -85,7 +85,17 @@ class CommandHandler:
 
     def view(self, now_ns: int) -> FleetView:
         """The picture of all robots."""
-        robots = [self._view(self.fleet.robots[name], now_ns) for name in sorted(self.fleet.robots)]
+        robots = [
+            msgspec.structs.replace(
+                robot.view(now_ns, self._beats),
+                stop=tasks.stop.state.value,
+                stop_after_s=tasks.stop.after_s,
+                controller=self.control.of(name),
+                sequence=tasks.playback.view if tasks.playback is not None else None,
+            )
+            for name, robot in sorted(self.fleet.robots.items())
+            for tasks in (self._tasks[name],)
+        ]
         return FleetView(time_s=now_ns * 1e-9, robots=robots)
 
     def stop(self, submitted: SubmittedCommand, now_ns: int) -> None:
@@ -226,16 +236,6 @@ class CommandHandler:
         """End driving and the sequence of a robot."""
         self._dead_man.release(name, now_ns)
         self._tasks[name].break_off(reason)
-
-    def _view(self, robot: Robot, now_ns: int) -> RobotView:
-        tasks = self._tasks[robot.robot]
-        return msgspec.structs.replace(
-            robot.view(now_ns, self._beats),
-            stop=tasks.stop.state.value,
-            stop_after_s=tasks.stop.after_s,
-            controller=self.control.of(robot.robot),
-            sequence=tasks.playback.view if tasks.playback is not None else None,
-        )
 
     def _refuse(self, cause: str, reply: Reply, text: str) -> None:
         self.refused[f"command: {cause}"] += 1

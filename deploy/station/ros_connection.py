@@ -5,7 +5,7 @@ rate DDS keeps only the newest, which is taken at the pace of the picture.
 """
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from segway_ecc.deploy.station.connection import ServiceResponse
@@ -54,15 +54,17 @@ class RosRobotConnection:
         self._robot = robot
         self._mode = self._subscribe(MODE_TYPE, MODE_TOPIC, _ALL)
         self._odometry = self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST)
-        self._others = [
-            (self._subscribe(type_name, name, _NEWEST), decode)
-            for type_name, name, decode in (
-                ("geometry_msgs/msg/TwistStamped", "setpoint", _setpoint),
-                ("std_msgs/msg/Float64", "pitch", lambda message: Pitch(message.data)),
-                ("sensor_msgs/msg/BatteryState", "battery_state", lambda message: Supply(message.voltage)),
-                ("diagnostic_msgs/msg/DiagnosticArray", "diagnostics", _diagnostics),
-            )
-        ]
+        decoders: Mapping[tuple[str, str], Callable[[RosObject], RobotMessage]] = {
+            ("geometry_msgs/msg/TwistStamped", "setpoint"): lambda message: SetpointReport(
+                stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z
+            ),
+            ("std_msgs/msg/Float64", "pitch"): lambda message: Pitch(message.data),
+            ("sensor_msgs/msg/BatteryState", "battery_state"): lambda message: Supply(message.voltage),
+            ("diagnostic_msgs/msg/DiagnosticArray", "diagnostics"): lambda message: decode_health(
+                (status.name, _values(status)) for status in message.status
+            ),
+        }
+        self._others = [(self._subscribe(*of, _NEWEST), decode) for of, decode in decoders.items()]
         self._drive = self._publisher("geometry_msgs/msg/Twist", "cmd_vel", _SENT_DEPTH)
         self._drive_stamped = self._publisher("geometry_msgs/msg/TwistStamped", "cmd_vel_stamped", _AHEAD_DEPTH)
         self._stand = self._publisher("std_msgs/msg/Float64", "set/stand", _SENT_DEPTH)
@@ -159,11 +161,3 @@ class RosRobotConnection:
 
 def _values(message: RosObject) -> Mapping[str, str]:
     return {pair.key: pair.value for pair in message.values}
-
-
-def _setpoint(message: RosObject) -> RobotMessage:
-    return SetpointReport(stamp_ns(message.header), message.twist.linear.x, message.twist.angular.z)
-
-
-def _diagnostics(message: RosObject) -> RobotMessage:
-    return decode_health((status.name, _values(status)) for status in message.status)

@@ -194,27 +194,24 @@ class Station:
             with ros_node("base_station", "", self._ros_arguments) as node:
                 self._bridge.use(node)
                 self._has_begun.set()
-                self._loop()
+                next_tick_ns = self._clock_ns()
+                while not self._is_ending:
+                    now_ns = self._clock_ns()
+                    self._carry_out()
+                    is_tick = now_ns >= next_tick_ns
+                    self._guarded(self._step, is_tick)
+                    if is_tick:
+                        next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
+                    wait_s = max(next_tick_ns - self._clock_ns(), 0) * 1e-9
+                    self._wake.wait(min(wait_s, _WAITING_S) if self._bridge.is_waiting else wait_s)
+                    self._wake.clear()
+                self._guarded(lambda: self._handler.close(self._clock_ns()))
+                self._guarded(self._bridge.flush)
         except RosUnavailableError as error:
             self._failure = error
         finally:
             self._answer_late()
             self._has_begun.set()
-
-    def _loop(self) -> None:
-        next_tick_ns = self._clock_ns()
-        while not self._is_ending:
-            now_ns = self._clock_ns()
-            self._carry_out()
-            is_tick = now_ns >= next_tick_ns
-            self._guarded(self._step, is_tick)
-            if is_tick:
-                next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
-            wait_s = max(next_tick_ns - self._clock_ns(), 0) * 1e-9
-            self._wake.wait(min(wait_s, _WAITING_S) if self._bridge.is_waiting else wait_s)
-            self._wake.clear()
-        self._guarded(lambda: self._handler.close(self._clock_ns()))
-        self._guarded(self._bridge.flush)
 
     def _step(self, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
         self._bridge.poll(everything=is_tick)

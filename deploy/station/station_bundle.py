@@ -47,10 +47,20 @@ class StationBundle:
 
     def __call__(self, robot: str) -> IO[bytes]:
         """The bundle, from its beginning; the file is unlinked already, so closing it removes it."""
+
+        def robots() -> Collected:
+            fleet = self._station.fleet()
+            mine = [each for each in fleet.robots if each.robot == robot]
+            return picture(msgspec.structs.replace(fleet, robots=mine))
+
+        def events() -> Collected:
+            mine = [event for event in self._station.events(0) if event.robot in {"", robot}]
+            return Collected({"events.jsonl": "".join(msgspec.json.encode(event).decode() + "\n" for event in mine)})
+
         parts = [
             Part("robot's own bundle", functools.partial(self._own, robot)),
-            Part("picture", functools.partial(self._picture, robot)),
-            Part("events", functools.partial(self._events, robot)),
+            Part("picture", robots),
+            Part("events", events),
             *machine_parts(self._options),
         ]
         made = datetime.fromtimestamp(self._wall_ns() // _NS_PER_S, UTC).isoformat()
@@ -70,11 +80,3 @@ class StationBundle:
         finally:
             path.unlink()
         return Collected({"robot-support.zip": Stored(lambda: file, os.fstat(file).st_size)})
-
-    def _picture(self, robot: str) -> Collected:
-        fleet = self._station.fleet()
-        return picture(msgspec.structs.replace(fleet, robots=[each for each in fleet.robots if each.robot == robot]))
-
-    def _events(self, robot: str) -> Collected:
-        events = [event for event in self._station.events(0) if event.robot in {"", robot}]
-        return Collected({"events.jsonl": "".join(msgspec.json.encode(event).decode() + "\n" for event in events)})

@@ -28,7 +28,15 @@ def command_for(machine: TargetMachine, chosen: str | None) -> str:
     Raises:
         ConfigurationError: There is none, or its path cannot stand in a unit.
     """
-    command = chosen or (_of_this_environment() if machine.is_live else _of_that_system(machine))
+    if chosen:
+        command = chosen
+    elif machine.is_live:
+        beside, started = Path(sys.executable).absolute().with_name(_NAME), Path(sys.argv[0]).absolute()
+        found = beside if beside.exists() or started.name != _NAME else started
+        # A release is left when the next one comes; the link in front of it stays.
+        command = RELEASE if found.is_relative_to(_RELEASES) else str(found)
+    else:
+        command = _of_that_system(machine)
     if not is_plain_path(command):
         raise ConfigurationError(f"the program {command!r} needs an absolute path of letters, digits and ._+@:,/-")
     # The link to the release in use may be absolute, and is not followed in a root file system of another machine.
@@ -49,7 +57,12 @@ def check_environment(command: str) -> None:
             "the station serves with aiohttp, which is not installed: pip install 'segway-ecc[station]'"
         )
     require_ros()
-    needed = [Path(command), Path(sys.executable), *map(_file_of, ("segway_ecc", "aiohttp", "rclpy"))]
+    needed = [Path(command), Path(sys.executable)]
+    for package in ("segway_ecc", "aiohttp", "rclpy"):
+        spec = importlib.util.find_spec(package)
+        if spec is None or spec.origin is None:
+            raise ConfigurationError(f"the package {package} has no file")
+        needed.append(Path(spec.origin))
     closed = first_closed(needed)
     if closed is not None:
         raise ConfigurationError(
@@ -93,14 +106,6 @@ def ros_variables(variables: Mapping[str, str] = os.environ) -> dict[str, str]:
     return found
 
 
-def _of_this_environment() -> str:
-    beside = Path(sys.executable).absolute().with_name(_NAME)
-    started = Path(sys.argv[0]).absolute()
-    found = beside if beside.exists() or started.name != _NAME else started
-    # A release is left when the next one comes; the link in front of it stays.
-    return RELEASE if found.is_relative_to(_RELEASES) else str(found)
-
-
 def _of_that_system(machine: TargetMachine) -> str:
     if os.path.lexists(machine.path("/opt/segway-ecc/current")):
         return RELEASE
@@ -108,10 +113,3 @@ def _of_that_system(machine: TargetMachine) -> str:
     if found is None:
         raise ConfigurationError(f"there is no {_NAME} in --root: none of {', '.join(_INSTALLED)}; see --command")
     return found
-
-
-def _file_of(package: str) -> Path:
-    spec = importlib.util.find_spec(package)
-    if spec is None or spec.origin is None:
-        raise ConfigurationError(f"the package {package} has no file")
-    return Path(spec.origin)

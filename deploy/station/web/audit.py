@@ -123,7 +123,11 @@ class AuditLog:
             self._file = os.open(self._path, flags, 0o600)
         file = self._file
         if os.fstat(file).st_size + len(line) > self._most_bytes:
-            self._put_aside()
+            self._close()
+            paths = [self._path, *(self._path.with_suffix(f".{number + 1}.jsonl") for number in range(self._kept))]
+            for newer, older in reversed(list(itertools.pairwise(paths))):
+                with contextlib.suppress(FileNotFoundError):
+                    newer.replace(older)
             self._write(line)
             return
         # What was torn off by a full disk is ended first, so that each line is an entry or is not JSON at all.
@@ -140,13 +144,6 @@ class AuditLog:
                 os.fsync(self._file)
             os.close(self._file)
             self._file = None
-
-    def _put_aside(self) -> None:
-        self._close()
-        paths = [self._path, *(self._path.with_suffix(f".{number + 1}.jsonl") for number in range(self._kept))]
-        for newer, older in reversed(list(itertools.pairwise(paths))):
-            with contextlib.suppress(FileNotFoundError):
-                newer.replace(older)
 
     def _lose(self, why: str) -> None:
         with self._lock:

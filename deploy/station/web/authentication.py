@@ -35,7 +35,7 @@ class AuthenticationMiddleware:
         self._access = access
         self._audit = audit
         self._clock_ns = clock_ns
-        # Browsers tell cookies apart by the machine and not by the port.
+        # Browsers distinguish cookies by the machine and not by the port.
         self._cookie = f"station_{place.port}"
         self._requests = Buckets(limits.requests)
         self._logins = Buckets(limits.logins)

@@ -133,8 +133,7 @@ class Browser:
         if isinstance(decoded, Drive):
             self._drive(decoded)
         else:
-            self._note(decoded, "asked", decoded.name)
-            self._shared.robots.submit(self.session.who, decoded, self._reply_to(decoded))
+            self._submit(decoded)
 
     def on_closed(self) -> None:
         """Bring to rest what it drove, as its socket is closed."""
@@ -182,7 +181,7 @@ class Browser:
         self._driven = drive.robot if is_moving else ""
         self._shared.robots.drive(self.session.who, drive)
 
-    def _reply_to(self, command: Command) -> Callable[[bool, str], None]:
+    def _submit(self, command: Command) -> None:
         def reply(accepted: bool, text: str) -> None:  # noqa: FBT001 - the contract's form
             # It comes from another thread, and at times when the server has already ended.
             self._note(command, "accepted" if accepted else "failed", text)
@@ -190,7 +189,8 @@ class Browser:
             with contextlib.suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(self.queue, encoded)
 
-        return reply
+        self._note(command, "asked", command.name)
+        self._shared.robots.submit(self.session.who, command, reply)
 
     def _note(self, message: Command | Drive, outcome: str, text: str = "") -> None:
         entry = AuditEntry(

@@ -71,7 +71,11 @@ def logs_page(logs: Sequence[LogFile] | None, robots: Sequence[RobotLogs], *, ma
         own = [(log, _LINK.format(f"/logs/{urllib.parse.quote(log.name, safe='')}", _text(log)), "") for log in logs]
         sections.append(_SECTION.format("On this station", _table(own, "")))
     for robot in robots:
-        rows = [(log, _name(robot, log), f"<td>{_act(robot, log, may_fetch)}</td>") for log in robot.logs]
+        rows = []
+        for log in robot.logs:
+            is_here = log.name in robot.here
+            name = _LINK.format(path_of(robot.robot, log.name), _text(log)) if is_here else _text(log)
+            rows.append((log, name, f"<td>{_act(robot, log, may_fetch)}</td>"))
         table = f"<p>{html.escape(robot.error)}</p>" if robot.error else _table(rows, '<th scope="col">Fetch</th>')
         sections.append(_SECTION.format(f"On robot {html.escape(robot.robot)}", table))
     is_going_on = any(progress.is_going_on for each in robots for progress in each.progress.values())
@@ -87,10 +91,6 @@ def _table(rows: Sequence[tuple[LogFile, str, str]], more: str) -> str:
         written = dt.datetime.fromtimestamp(min(log.changed_ns * _NS, _LATEST_S), dt.UTC).strftime("%Y-%m-%d %H:%M:%S")
         text += _ROW.format(name, log.size, written, cells)
     return _TABLE.format(more, text)
-
-
-def _name(robot: RobotLogs, log: LogFile) -> str:
-    return _LINK.format(path_of(robot.robot, log.name), _text(log)) if log.name in robot.here else _text(log)
 
 
 def _act(robot: RobotLogs, log: LogFile, may_fetch: bool) -> str:  # noqa: FBT001 - passed through

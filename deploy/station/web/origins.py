@@ -35,9 +35,17 @@ class SiteAddress(NamedTuple):
         match = _HOST.fullmatch(host or "")
         if match is None:
             return False
-        port = int(match[2]) if match[2] else _DEFAULT_PORTS[self.scheme]
+        if self.port != (int(match[2]) if match[2] else _DEFAULT_PORTS[self.scheme]):
+            return False
         name = match[1].strip("[]").lower().rstrip(".")
-        return port == self.port and self._is_our_name(name)
+        if name in _LOOPBACK_NAMES or name in self.names:
+            return True
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        # Nobody's name server is asked for an address, so an address cannot be made to point elsewhere.
+        return address.is_loopback if self.is_loopback else True
 
     def may_request(self, method: str, headers: Mapping[str, str], *, opens_socket: bool = False) -> bool:
         """Whether a request comes from our own page, or from no page at all.
@@ -50,20 +58,7 @@ class SiteAddress(NamedTuple):
             return origin == f"{self.scheme}://{headers.get('Host', '')}"
         site = headers.get("Sec-Fetch-Site")
         if method == "GET" and not opens_socket:
-            return site not in _CROSS or _is_visit(headers)
+            # Somebody may follow a link to our page, which may stand anywhere; not inside a frame of theirs.
+            is_visit = headers.get("Sec-Fetch-Mode") == "navigate" and headers.get("Sec-Fetch-Dest") == "document"
+            return site not in _CROSS or is_visit
         return site is None and "Cookie" not in headers
-
-    def _is_our_name(self, name: str) -> bool:
-        if name in _LOOPBACK_NAMES or name in self.names:
-            return True
-        try:
-            address = ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        # Nobody's name server is asked for an address, so an address cannot be made to point elsewhere.
-        return address.is_loopback if self.is_loopback else True
-
-
-def _is_visit(headers: Mapping[str, str]) -> bool:
-    """Whether somebody follows a link to our page, which may stand anywhere; not inside a frame of theirs."""
-    return headers.get("Sec-Fetch-Mode") == "navigate" and headers.get("Sec-Fetch-Dest") == "document"

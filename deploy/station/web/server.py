@@ -108,7 +108,12 @@ class Server:
         self._application.on_request = self._limiter.on_request
         for listening in self._sockets:
             self._limiter.open(listening)
-        self._broadcasting = asyncio.create_task(self.hub.run(self._sweep))
+
+        def sweep() -> None:
+            self._authentication.sessions.sweep(settings.clock_ns())
+            self._limiter.sweep()
+
+        self._broadcasting = asyncio.create_task(self.hub.run(sweep))
         self.audit.add(AuditEntry(act="starts", outcome="done", text=settings.version))
         return self
 
@@ -137,10 +142,6 @@ class Server:
             "station_refused": dict(self._robots.refused()),
             "audit_lost": self.audit.lost,
         }
-
-    def _sweep(self) -> None:
-        self._authentication.sessions.sweep(self._settings.clock_ns())
-        self._limiter.sweep()
 
     def _count_bad_http(self, record: logging.LogRecord) -> bool:
         """Bad HTTP is counted and not logged: strangers decide how much of it there is."""
