@@ -148,11 +148,7 @@ def build_hardware(
 
 
 def _devices(
-    settings: HardwareSettings,
-    link: Link,
-    period_s: float,
-    now_ns: NowNs,
-    sleep_until_ns: Callable[[int], None],
+    settings: HardwareSettings, link: Link, period_s: float, now_ns: NowNs, sleep_until_ns: Callable[[int], None]
 ) -> tuple[Sequence[Drive], Sequence[Sensor]]:
     match settings:
         case WheelBoardSettings(watchdog_s=watchdog_s, imu=imu):

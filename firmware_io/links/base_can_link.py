@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 from segway_ecc.firmware_io.links.can_errors import BusErrors
+from segway_ecc.firmware_io.links.can_interfaces import cannot_open, describe
 from segway_ecc.firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
@@ -38,7 +39,7 @@ def wall_ns() -> int:
 
 
 class CanBus(NamedTuple):
-    """What a CAN link is made for.
+    """Which bus a CAN link is on.
 
     Attributes:
         description: Which bus it is, for people.
@@ -49,6 +50,11 @@ class CanBus(NamedTuple):
     description: str
     bitrate: int
     kernel_name: str | None
+
+    @classmethod
+    def of(cls, chosen: tuple[str, str], asked: tuple[str, str], bitrate: int) -> Self:
+        """From the interface and channel in use, those of the configuration, and the bit rate, bit/s."""
+        return cls(describe(asked, chosen), bitrate, chosen[1] if chosen[0] == "socketcan" else None)
 
 
 class _Opened(NamedTuple):
@@ -222,7 +228,10 @@ class BaseCanLink:
 
     def _open(self) -> _Opened:
         """Open a port; takes its time, and touches nothing that the loop uses."""
-        port = self._open_port(self.counters)
+        try:
+            port = self._open_port(self.counters)
+        except OSError as error:
+            raise cannot_open(self._settings.description, error) from error
         return _Opened(port, self._now_ns(), self._interface.read())
 
     def _use(self, opened: _Opened) -> None:

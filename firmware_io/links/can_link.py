@@ -13,7 +13,6 @@ from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowN
 from segway_ecc.firmware_io.links.can_interfaces import (
     cannot_open,
     check_socketcan,
-    describe,
     resolve,
     socketcan_interfaces,
 )
@@ -74,7 +73,7 @@ class CanLink(BaseCanLink):
     ) -> None:
         """Describe the bus; `open` opens it. `bitrate` in bit/s is used by backends that set it themselves."""
         chosen, name = resolve(interface, channel)
-        description = describe((interface, channel), (chosen, name))
+        bus = CanBus.of((chosen, name), (interface, channel), bitrate)
 
         def open_port(counters: LinkCounters) -> PythonCanPort:
             import can
@@ -83,11 +82,10 @@ class CanLink(BaseCanLink):
                 check_socketcan(name, bitrate)
             try:
                 return PythonCanPort(chosen, name, bitrate, counters)
-            except (can.CanError, OSError, ValueError, ImportError) as error:
-                raise cannot_open(description, error) from error
+            except (can.CanError, ValueError, ImportError) as error:
+                raise cannot_open(bus.description, error) from error
 
-        kernel_name = name if chosen == "socketcan" else None
-        super().__init__(CanBus(description, bitrate, kernel_name), open_port, now_ns, wall_ns)
+        super().__init__(bus, open_port, now_ns, wall_ns)
 
 
 class PythonCanPort:

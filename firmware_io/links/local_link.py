@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterator
 
 from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
-from segway_ecc.firmware_io.links.can_interfaces import cannot_open, describe
 from segway_ecc.firmware_io.links.can_port import (
     ERROR,
     EXTENDED,
@@ -20,7 +19,7 @@ from segway_ecc.firmware_io.links.can_port import (
 )
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters
 from segway_ecc.firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
-from segway_ecc.firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
+from segway_ecc.firmware_io.links.local_socket import PORT, multicast_group, multicast_socket
 
 
 class LocalLink(BaseCanLink):
@@ -35,16 +34,8 @@ class LocalLink(BaseCanLink):
         asked: tuple[str, str] | None = None,
     ) -> None:
         """Describe the bus named `channel`; `open` opens it. The other arguments are those of `SocketCanLink`."""
-        chosen = ("local", channel)
-        description = describe(asked or chosen, chosen)
-
-        def open_port(counters: LinkCounters) -> LocalPort:
-            try:
-                return LocalPort(channel, counters)
-            except LocalBusError as error:
-                raise cannot_open(description, error) from error
-
-        super().__init__(CanBus(description, bitrate, None), open_port, now_ns, wall_ns)
+        bus = CanBus.of(("local", channel), asked or ("local", channel), bitrate)
+        super().__init__(bus, lambda counters: LocalPort(channel, counters), now_ns, wall_ns)
 
 
 class LocalPort:

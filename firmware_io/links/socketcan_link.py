@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
-from segway_ecc.firmware_io.links.can_interfaces import cannot_open, check_socketcan, describe
+from segway_ecc.firmware_io.links.can_interfaces import check_socketcan
 from segway_ecc.firmware_io.links.can_port import (
     MAX_FRAMES,
     Arrival,
@@ -56,17 +56,13 @@ class SocketCanLink(BaseCanLink):
             wall_ns: The clock of the kernel's stamps.
             asked: The interface and channel of the configuration, where they left open which bus this is.
         """
-        chosen = ("socketcan", channel)
-        description = describe(asked or chosen, chosen)
 
         def open_port(counters: LinkCounters) -> SocketCanPort:
             check_socketcan(channel, bitrate)
-            try:
-                return SocketCanPort(channel, counters)
-            except OSError as error:
-                raise cannot_open(description, error) from error
+            return SocketCanPort(channel, counters)
 
-        super().__init__(CanBus(description, bitrate, channel), open_port, now_ns, wall_ns)
+        bus = CanBus.of(("socketcan", channel), asked or ("socketcan", channel), bitrate)
+        super().__init__(bus, open_port, now_ns, wall_ns)
 
 
 class SocketCanPort:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from segway_ecc.firmware_io.devices import Readings
@@ -30,7 +30,7 @@ from segway_ecc.firmware_io.drives.cia402.states import (
 )
 from segway_ecc.firmware_io.drives.enabling import Enabling
 from segway_ecc.firmware_io.drivetrain import WrappedCounter
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -55,9 +55,7 @@ class Cia402Wheel:
         listens_to: Identifiers of its frames.
     """
 
-    def __init__(
-        self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: Callable[[], int]
-    ) -> None:
+    def __init__(self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Begin with a drive from which nothing has been received."""
         self.side = side
         self.node_id = settings.node_id

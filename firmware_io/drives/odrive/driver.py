@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
@@ -12,6 +12,7 @@ from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VER
 from segway_ecc.firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
+from segway_ecc.firmware_io.freshness import NowNs
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 _ZERO = c.SetInputTorque(0.0)
@@ -30,12 +31,7 @@ class Odrive:
     """
 
     def __init__(
-        self,
-        link: Link,
-        name: str,
-        settings: OdriveSettings,
-        loop_period_s: float,
-        now_ns: Callable[[], int] = time.monotonic_ns,
+        self, link: Link, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
         self.name = name

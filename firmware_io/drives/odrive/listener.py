@@ -1,7 +1,7 @@
 """Telemetry of one axis: its frames decoded, checked, time-stamped and kept."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
@@ -23,7 +23,7 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
 )
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.odrive.watchdog import WatchdogProof
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
@@ -57,7 +57,7 @@ class AxisListener:
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
-    def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: Callable[[], int]) -> None:
+    def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
         self.signals: Mapping[str, str] = {
             f"{name}.angle": "rad",

@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
@@ -23,7 +23,7 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
 from segway_ecc.firmware_io.drivetrain import WrappedCounter
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
 
@@ -51,12 +51,7 @@ class Vesc:
     """
 
     def __init__(
-        self,
-        link: Link,
-        name: str,
-        settings: VescSettings,
-        loop_period_s: float,
-        now_ns: Callable[[], int] = time.monotonic_ns,
+        self, link: Link, name: str, settings: VescSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Drive the wheel `name`, left or right, over `link`."""
         wheel = settings.left if name == "left" else settings.right

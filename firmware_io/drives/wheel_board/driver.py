@@ -1,7 +1,7 @@
 """The wheel board as a `Drive`: enable, command, disable."""
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from msgspec.structs import astuple
@@ -18,7 +18,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     WheelCommand,
 )
 from segway_ecc.firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.links.link import Frame, Link
 
 _WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
@@ -47,7 +47,7 @@ class WheelBoard:
         link: Link,
         watchdog_s: float,
         loop_period_s: float,
-        now_ns: Callable[[], int] = time.monotonic_ns,
+        now_ns: NowNs = time.monotonic_ns,
         *,
         imu: bool = False,
     ) -> None:

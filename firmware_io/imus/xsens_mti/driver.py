@@ -2,11 +2,11 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from segway_ecc.firmware_io.devices import FrameKey, Readings
-from segway_ecc.firmware_io.freshness import Freshness, stale_after_ns
+from segway_ecc.firmware_io.freshness import Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.imus.mounting import Vector
 from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, Message, decode, elapsed_s
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
@@ -80,11 +80,7 @@ class XsensMti:
     }
 
     def __init__(
-        self,
-        link: Link,
-        settings: XsensMtiSettings,
-        loop_period_s: float,
-        now_ns: Callable[[], int] = time.monotonic_ns,
+        self, link: Link, settings: XsensMtiSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Listen to the sensor on `link`."""
         self._messages = {settings.key(message): message for message in _USED}
