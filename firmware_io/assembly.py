@@ -24,6 +24,9 @@ class Assembly:
     Every frame that has arrived is handed to the device that listens to it, so that each keeps the newest of each kind;
     frames that nobody listens to are somebody else's. Where the link is a redundant one and passes to its other line,
     the drives are switched off and on again through their own states, over that line.
+
+    Attributes:
+        switching: What passes between the lines of a redundant link; None where there is one line.
     """
 
     def __init__(  # noqa: PLR0913 - what the robot is made of
@@ -59,12 +62,7 @@ class Assembly:
         self._heartbeat = heartbeat
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
         self._redundant = link if isinstance(link, RedundantLink) else None
-        self._switching = Switching(self._redundant, now_ns, rules or SwitchRules()) if self._redundant else None
-
-    @property
-    def switching(self) -> Switching | None:
-        """What passes between the lines of a redundant link; None where there is one line."""
-        return self._switching
+        self.switching = Switching(self._redundant, now_ns, rules or SwitchRules()) if self._redundant else None
 
     def open(self) -> None:
         """Open the link and start every device; see `Hardware.open`."""
@@ -76,12 +74,12 @@ class Assembly:
         """Hand out what has arrived, send the commands, return the newest snapshot; see `Hardware.exchange`."""
         for frame in self._link.receive():
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
-            if device is not None and device.take_frame(frame) and self._switching is not None:
+            if device is not None and device.take_frame(frame) and self.switching is not None:
                 self._received_ns[device.name] = frame.received_ns
         if self._redundant is not None:
             self._look_aside(self._redundant)
-        if self._switching is not None:
-            self._switch(self._switching)
+        if self.switching is not None:
+            self._switch(self.switching)
         if commands is not None:
             for drive, part in self._parts:
                 drive.command(commands[part])
@@ -122,8 +120,8 @@ class Assembly:
         health |= {f"link.{name}": text for name, text in self._link.health.items()}
         for device in self._devices:
             health |= {f"{device.name}.{name}": text for name, text in device.health.items()}
-        if self._switching is not None:
-            health |= self._switching.health
+        if self.switching is not None:
+            health |= self.switching.health
         return health
 
     def _beat(self) -> None:
@@ -181,9 +179,9 @@ class Assembly:
         While the lines change, that of every device; a drive that has fallen silent on one line, while the other is
         good, is about to answer there.
         """
-        if self._switching is None or self._redundant is None:
+        if self.switching is None or self._redundant is None:
             return False
-        return self._switching.is_under_way or (self._redundant.standby_is_good and device in self._drives)
+        return self.switching.is_under_way or (self._redundant.standby_is_good and device in self._drives)
 
 
 def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.links.settings import CanSettings
 _ON: Final = b"\x01"
 _OFF: Final = b"\x00"
 _TAKEN_AT_ONCE: Final = 64
-_UNHEARD: Final = 9
+_SKIPPED_AFTER_REFUSAL: Final = 9
 """Heartbeats that are skipped after one that no guard was there to take: each would cost as much as a command."""
 
 
@@ -36,13 +36,24 @@ def address_of(can: CanSettings) -> str:
     return f"\0segway-ecc-guard-{digest[:16]}"
 
 
-class HeartbeatSender:
+class _HeartbeatSocket:
+    def __init__(self, can: CanSettings) -> None:
+        self._address = address_of(can)
+        self._socket: socket.socket | None = None
+
+    def close(self) -> None:
+        """Close the socket; it may be opened again."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class HeartbeatSender(_HeartbeatSocket):
     """Sends to the guard of a bus; see `GuardHeartbeat`. One that nobody receives, or has no room, is dropped."""
 
     def __init__(self, can: CanSettings) -> None:
         """Send to the guard of `can`; the socket is opened with the first heartbeat."""
-        self._address = address_of(can)
-        self._socket: socket.socket | None = None
+        super().__init__(can)
         self._skipped = 0
 
     def beat(self, *, is_on: bool) -> None:
@@ -55,24 +66,13 @@ class HeartbeatSender:
         try:
             self._socket.sendto(_ON if is_on else _OFF, self._address)
         except ConnectionRefusedError:
-            self._skipped = _UNHEARD
+            self._skipped = _SKIPPED_AFTER_REFUSAL
         except OSError:  # a guard that does not keep up must not disturb the loop either
             return
 
-    def close(self) -> None:
-        """Close the socket; the next heartbeat opens another."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
 
-
-class HeartbeatListener:
+class HeartbeatListener(_HeartbeatSocket):
     """The guard's side: takes the heartbeats of whoever commands on a bus."""
-
-    def __init__(self, can: CanSettings) -> None:
-        """Listen for the robot on `can` once opened."""
-        self._address = address_of(can)
-        self._socket: socket.socket | None = None
 
     def open(self) -> None:
         """Listen.
@@ -100,12 +100,6 @@ class HeartbeatListener:
                 return
             if word in (_ON, _OFF):
                 yield word == _ON
-
-    def close(self) -> None:
-        """Stop listening."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
 
 
 def _datagrams() -> socket.socket:

@@ -72,7 +72,8 @@ class BaseCanLink:
     On a CAN bus each identifier has one sender: what comes with one that we send is our own frame come back.
 
     Attributes:
-        hears_remote: Whether remote frames are received too, as a simulated device needs; else they are only counted.
+        description: The interface in use, and what was asked for where that was left open.
+        receives_remote: Whether remote frames are handed out too, as simulated devices need; else only counted.
     """
 
     def __init__(
@@ -80,7 +81,8 @@ class BaseCanLink:
     ) -> None:
         """Describe the bus; `open` opens it, and `open_port` may take its time and raise BusNotFoundError."""
         self.counters = LinkCounters()
-        self.hears_remote = False
+        self.description = settings.description
+        self.receives_remote = False
         self._settings = settings
         self._open_port = open_port
         self._now_ns = now_ns
@@ -95,11 +97,6 @@ class BaseCanLink:
         self._recovery = Recovery(
             f"CAN bus {settings.description}", self._open, lambda opened: opened.port.close(), now_ns
         )
-
-    @property
-    def description(self) -> str:
-        """The interface in use, and what was asked for where that was left open."""
-        return self._settings.description
 
     @property
     def state(self) -> LinkState:
@@ -210,7 +207,7 @@ class BaseCanLink:
             asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
             self.counters.remote_frames += 1
             self.counters.bits += worst_case_bits(0, is_extended=asked.is_extended)
-            if self.hears_remote:
+            if self.receives_remote:
                 frames.append(asked)
         else:
             self.counters.echoes += 1

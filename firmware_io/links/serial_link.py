@@ -89,6 +89,7 @@ class SerialLink:
 
     Attributes:
         counters: What passed over it; a byte counts as ten bits.
+        description: The port and its rate.
         is_active: Whether it carries the robot's commands, and so asks in every cycle instead of ten times a second.
     """
 
@@ -97,6 +98,7 @@ class SerialLink:
     ) -> None:
         """Describe the line; `open` opens its port."""
         self.counters = LinkCounters()
+        self.description = f"serial {settings.port} at {settings.baudrate} bit/s"
         self.is_active = False
         self._settings = settings
         self._codec = codec
@@ -118,11 +120,6 @@ class SerialLink:
             now_ns,
             remedy="plug it in again",
         )
-
-    @property
-    def description(self) -> str:
-        """The port and its rate."""
-        return f"serial {self._settings.port} at {self._settings.baudrate} bit/s"
 
     @property
     def state(self) -> LinkState:

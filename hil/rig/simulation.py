@@ -75,7 +75,7 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     while isinstance(behind, LinkFront):
         behind = behind.behind
     if isinstance(behind, BaseCanLink):
-        behind.hears_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
+        behind.receives_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
     drives, tick_ns = _drives(hardware, link, port)
     devices, imu = [drives], hardware.external_imu
     if imu is not None and round(imu.period_s * 1e9) % tick_ns != 0:

@@ -76,7 +76,7 @@ class Cia402Pair:
 
         A drive that cannot be set up speaks against arming from then on.
         """
-        from segway_ecc.firmware_io.drives.cia402.commission import commission  # noqa: PLC0415 - needs an optional library
+        from segway_ecc.firmware_io.drives.cia402.setup import commission  # noqa: PLC0415 - needs an optional library
 
         commission(self._link, self._wheels, self._plans, self._now_ns, self._sleep_until_ns)
 

@@ -163,7 +163,7 @@ def test_remote_frames_are_received_only_where_wanted(link: BaseCanLink, bus: Bu
     asked = (0x300 | REMOTE, b"", 0)
     bus.port.arriving.append(asked)
     assert link.receive() == []
-    link.hears_remote = True
+    link.receives_remote = True
     bus.port.arriving.append(asked)
     (frame,) = link.receive()
     assert (frame.arbitration_id, frame.data, frame.is_remote, frame.is_extended) == (0x300, b"", True, False)

@@ -53,6 +53,6 @@ def test_devices_can_be_asked_by_remote_frame_whatever_stands_in_front_of_their_
 ) -> None:
     bus = can_link(CAN, Clocks())
     assert isinstance(bus, BaseCanLink)
-    assert not bus.hears_remote
+    assert not bus.receives_remote
     simulated_robot(load_robot("cart-can"), front(bus))
-    assert bus.hears_remote
+    assert bus.receives_remote
