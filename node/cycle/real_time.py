@@ -55,7 +55,9 @@ def real_time_loop(*, lock: bool = True) -> Iterator[tuple[str, ...]]:
             stack.enter_context(_timer_slack()),
             lock_memory() if lock else None,
         ]
-        stack.enter_context(_quick_switches())
+        before_s = sys.getswitchinterval()
+        sys.setswitchinterval(min(before_s, SWITCH_INTERVAL_S))
+        stack.callback(sys.setswitchinterval, before_s)
         yield tuple(text for text in lacking if text is not None)
 
 
@@ -190,13 +192,3 @@ def _timer_slack() -> Iterator[str | None]:
             yield f"the kernel wakes this thread up to {slack_ns * 1e-3:.0f} us late on purpose (timer slack)"
     finally:
         prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(max(before_ns, 1)), 0, 0, 0)
-
-
-@contextlib.contextmanager
-def _quick_switches() -> Iterator[None]:
-    before_s = sys.getswitchinterval()
-    sys.setswitchinterval(min(before_s, SWITCH_INTERVAL_S))
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before_s)

@@ -92,7 +92,9 @@ class Histogram:
         for index, count in enumerate(self._counts):
             seen += count
             if count and seen >= rank:
-                return min(_upper_ns(index), self._max_ns) * 1e-9
+                shift = max((index >> _SUB_BITS) - 1, 0)  # below 64 ns a bucket is a nanosecond wide
+                upper_ns = ((index - (shift << _SUB_BITS) + 1) << shift) - 1
+                return min(upper_ns, self._max_ns) * 1e-9
         return 0.0
 
     def summary(self) -> Summary:
@@ -133,10 +135,3 @@ class Tally:
             for histogram, duration_ns in zip(histograms, durations_ns, strict=True):
                 histogram.add(duration_ns)
         self._noted.clear()
-
-
-def _upper_ns(index: int) -> int:
-    if index < 2 * _SUB_BUCKETS:
-        return index
-    shift = (index >> _SUB_BITS) - 1
-    return ((index - (shift << _SUB_BITS) + 1) << shift) - 1

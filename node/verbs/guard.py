@@ -2,12 +2,11 @@
 
 import argparse
 import gc
-from collections.abc import Mapping
 from typing import Final
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.firmware_io.guard.guard import Guard, describe, stopper_of
-from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Intervention, Watch
+from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Watch
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
@@ -55,6 +54,20 @@ def run(options: argparse.Namespace) -> int:
         guard.run()
     wall_ns = clock.wall_ns() - clock.now_ns()
     if options.json:
+        interventions = []
+        for each in watch.interventions:  # stamps on the wall clock, ns, by what it leads the monotonic one
+            last_ns = each.last_command_ns
+            interventions.append(
+                {
+                    "cause": each.cause,
+                    "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
+                    "first_stop_wall_ns": each.first_ns + wall_ns,
+                    "reaction_ms": None if last_ns is None else (each.first_ns - last_ns) * 1e-6,
+                    "lasted_ms": (each.last_ns - each.first_ns) * 1e-6,
+                    "frames": each.frames,
+                    "end": each.end,
+                }
+            )
         print_json(
             {
                 "bus": listening.description,
@@ -64,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
                 "heartbeats": watch.heartbeats,
                 "longest_gap_ms": watch.longest_gap_ns * 1e-6,
                 "intervened": watch.intervened,
-                "interventions": [_report(intervention, wall_ns) for intervention in watch.interventions],
+                "interventions": interventions,
             }
         )
     else:
@@ -78,17 +91,3 @@ def run(options: argparse.Namespace) -> int:
             }
         )
     return 0
-
-
-def _report(intervention: Intervention, wall_ns: int) -> Mapping[str, object]:
-    """An intervention as JSON; stamps on the wall clock, ns, by what it leads the monotonic one."""
-    last_ns = intervention.last_command_ns
-    return {
-        "cause": intervention.cause,
-        "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
-        "first_stop_wall_ns": intervention.first_ns + wall_ns,
-        "reaction_ms": None if last_ns is None else (intervention.first_ns - last_ns) * 1e-6,
-        "lasted_ms": (intervention.last_ns - intervention.first_ns) * 1e-6,
-        "frames": intervention.frames,
-        "end": intervention.end,
-    }

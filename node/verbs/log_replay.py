@@ -52,7 +52,18 @@ def run(options: argparse.Namespace) -> int:
     for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
     if options.json:
-        print_json(_document(outcome))
+        print_json(
+            {
+                "identical": outcome.is_identical,
+                "cycles": outcome.cycles,
+                "duration_s": outcome.duration_s,
+                "difference": None if outcome.difference is None else outcome.difference._asdict(),
+                "others": [other._asdict() for other in outcome.others],
+                "gap": outcome.gap,
+                "cut": outcome.is_cut,
+                "other_model": outcome.is_other_model,
+            }
+        )
     else:
         sys.stdout.write("\n".join(_lines(outcome, names)) + "\n")
     if outcome.difference is not None:
@@ -69,32 +80,12 @@ def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:
         *(f"{_AHEAD}also {other.port}: {other.recorded}, {other.computed}" for other in outcome.others),
     ]
     lines += [f"{outcome.cycles} cycles before it are identical", "", f"commands: {', '.join(names)}"]
-    lines += [f"{_AHEAD}{_row(recorded, computed)}" for recorded, computed in outcome.around]
+    for recorded, computed in outcome.around:
+        was, now = (
+            f"{each.mode} {', '.join(f'{value:.9g}' for value in each.commands)}" for each in (recorded, computed)
+        )
+        lines.append(f"{_AHEAD}{recorded.cycle}: recorded {was}, computed {now}")
     return lines
-
-
-def _row(recorded: CycleRecord, computed: CycleRecord) -> str:
-    return (
-        f"{recorded.cycle}: recorded {recorded.mode} {_numbers(recorded.commands)}, "
-        f"computed {computed.mode} {_numbers(computed.commands)}"
-    )
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:.9g}" for value in values)
-
-
-def _document(outcome: Outcome) -> dict[str, object]:
-    return {
-        "identical": outcome.is_identical,
-        "cycles": outcome.cycles,
-        "duration_s": outcome.duration_s,
-        "difference": None if outcome.difference is None else outcome.difference._asdict(),
-        "others": [other._asdict() for other in outcome.others],
-        "gap": outcome.gap,
-        "cut": outcome.is_cut,
-        "other_model": outcome.is_other_model,
-    }
 
 
 def _curves(pairs: Sequence[tuple[CycleRecord, CycleRecord]], index: int) -> list[Curve]:

@@ -32,26 +32,24 @@ def run(options: argparse.Namespace) -> int:
     model = load_model(locate(options.model, [Path()]), method=options.method, step_size=options.step)
     description = describe(model)
     if options.json:
-        print_json(_json(description))
+        print_json(
+            {
+                "name": description.name,
+                "flavour": str(description.flavour),
+                "build": description.build,
+                "method": description.method,
+                "step_size_s": description.step_size,
+                "finish_time_s": description.finish_time,
+                "inputs": [_variable(v, Write.NOW) for v in description.inputs],
+                "outputs": [_variable(v, Write.NEVER) for v in description.outputs],
+                "parameters": [_variable(v, v.write) for v in description.parameters],
+                "states": [_variable(v, v.write) for v in description.states],
+                "warnings": list(description.warnings),
+            }
+        )
     else:
         _print(description)
     return 0
-
-
-def _json(description: Description) -> dict[str, Any]:
-    return {
-        "name": description.name,
-        "flavour": str(description.flavour),
-        "build": description.build,
-        "method": description.method,
-        "step_size_s": description.step_size,
-        "finish_time_s": description.finish_time,
-        "inputs": [_variable(v, Write.NOW) for v in description.inputs],
-        "outputs": [_variable(v, Write.NEVER) for v in description.outputs],
-        "parameters": [_variable(v, v.write) for v in description.parameters],
-        "states": [_variable(v, v.write) for v in description.states],
-        "warnings": list(description.warnings),
-    }
 
 
 def _variable(variable: Variable, write: Write) -> dict[str, Any]:

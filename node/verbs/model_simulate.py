@@ -8,8 +8,7 @@ from typing import Final
 from segway_ecc.node.cli.files import Curve, draw_panels, write_csv
 from segway_ecc.node.cli.options import add_json, add_model, check_duration, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.model.model import Model
-from segway_ecc.node.model.simulate import Sample, simulate
+from segway_ecc.node.model.simulate import simulate
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.locate import locate
 from segway_ecc.node.recording.mcap_log import McapLog, topic_name
@@ -40,7 +39,11 @@ def run(options: argparse.Namespace) -> int:
         header = ["time", *(v.name for v in (*model.inputs, *model.outputs))]
         write_csv(options.csv, header, ([sample.time, *sample.u, *sample.y] for sample in samples))
     if options.mcap is not None:
-        _write_mcap(options.mcap, model, samples)
+        topics = [topic_name("model", v.name) for v in (*model.inputs, *model.outputs)]
+        with McapLog(options.mcap) as log:
+            for sample in samples:
+                for name, value in zip(topics, (*sample.u, *sample.y), strict=True):
+                    log.float64(name, round(sample.time * _NS_PER_S), value)
     if options.plot is not None:
         labels = [v.name if v.unit == "1" else f"{v.name}, {v.unit}" for v in model.outputs]
         panels = [(label, [Curve([s.y[index] for s in samples])]) for index, label in enumerate(labels)]
@@ -67,11 +70,3 @@ def _assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
         if not separator:
             raise ConfigurationError(f"{option} wants NAME=VALUE with a number, not '{text}'")
     return found
-
-
-def _write_mcap(path: Path, model: Model, samples: Sequence[Sample]) -> None:
-    topics = [topic_name("model", v.name) for v in (*model.inputs, *model.outputs)]
-    with McapLog(path) as log:
-        for sample in samples:
-            for name, value in zip(topics, (*sample.u, *sample.y), strict=True):
-                log.float64(name, round(sample.time * _NS_PER_S), value)

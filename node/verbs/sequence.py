@@ -83,16 +83,10 @@ def _progress() -> Callable[[float], None]:
     return show
 
 
-def _last(player: Player) -> Odometry:
-    """The odometry of the end's stamp."""
-    for odometry in reversed(player.received):
-        if odometry.stamp_ns == player.end_ns:
-            return odometry
-    raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
-
-
 def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as_json: bool) -> None:
-    last = _last(player)
+    last = next((odometry for odometry in reversed(player.received) if odometry.stamp_ns == player.end_ns), None)
+    if last is None:
+        raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
     if as_json:
         stamps = {"start_ns": player.start_ns, "end_ns": player.end_ns}
         print_json({**stamps, "end": last._asdict(), "unconfirmed": unconfirmed, "graph": graph})
