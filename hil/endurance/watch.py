@@ -68,7 +68,13 @@ class DriveMonitor(RecorderFront):
         self._cycle = record.cycle
         if record.mode is Mode.ARMED:
             self._timeline.start()
-            self._compare(record.setpoint)
+            self._stood = self._stood + 1 if record.setpoint == self._setpoint else 0
+            self._setpoint = record.setpoint
+            if self._stood >= self._settled:
+                self.max_errors = tuple(  # type: ignore[assignment]  # two of them
+                    max(largest, abs(self._robot.outputs[place] - wanted))
+                    for largest, place, wanted in zip(self.max_errors, self._moving, record.setpoint, strict=True)
+                )
         elif self._timeline.started_ns is not None or record.cycle * self._period_s > _ARMED_WITHIN_S:
             self._note(record.mode)
         super().write(record)
@@ -87,14 +93,3 @@ class DriveMonitor(RecorderFront):
         if self._timeline.started_ns is None:
             reason = f"it was never armed: {reason}"
         self.trip = self.trip or Trip(self._cycle * self._period_s, str(mode), reason)
-
-    def _compare(self, setpoint: Setpoint) -> None:
-        if setpoint != self._setpoint:
-            self._setpoint, self._stood = setpoint, 0
-            return
-        self._stood += 1
-        if self._stood >= self._settled:
-            self.max_errors = tuple(  # type: ignore[assignment]  # two of them
-                max(largest, abs(self._robot.outputs[place] - wanted))
-                for largest, place, wanted in zip(self.max_errors, self._moving, setpoint, strict=True)
-            )

@@ -146,7 +146,12 @@ class _Segway(SectionedModel):
             self._advance_substep(substep)
             moved += substep
             if moved == sampled:
-                self._sample(moved)
+                self.body.accelerate(self._left_motor.present_torque, self._right_motor.present_torque)
+                motion = self._motion()
+                if imu is None:
+                    self._imu_sample = motion
+                else:
+                    imu.add_sample(moved, motion)
         self._moved = end
         if imu is not None:
             self._imu_sample = imu.show(end)
@@ -184,13 +189,6 @@ class _Segway(SectionedModel):
         self.body.load(payload, self.p["PayloadHeight"])
         stiffness = self.body.friction_rate * STEP_SIZE
         self._longest = next((steps for steps in range(MOST_STEPS, 1, -1) if steps * stiffness <= _MOST_STIFF), 1)
-
-    def _sample(self, moved: int) -> None:
-        self.body.accelerate(self._left_motor.present_torque, self._right_motor.present_torque)
-        if self._imu is None:
-            self._imu_sample = self._motion()
-        else:
-            self._imu.take(moved, self._motion())
 
     def _motion(self) -> Sequence[float]:
         b = self.body

@@ -163,7 +163,7 @@ class Imu:
         self._way: deque[tuple[int, Sequence[float]]] = deque()
         self._shown = self._distort(first)
 
-    def take(self, step: int, motion: Sequence[float]) -> None:
+    def add_sample(self, step: int, motion: Sequence[float]) -> None:
         """Take a sample of what a perfect one shows at a step, later than those before."""
         self._way.append((step, motion))
 

@@ -90,11 +90,6 @@ class _Wire:
         """Let bytes wait to be read."""
         self.arrived += data[: _MOST_KEPT - len(self.arrived)]
 
-    def discard(self) -> None:
-        """Discard what has arrived."""
-        self.pass_on()
-        self.arrived.clear()
-
 
 class SimulatedPort:
     """One end of a simulated line; see `Port`."""
@@ -138,7 +133,8 @@ class SimulatedPort:
         """
         if not self._is_there:
             raise FileNotFoundError(errno.ENOENT, "the simulated port is unplugged")
-        self._incoming.discard()
+        self._incoming.pass_on()
+        self._incoming.arrived.clear()
         return self
 
     def close(self) -> None:

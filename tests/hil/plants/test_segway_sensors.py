@@ -127,7 +127,7 @@ def _seen(imu: Imu, motions: Iterable[Sequence[float]]) -> list[Sequence[float]]
     """What an IMU shows at each step after it has taken one motion a step."""
     shown = []
     for step, motion in enumerate(motions, 1):
-        imu.take(step, motion)
+        imu.add_sample(step, motion)
         shown.append(imu.show(step))
     return shown
 
@@ -155,7 +155,7 @@ def test_noise_is_as_large_and_as_white_where_only_some_steps_are_asked_for() ->
     imu = Imu(dataclasses.replace(NONE, gyro_noise=2e-4), H, 7, STILL)
     values = []
     for step in range(0, 100_000, 5):
-        imu.take(step, STILL)
+        imu.add_sample(step, STILL)
         values.append(imu.show(step)[1])
     assert statistics.stdev(values) == pytest.approx(2e-3, rel=0.03)
     assert abs(statistics.correlation(values[1:], values[:-1])) < 0.03
@@ -200,7 +200,7 @@ def test_samples_come_late(latency: float, steps: int) -> None:
 def test_shows_the_newest_that_has_arrived_until_another_does() -> None:
     imu = Imu(dataclasses.replace(ImuErrors(), latency=2 * H), H, 1, STILL)
     for step in (3, 4, 8):
-        imu.take(step, (float(step), 0.0, 0.0, 0.0, 0.0, 0.0))
+        imu.add_sample(step, (float(step), 0.0, 0.0, 0.0, 0.0, 0.0))
     shown = {step: imu.show(step) for step in (4, 6, 7, 9, 10)}
     assert [round(shown[step][0]) for step in (4, 6, 7, 9, 10)] == [0, 4, 4, 4, 8]
     assert shown[6] == shown[7] == shown[9]  # one sample, one noise
