@@ -10,7 +10,7 @@ class UpdateRefusedError(NodeError):
 
 
 class UpdateFailedError(NodeError):
-    """The release was not healthy; the text says where the robot went."""
+    """The release was not healthy; the text names what the robot went back to."""
 
     exit_code = 12
 

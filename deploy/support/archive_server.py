@@ -44,7 +44,7 @@ class ArchiveServer:
         self._executor.add_node(node)
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Answer until `stopped` says so, which is asked often."""
+        """Answer until `stopped`, which is asked often, is true."""
         while not stopped():
             self._executor.spin_once(timeout_sec=_LOOK_S)
             # Whatever was sent is waited for before the next request is even looked at, whoever's it is.

@@ -1,4 +1,4 @@
-"""The units as systemd itself reads them, and what they must say."""
+"""The units as systemd itself reads them, and what they must contain."""
 
 import configparser
 import re
@@ -20,7 +20,7 @@ MOST_EXPOSED = {"node": 25, "guard": 25, "archive": 25, "station": 25}
 
 
 def sections(path: Path) -> dict[str, dict[str, list[str]]]:
-    """A unit's settings, each with all that is said of it, in order."""
+    """A unit's settings, each with all its values, in order."""
     found: dict[str, dict[str, list[str]]] = {}
     name = ""
     for line in path.read_text("utf-8").splitlines():
@@ -103,7 +103,7 @@ def test_what_controls_is_started_again_for_ever_and_at_once() -> None:
         assert "sys-subsystem-net-devices-can0.device" in found["Install"]["WantedBy"]
 
 
-def test_the_node_tells_that_it_lives_and_nobody_tells_it_in_its_place() -> None:
+def test_only_the_node_itself_notifies_systemd() -> None:
     service = unit("node")["Service"]
     assert service["Type"] == ["notify"]
     assert service["NotifyAccess"] == ["main"]

@@ -77,7 +77,7 @@ class Journal:
 def _read(path: Path) -> Transaction | None:
     try:
         found = json.loads(path.read_bytes())
-        # What another version of this program wrote may say more.
+        # What another version of this program wrote may hold more.
         return Transaction(**{field.name: found[field.name] for field in dataclasses.fields(Transaction)})
     except (OSError, ValueError, TypeError, KeyError):
         return None

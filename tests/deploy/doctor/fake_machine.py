@@ -88,7 +88,7 @@ class FakeMachine:
         return self
 
     def interface(self, name: str, state: InterfaceState, *, queue: int = 16, is_can: bool = True) -> "FakeMachine":
-        """Add a network interface, as /sys and netlink tell of it."""
+        """Add a network interface, as /sys and netlink show it."""
         self.probes.interfaces[name] = state
         folder = f"/sys/class/net/{name}"
         flags = "0x40081" if state.is_up else "0x40080"

@@ -25,7 +25,7 @@ def test_memory(fake: FakeMachine, mib: int, verdict: Verdict) -> None:
     assert looked(fake)["memory"].verdict is verdict
 
 
-def test_memory_that_is_not_told(fake: FakeMachine) -> None:
+def test_memory_not_reported_by_the_kernel_is_good(fake: FakeMachine) -> None:
     fake.remove("/proc/meminfo")
     assert looked(fake)["memory"].found == "not reported by the kernel"
 

@@ -50,7 +50,7 @@ def test_the_wrong_bit_rate(fake: FakeMachine, actual: int, wanted: int) -> None
     assert f"type can bitrate {wanted} restart-ms 100" in found["CAN can0 bit rate"].remedy
 
 
-def test_a_driver_that_tells_no_bit_rate(fake: FakeMachine) -> None:
+def test_unreported_bit_rate_is_warned(fake: FakeMachine) -> None:
     fake.interface("can0", changed(bitrate=None))
     assert not_good(looked(fake)) == {"CAN can0 bit rate": Verdict.WARNING}
 

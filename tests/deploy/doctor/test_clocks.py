@@ -23,8 +23,8 @@ def test_the_wall_clock(fake: FakeMachine, answers: dict[str, str], verdict: Ver
     assert (found.verdict, found.found) == (verdict, text)
 
 
-def test_a_machine_that_nothing_synchronises_is_told_what_to_install(fake: FakeMachine) -> None:
-    """As timedatectl of systemd 252 says it where no service for it is installed; set-ntp alone would be refused."""
+def test_machine_without_time_service_is_warned_with_install_command(fake: FakeMachine) -> None:
+    """As timedatectl of systemd 252 prints where no service for it is installed; set-ntp alone would be refused."""
     fake.answers = {"timedatectl": "Timezone=Etc/UTC\nLocalRTC=no\nCanNTP=no\nNTP=no\nNTPSynchronized=no\n"}
     (found,) = check_clock(fake.machine, workload(fake.root))
     assert found.remedy.startswith("sudo apt-get install systemd-timesyncd")

@@ -27,7 +27,7 @@ def test_the_folder_itself_is_tried_where_it_is_there(fake: FakeMachine) -> None
     assert looked(fake)["disk speed"].found.endswith("/var/log/segway-ecc")
 
 
-def test_too_little_room(fake: FakeMachine) -> None:
+def test_too_little_free_space_is_warned(fake: FakeMachine) -> None:
     found = looked(fake, 10**18)["disk space"]
     assert found.verdict is Verdict.WARNING
     assert "--log-limit" in found.remedy

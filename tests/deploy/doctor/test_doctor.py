@@ -107,7 +107,7 @@ def _breaks(_machine: System, _workload: Workload) -> Iterator[Finding]:
     raise ZeroDivisionError("division by zero")
 
 
-def test_a_check_that_breaks_is_told_and_ends_no_other(fake: FakeMachine) -> None:
+def test_broken_check_is_reported_and_the_others_run(fake: FakeMachine) -> None:
     checks = {"kernel": CHECKS["kernel"], "ours": _breaks, "python": CHECKS["python"]}
     found = by_name(examine(fake.machine, workload(fake.root), checks))
     assert list(found) == ["kernel", "CAN in the kernel", "first half", "check of ours", "Python"]

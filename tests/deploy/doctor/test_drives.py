@@ -22,6 +22,6 @@ def test_how_the_watchdog_is_known(fake: FakeMachine, robot: str | None, text: s
 
 
 @pytest.mark.parametrize(("period_ns", "verdict"), [(13_333_333, Verdict.GOOD), (13_400_000, Verdict.WARNING)])
-def test_a_watchdog_bears_a_late_cycle(fake: FakeMachine, period_ns: int, verdict: Verdict) -> None:
+def test_watchdog_must_outlast_three_cycles(fake: FakeMachine, period_ns: int, verdict: Verdict) -> None:
     (found,) = check_drives(fake.machine, workload(fake.root, "cart-can", period_ns))
     assert found.verdict is verdict

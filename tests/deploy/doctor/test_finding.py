@@ -5,7 +5,7 @@ from segway_ecc.deploy.doctor.finding import Finding, Verdict, bad, good, is_fit
 
 @pytest.mark.parametrize("verdict", [Verdict.WARNING, Verdict.BAD])
 @pytest.mark.parametrize(("effect", "remedy"), [("", "do"), ("so", ""), ("", "")])
-def test_a_reproach_says_what_it_does_and_how_it_is_mended(verdict: Verdict, effect: str, remedy: str) -> None:
+def test_finding_that_is_not_good_needs_effect_and_remedy(verdict: Verdict, effect: str, remedy: str) -> None:
     with pytest.raises(ValueError, match=r"finding 'disk' is .* and lacks"):
         Finding("disk", verdict, "full", effect, remedy)
 

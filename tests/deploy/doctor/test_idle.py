@@ -78,7 +78,7 @@ def test_a_unit_of_root_needs_no_group(device: FakeMachine) -> None:
 def test_without_a_unit_it_is_this_user_who_counts(device: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
     del device.answers["segway-ecc-node"]
     assert looked(device).found == f"this user may write {FILE}"
-    monkeypatch.setattr("os.access", lambda _path, _mode: False)  # root may whatever the mode says
+    monkeypatch.setattr("os.access", lambda _path, _mode: False)  # root may whatever the mode is
     found = looked(device)
     assert found.found == f"{FILE} is not writable for this user"
     assert "sudo usermod -aG segway $USER" in found.remedy

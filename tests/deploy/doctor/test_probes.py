@@ -1,4 +1,4 @@
-"""On the real machine; nothing is said of how fast it is."""
+"""On the real machine; nothing is asserted about its speed."""
 
 from pathlib import Path
 
@@ -12,18 +12,18 @@ from segway_ecc.hil.pseudo_terminal import PtyPort
 MS = 1_000_000
 
 
-def test_wake_ups_are_counted_and_told() -> None:
-    told: list[float] = []
-    summary = RealProbes(told.append, measured_ns=600 * MS).wake_ups(20 * MS)
+def test_wake_ups_are_counted_and_progress_is_reported() -> None:
+    reported: list[float] = []
+    summary = RealProbes(reported.append, measured_ns=600 * MS).wake_ups(20 * MS)
     assert summary.count == 30
     assert 0.0 <= summary.p50_s <= summary.p99_s <= summary.max_s
-    assert told == pytest.approx([1 / 3, 2 / 3, 1.0])
+    assert reported == pytest.approx([1 / 3, 2 / 3, 1.0])
 
 
-def test_a_period_longer_than_what_is_told_is_told_each_time() -> None:
-    told: list[float] = []
-    RealProbes(told.append, measured_ns=300 * MS).wake_ups(250 * MS)
-    assert told == [0.5, 1.0]
+def test_progress_is_reported_each_cycle_when_the_period_is_long() -> None:
+    reported: list[float] = []
+    RealProbes(reported.append, measured_ns=300 * MS).wake_ups(250 * MS)
+    assert reported == [0.5, 1.0]
 
 
 def test_writing_leaves_nothing_behind(tmp_path: Path) -> None:

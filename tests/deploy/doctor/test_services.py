@@ -78,7 +78,7 @@ def test_a_unit_in_trouble(fake: FakeMachine, old: str, new: str, verdict: Verdi
     assert (found.verdict, found.remedy) == (verdict, remedy)
 
 
-def test_a_unit_that_is_masked_says_nothing_of_its_privileges(fake: FakeMachine) -> None:
+def test_masked_unit_is_ignored_for_privileges(fake: FakeMachine) -> None:
     """Systemd shows it as root's, and as nobody's: its settings are not read."""
     fake.systemd(node="LoadState=masked\nUnitFileState=masked\nUser=\n")
     assert properties(fake.machine, NODE, ["User"]) == {}

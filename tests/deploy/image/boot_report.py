@@ -17,7 +17,7 @@ class Boot:
         kernel: The kernel has started the first program.
         init: Our init has mounted the data partition and started systemd.
         queued: systemd has come to the node.
-        first_cycle: Its loop runs, and the journal has been told.
+        first_cycle: Its loop runs, and the journal has it.
         ready: It has met its deadlines for a second.
     """
 
@@ -41,8 +41,8 @@ class Boot:
 
 def boot_of(robot: Robot) -> Boot:
     """The boot of a machine whose node has not been started again."""
-    told = robot.machine.run("dmesg | grep 'as init process'", 240)
-    kernel = float(re.findall(r"\[ *([\d.]+)\]", told)[0])
+    shown = robot.machine.run("dmesg | grep 'as init process'", 240)
+    kernel = float(re.findall(r"\[ *([\d.]+)\]", shown)[0])
     init = int(robot.machine.run("systemctl show -P UserspaceTimestampMonotonic", 240)) * _US
     # Not when the unit left `inactive`, nor the journal's "Starting": on one processor the node is above systemd's
     # priority, so that it gets to write these down once the node's loop sleeps for the first time.
@@ -51,7 +51,7 @@ def boot_of(robot: Robot) -> Boot:
 
 
 def analysis(robot: Robot) -> str:
-    """What systemd-analyze says of a boot, once it is finished."""
+    """What systemd-analyze shows of a boot, once it is finished."""
     machine = robot.machine
     machine.run("timeout 300 systemctl is-system-running --wait > /dev/null || true", 360)
     words = ("time", f"blame | head -{_SHOWN}", f"critical-chain {NODE}")

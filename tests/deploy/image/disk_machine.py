@@ -134,13 +134,13 @@ class DiskMachine:
             *("-append", " ".join([_KERNEL, *(f"systemd.mask={name}.service" for name in masked)])),
         ]
         self.began_s = time.monotonic()
-        with (folder / "qemu").open("wb") as said:
+        with (folder / "qemu").open("wb") as output:
             self._process = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env={"PATH": search_path()}
+                words, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env={"PATH": search_path()}
             )
 
     def run(self, command: str, timeout_s: float = 300.0, *, check: bool = True) -> str:
-        """Run a shell command as root; what it says on standard output. A status other than zero is an error."""
+        """Run a shell command as root; returns its standard output. A status other than zero is an error."""
         words = ["ssh", "-F", str(self.ssh_config), "-o", "ConnectTimeout=20", "-o", "BatchMode=yes", "robot", command]
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=timeout_s, check=False)

@@ -42,12 +42,12 @@ class Robot:
         return self.machine.run(f"systemctl show -P {name} {unit}", 240).strip()
 
     def status(self) -> dict[str, object]:
-        """What the node says of itself; nothing where it is just being started."""
+        """What the node reports; nothing where it is just being started."""
         text = self.property("StatusText")
         return dict(json.loads(text)) if text else {"mode": ""}
 
     def wait_until_up(self) -> None:
-        """Wait until the node is ready and says how it is."""
+        """Wait until the node is ready and reports its state."""
         self.machine.wait_until(f"systemctl is-active --quiet {NODE}", 600)
         self.machine.wait_until(f'[ -n "$(systemctl show -P StatusText {NODE})" ]', 600)
 
@@ -61,7 +61,7 @@ class Robot:
         return at_ns
 
     def journal(self) -> str:
-        """What the node's unit has said since the machine was switched on."""
+        """What the node's unit has logged since the machine was switched on."""
         return self.machine.run(f"journalctl -b -u {NODE} -o short-monotonic --no-pager", 240)
 
     def logs(self) -> list[str]:
@@ -69,7 +69,7 @@ class Robot:
         return self.machine.run("ls /var/log/segway-ecc/logs", 240).split()
 
     def stamps(self, text: str) -> list[float]:
-        """When it said something, s since the machine was switched on."""
+        """When it logged something, s since the machine was switched on."""
         return [float(line[1:].split("]")[0]) for line in self.journal().splitlines() if text in line]
 
     def times(self) -> str:

@@ -1,6 +1,6 @@
 """The image on a real init system: it comes up by itself, and comes back whatever happens to it.
 
-Times are printed and none is asserted: how fast a guest is says more of the machine that it runs on. What takes a plant
+Times are printed and none is asserted: a guest is as fast as the machine that it runs on. What takes a plant
 as well, and minutes, is in test_boot_proof.py.
 """
 
@@ -44,8 +44,8 @@ def test_the_robot_comes_up_by_itself_comes_back_and_boots_again_after_its_power
         assert before < set(robot.logs()), "those of before the cut, and a new one"
         assert machine.run("ls /etc/ssh/ssh_host_*_key").strip() == "/etc/ssh/ssh_host_ed25519_key"
     with capsys.disabled():
-        told = f"{boot.text()}\n{analyzed}\n{times}"
-        print(f"\nimage under user-mode Linux: {told}")  # noqa: T201 - figures are for people
+        shown = f"{boot.text()}\n{analyzed}\n{times}"
+        print(f"\nimage under user-mode Linux: {shown}")  # noqa: T201 - figures are for people
 
 
 def looks_as_it_should(machine: Machine, robot: Robot) -> None:

@@ -34,7 +34,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DiskMachine]:
         yield machine
 
 
-def told(capsys: pytest.CaptureFixture[str], text: str) -> None:
+def shown(capsys: pytest.CaptureFixture[str], text: str) -> None:
     with capsys.disabled():
         print(f"\n{text}; {load()}")  # noqa: T201 - figures are for people
 
@@ -50,7 +50,7 @@ def test_the_disk_boots_with_the_network_that_there_is_and_its_node_is_ready_wit
     starts = [line for line in journal.splitlines() if "Starting segway-ecc-node" in line]
     firsts = [line for line in journal.splitlines() if " runs at 5 Hz" in line]
     start_s, first_s = (float(lines[0][1:].split("]")[0]) for lines in (starts, firsts))
-    told(
+    shown(
         capsys,
         f"disk in QEMU: ssh {ssh_s:.0f} s after power-on, node ready {ready_s:.0f} s; of the guest's clock: service "
         f"start {start_s:.0f} s, first cycle {first_s - start_s:.0f} s later, restarts {restarts}",
@@ -116,4 +116,4 @@ def test_updates_from_this_host_are_tried_kept_and_taken_back(
     assert (states[good], states[shipped], len(states)) == ("healthy", "healthy", 3), ended
     assert all(not release["changed"] for release in ended["releases"])
     assert ended["node"]["status"]["mode"] == "DISARMED"
-    told(capsys, f"updates of a disk in QEMU from this host: {', '.join(took)}")
+    shown(capsys, f"updates of a disk in QEMU from this host: {', '.join(took)}")

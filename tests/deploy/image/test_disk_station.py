@@ -112,12 +112,12 @@ def test_the_firewall_is_loaded_keeps_others_out_and_is_there_again_after_a_powe
 
 
 def _base_station(machine: Machine, words: str = "") -> dict[str, Any]:
-    """How the command ended: exit code, what it answered, and what it said besides."""
+    """How the command ended: exit code, what it answered, and its errors."""
     share = "/run/share"
-    code = machine.run(f"segway-ecc station install --json {words} > {share}/said 2> {share}/errors; echo $?", 900)
-    said = (machine.share / "said").read_text("utf-8")
+    code = machine.run(f"segway-ecc station install --json {words} > {share}/output 2> {share}/errors; echo $?", 900)
+    output = (machine.share / "output").read_text("utf-8")
     errors = (machine.share / "errors").read_text("utf-8")
-    return {"code": int(code.split()[-1]), "answer": json.loads(said or "{}"), "errors": errors}
+    return {"code": int(code.split()[-1]), "answer": json.loads(output or "{}"), "errors": errors}
 
 
 def _state(machine: Machine) -> tuple[str, ...]:

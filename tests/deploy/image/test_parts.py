@@ -92,7 +92,7 @@ def test_what_is_no_manifest_is_refused(text: str, tmp_path: Path) -> None:
         manifest.read(path)
 
 
-def test_a_disk_has_each_partition_where_its_table_says(tmp_path: Path) -> None:
+def test_partitions_lie_where_the_partition_table_has_them(tmp_path: Path) -> None:
     parts = []
     for name, content in (("root", b"r" * 100), ("data", bytes(3 * disk.MIB + 1)), ("conf", b"\0" * disk.MIB + b"c")):
         parts.append(tmp_path / name)
@@ -116,7 +116,7 @@ def test_a_copy_is_the_same_and_leaves_out_what_is_empty(tmp_path: Path) -> None
     assert (tmp_path / "copy").stat().st_blocks * 512 < source.stat().st_size // 2
 
 
-def test_a_program_that_fails_says_so_with_its_last_words() -> None:
+def test_failed_program_raises_with_its_last_lines() -> None:
     with pytest.raises(ImageError, match=r"^sh failed with status 3:\n  no room$"):
         run(["sh", "-c", "echo no room >&2; exit 3"])
 

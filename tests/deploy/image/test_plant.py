@@ -28,9 +28,9 @@ def test_the_case_study_and_the_segway_run_against_their_plants_over_the_guests_
     with switch_on(tmp_path / "machine") as machine:
         Robot(machine).wait_until_up()
         machine.run("systemctl stop segway-ecc-node segway-ecc-guard", 240)  # the bus is for the two that follow
-        cells = said(machine, CASE_STUDY)["cells"]
+        cells = output(machine, CASE_STUDY)["cells"]
         frames = [sent(machine)]
-        driven = said(machine, SEGWAY)
+        driven = output(machine, SEGWAY)
         frames.append(sent(machine) - frames[0])
     offline = conduct([OfflineSeat(tmp_path)], {}, lambda *_: None).cells
     assert [(cell["linear"], cell["angular"]) for cell in cells] == [(cell.linear, cell.angular) for cell in offline]
@@ -43,9 +43,9 @@ def test_the_case_study_and_the_segway_run_against_their_plants_over_the_guests_
         print(f"\nover the guest's bus: {frames[0]} frames of the case study, {frames[1]} of the segway")  # noqa: T201
 
 
-def said(machine: Machine, words: str) -> dict[str, Any]:
-    machine.run(f"cd /run && {words} > /run/share/said 2> /run/share/errors < /dev/null", 600)
-    return dict(json.loads((machine.share / "said").read_text("utf-8")))
+def output(machine: Machine, words: str) -> dict[str, Any]:
+    machine.run(f"cd /run && {words} > /run/share/output 2> /run/share/errors < /dev/null", 600)
+    return dict(json.loads((machine.share / "output").read_text("utf-8")))
 
 
 def sent(machine: Machine) -> int:

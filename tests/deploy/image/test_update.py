@@ -53,8 +53,8 @@ def test_an_update_that_is_not_healthy_goes_back_a_good_one_stays_and_a_power_cu
         robot.wait_until_up()
         updates = Updates(robot)
         assert (updates.current(), updates.running()) == (good, good)
-        told = machine.run("segway-ecc --version; cat /opt/segway-ecc/last-transaction.json")
-        assert '"outcome": "interrupted"' in told
-        assert f'"release": "{on_trial}"' in told
+        shown = machine.run("segway-ecc --version; cat /opt/segway-ecc/last-transaction.json")
+        assert '"outcome": "interrupted"' in shown
+        assert f'"release": "{on_trial}"' in shown
         settled = "InactiveExitTimestampMonotonic"
         assert 0 < int(robot.property(settled, "segway-ecc-settle.service")) < int(robot.property(settled))

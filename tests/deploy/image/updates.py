@@ -93,14 +93,14 @@ class Updates:
         (folder / f"{name}.py").write_text(_MODEL.format(name=name, sleep_s=sleep_s), "ascii")
 
     def push(self, name: str, start_s: float) -> tuple[int, dict[str, Any]]:
-        """Push it; the exit code, and what was said at the end."""
+        """Push it; the exit code, and its output."""
         machine = self.robot.machine
         words = self._words(name, start_s)
-        code = machine.run(f"{words} > /run/share/said 2> /run/share/{name}.err < /dev/null; echo $?", 900)
+        code = machine.run(f"{words} > /run/share/output 2> /run/share/{name}.err < /dev/null; echo $?", 900)
         Path(machine.share, f"{name}.journal").write_text(self.robot.journal(), "utf-8")  # for whoever mends it
-        said = Path(machine.share, "said").read_text("utf-8")
-        assert said, Path(machine.share, f"{name}.err").read_text("utf-8")
-        return int(code), json.loads(said)
+        output = Path(machine.share, "output").read_text("utf-8")
+        assert output, Path(machine.share, f"{name}.err").read_text("utf-8")
+        return int(code), json.loads(output)
 
     def begin(self, name: str) -> None:
         """Push it, and return as soon as it is on trial."""

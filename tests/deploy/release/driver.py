@@ -25,7 +25,7 @@ made = 0
 
 
 def count(event: str, _arguments: tuple[object, ...]) -> None:
-    """An audit hook: Python tells what it is about to do."""
+    """An audit hook: Python reports what it is about to do."""
     global made  # noqa: PLW0603 - a hook has no other place to count in
     if event in CHANGES:
         made += 1

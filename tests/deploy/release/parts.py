@@ -41,8 +41,8 @@ script.write_text(head + "from stand_in import main\\nmain()\\n")
 script.chmod(0o755)
 """
 
-# A release whose name has `bad` in it faults once it is started, one with `slow` loops too slowly, one with `mute` says
-# nothing of itself.
+# A release whose name has `bad` in it faults once it is started, one with `slow` loops too slowly, one with `mute`
+# reports no status.
 SYSTEMCTL = r"""#!/bin/sh
 echo "$*" >> @STATE@/calls
 state() {

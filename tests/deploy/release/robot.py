@@ -42,7 +42,7 @@ class Robot:
 
     def node_is(self, **properties: str) -> None:
         """What systemd shows of the node until it is restarted."""
-        new = self.folder / "state" / "node.told"
+        new = self.folder / "state" / "node.new"
         new.write_text("".join(f"{k}={v}\n" for k, v in properties.items()))
         new.replace(self.folder / "state" / "node")  # whole at any moment: a trial may be looking at it
 

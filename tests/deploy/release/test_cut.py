@@ -11,7 +11,7 @@ from tests.deploy.release.robot import Robot, Sshd
 BEFORE = ("check", "receive", "need", "venv", "install", "complete", "selftest", "ready")
 AFTER = ("switch", "restart", "trial", "end")
 MAY_END = (*AFTER, "back")
-TOLD = "deploy status robot"
+REPORTED = "deploy status robot"
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +28,13 @@ def cut_push(robot: Robot, sshd: Sshd, version: str, at: str) -> None:
         if at in {event.get("step"), event["event"]}:
             sshd.cut()
 
-    # After the switch the robot does not wait for us: it may have told its end before the cut took effect.
-    told = contextlib.suppress(ConnectionLostError) if at in MAY_END else pytest.raises(ConnectionLostError, match=TOLD)
-    with Host("robot", config=sshd.config) as host, told:
+    # After the switch the robot does not wait for us: it may have reported its end before the cut took effect.
+    expected = (
+        contextlib.suppress(ConnectionLostError)
+        if at in MAY_END
+        else pytest.raises(ConnectionLostError, match=REPORTED)
+    )
+    with Host("robot", config=sshd.config) as host, expected:
         robot.push(host, version, cut)
     robot.wait_until_settled()
     robot.check_works()

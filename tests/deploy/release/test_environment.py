@@ -5,7 +5,7 @@ from pathlib import Path
 from segway_ecc.deploy.release.agent.environment import write_environment
 
 
-def test_a_release_with_ros_says_where_its_libraries_are(tmp_path: Path) -> None:
+def test_release_with_ros_sets_its_library_path(tmp_path: Path) -> None:
     packages = tmp_path / "venv" / "lib" / "python3.11" / "site-packages"
     (packages / "ros_rcl.libs").mkdir(parents=True)
     write_environment(tmp_path)
@@ -15,8 +15,8 @@ def test_a_release_with_ros_says_where_its_libraries_are(tmp_path: Path) -> None
     write_environment(tmp_path, Path("/opt/there"))
     there = "/opt/there/venv/lib"
     libraries = f"{there}:{there}/python3.11/site-packages/ros_a.libs:{there}/python3.11/site-packages/ros_rcl.libs"
-    told = f"_ROS_WHEELS_BOOTSTRAP_COMPLETE=1\nLD_LIBRARY_PATH={libraries}\n"
-    assert (tmp_path / "environment").read_text("ascii") == told
+    expected = f"_ROS_WHEELS_BOOTSTRAP_COMPLETE=1\nLD_LIBRARY_PATH={libraries}\n"
+    assert (tmp_path / "environment").read_text("ascii") == expected
     write_environment(tmp_path)
     assert str(packages / "ros_a.libs") in (tmp_path / "environment").read_text("ascii")
     (packages / "ros_wheels_bootstrapper").rmdir()

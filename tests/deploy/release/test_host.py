@@ -38,7 +38,7 @@ def test_an_unknown_host_key_is_refused(sshd: Sshd, tmp_path: Path) -> None:
         status(host, RemotePaths(), verify=False)
 
 
-def test_an_old_python_says_that_it_is_old() -> None:
+def test_old_python_on_the_robot_is_refused_with_its_version() -> None:
     old = BOOTSTRAP.replace("sys.version_info <", "(3, 10, 2) <").replace("sys.version_info[:2]", "(3, 10)")
     done = subprocess.run([sys.executable, "-c", old], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (11, "its python3 is 3.10, and 3.11 or later is needed\n")
@@ -54,7 +54,7 @@ def test_names_and_paths_reach_the_robot_as_they_are(
     assert module_robot.store.complete() == []
 
 
-def test_what_the_robots_shell_says_at_log_in_is_not_taken_for_an_answer(ssh_host: Host, module_robot: Robot) -> None:
+def test_login_output_of_the_robots_shell_is_ignored(ssh_host: Host, module_robot: Robot) -> None:
     real = ssh_host.command()
 
     class Chatty(Host):

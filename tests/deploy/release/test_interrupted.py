@@ -22,8 +22,8 @@ def test_after_a_power_cut_the_boot_goes_back_before_anything_starts(
     Journal(robot.root).write(Transaction("push", second, first, "tester", "2026", phase=phase))
     calls = robot.calls()
     boot = [sys.executable, "-I", "-B", str(robot.root / "agent.pyz"), "settle", str(robot.root)]
-    said = subprocess.check_output(boot, text=True)
-    assert f'"current": "{first}"' in said
+    output = subprocess.check_output(boot, text=True)
+    assert f'"current": "{first}"' in output
     assert robot.store.current() == first
     assert robot.calls() == calls, "at boot nothing is restarted: it has not been started yet"
     assert not (robot.root / PENDING).exists()

@@ -21,7 +21,7 @@ class Operator:
 
     def __init__(self, robot: Robot, sshd: Sshd, capsys: pytest.CaptureFixture[str]) -> None:
         self.robot, self._sshd, self._capsys = robot, sshd, capsys
-        self.said = ""
+        self.output = ""
         self.found: dict[str, Any] = {}
 
     def types(self, task: str, *words: str) -> int:
@@ -30,7 +30,7 @@ class Operator:
         config = ["--config", str(self.robot.config)]
         code = main(["deploy", task, "robot", *where, *config, *rules, "--json", *words])
         captured = self._capsys.readouterr()
-        self.said, self.found = captured.err, json.loads(captured.out or "{}")
+        self.output, self.found = captured.err, json.loads(captured.out or "{}")
         return code
 
     def pushes(self, version: str, *words: str) -> int:
@@ -64,7 +64,7 @@ def test_push_status_a_broken_version_and_back_by_itself_and_by_hand(operator: O
     robot = operator.robot
     (robot.config / "robot.yaml").unlink()
     assert operator.pushes("1.0") == 2, "there is no robot file to run with"
-    assert operator.pushes("1.0", "--robot", "cart") == 0, operator.said
+    assert operator.pushes("1.0", "--robot", "cart") == 0, operator.output
     assert operator.version() == "1.0"
     assert "model:" in (robot.config / "robot.yaml").read_text()
     robot.check_works()
@@ -74,7 +74,7 @@ def test_push_status_a_broken_version_and_back_by_itself_and_by_hand(operator: O
     robot.check_works()
 
     assert operator.pushes("3.0+bad") == 12
-    assert "the robot is in FAULT: told so; the robot went back to 2.0-" in operator.said
+    assert "the robot is in FAULT: told so; the robot went back to 2.0-" in operator.output
     assert (operator.version(), operator.found["outcome"]) == ("2.0", "went-back")
     robot.check_works()
 
@@ -89,6 +89,6 @@ def test_push_status_a_broken_version_and_back_by_itself_and_by_hand(operator: O
     assert operator.version() == "1.0"
     robot.check_works()
     assert operator.types("rollback") == 11, "nothing older is healthy"
-    assert "--to" in operator.said
+    assert "--to" in operator.output
     assert operator.types("rollback", "--to", robot.store.complete()[1].name) == 0
     assert operator.version() == "2.0"

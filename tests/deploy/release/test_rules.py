@@ -67,7 +67,7 @@ def test_a_release_can_be_read_by_the_user_that_the_node_runs_as(robot: Robot, l
     assert all(path.stat().st_mode & 0o044 == 0o044 for path in folder.rglob("*"))
 
 
-def test_a_node_that_does_not_say_its_mode_is_taken_for_armed(robot: Robot, local: LocalHost) -> None:
+def test_node_without_reported_mode_counts_as_armed(robot: Robot, local: LocalHost) -> None:
     robot.node_is(**RUNNING, StatusText="")
     with pytest.raises(UpdateRefusedError, match="does not report whether the robot is armed"):
         robot.push(local, "1.0")
@@ -96,7 +96,7 @@ def test_what_is_not_healthy_is_taken_back_once_and_not_tried_again(
     robot.check_works()
 
 
-def test_a_first_version_that_is_not_healthy_stays_and_says_so(robot: Robot, local: LocalHost) -> None:
+def test_unhealthy_first_release_stays_and_is_reported(robot: Robot, local: LocalHost) -> None:
     ended = robot.push(local, "1.0+bad")
     assert (ended["outcome"], ended["previous"]) == ("no-way-back", None)
     ended = robot.push(local, "1.1+bad")
@@ -146,7 +146,7 @@ def test_old_releases_are_pruned_but_not_what_a_rollback_needs(robot: Robot, loc
     assert robot.rollback(local)["current"] == robot.store.complete()[0].name
 
 
-def test_a_release_with_ros_says_where_its_libraries_are(robot: Robot, local: LocalHost) -> None:
+def test_release_with_ros_sets_its_library_path(robot: Robot, local: LocalHost) -> None:
     """In a file that the units read, and that belongs to it like any other."""
     name = robot.push(local, "1.0+ros")["current"]
     text = (robot.root / "current" / "environment").read_text()
@@ -164,7 +164,7 @@ def test_two_at_once_are_refused(robot: Robot, local: LocalHost) -> None:
     refused: list[str] = []
 
     def push_too(event: Event) -> None:
-        # Before the switch the robot waits for our word; its trial lasts until the node says something.
+        # Before the switch the robot waits for our go; its trial lasts until the node reports.
         at = event.get("step", event["event"])
         if at in {"ready", "trial"}:
             with LocalHost(robot) as other, pytest.raises(UpdateRefusedError, match="another update is under way"):
@@ -178,7 +178,7 @@ def test_two_at_once_are_refused(robot: Robot, local: LocalHost) -> None:
     assert robot.push(local, "2.0")["outcome"] == "healthy"
 
 
-def test_a_release_that_says_another_version_is_refused(robot: Robot, local: LocalHost) -> None:
+def test_release_that_prints_another_version_is_refused(robot: Robot, local: LocalHost) -> None:
     robot.push(local, "1.0")
     request, files = robot.push_request("2.0")
     request["release"]["version"] = "2.1"

@@ -33,7 +33,7 @@ class Index:
         cache, dest = (Path(words[words.index(option) + 1]) for option in ("--find-links", "--dest"))
         lacking = next((name for name, wheel in self.sources.items() if not (cache / wheel).exists()), None)
         if lacking is not None:
-            # As pip 23 to 26 say it.
+            # As pip 23 to 26 print it.
             text = f"ERROR: Could not find a version\nERROR: No matching distribution found for {lacking}\n"
             return subprocess.CompletedProcess(words, 1, "", text)
         (dest / "numpy-2.0-cp311-cp311-manylinux_2_28_x86_64.whl").touch()

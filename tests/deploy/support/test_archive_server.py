@@ -90,7 +90,7 @@ def test_only_logs_are_handed_out(calls: ArchiveCalls) -> None:
         assert calls.ask("/alice", name) is None
 
 
-def test_a_robot_without_an_archive_is_told_with_what_to_start(calls: ArchiveCalls) -> None:
+def test_missing_archive_is_reported_with_what_to_start(calls: ArchiveCalls) -> None:
     with pytest.raises(NoArchiveError) as caught:
         calls.ask("/bob", "logs")
     assert str(caught.value) == (
@@ -129,7 +129,7 @@ def test_any_ros_node_can_ask_and_too_many_names_at_once_are_not_answered(
     assert types == [9] * 4 + [0] * 200
 
 
-def test_an_archive_that_freezes_is_told_and_a_fetch_goes_on_when_it_is_back(
+def test_frozen_archive_is_reported_and_fetch_resumes_when_it_is_back(
     client: ArchiveClient, robot: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("segway_ecc.deploy.support.archive_calls._ANSWER_S", 0.5)

@@ -1,4 +1,4 @@
-"""A bundle is whole whatever fails in it, and says what it has and lacks."""
+"""A bundle is whole whatever fails in it, and lists what it has and lacks."""
 
 import errno
 import hashlib

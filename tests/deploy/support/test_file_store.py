@@ -141,7 +141,7 @@ def test_a_bundle_asked_for_while_a_log_is_hashed_is_made_afterwards(
     assert str(bench.ask("bundle")).startswith("1.zip ")
 
 
-def test_a_bundle_that_fails_says_why_and_can_be_tried_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_bundle_reports_the_reason_and_can_be_retried(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patched:
         patched.setattr(Path, "write_bytes", lambda _path, _bytes: (_ for _ in ()).throw(OSError(28, "no room")))
         assert bench.bundle() == "failed: no room"

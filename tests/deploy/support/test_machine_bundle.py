@@ -32,7 +32,7 @@ def programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_a_program_that_is_missing_fails_or_hangs_is_told_in_one_line(programs: Path) -> None:
+def test_missing_failing_or_hanging_program_is_reported_in_one_line(programs: Path) -> None:
     with pytest.raises(NoAnswerError, match="there is no program ip here"):
         answer_of(["ip"])
     _program(programs, "ip", "echo one >&2; echo two >&2; exit 3")
@@ -61,7 +61,7 @@ def test_the_journal_of_our_units_is_asked_for_and_an_empty_one_is_named(program
     assert found.missing == ["kernel.txt: the journal has none, or does not show them to this user"]
 
 
-def test_without_a_journal_that_is_said(programs: Path) -> None:
+def test_missing_journal_is_reported(programs: Path) -> None:
     assert list(programs.iterdir()) == []
     found = machine.journal()
     assert found.files == {}

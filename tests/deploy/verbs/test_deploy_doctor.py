@@ -12,7 +12,7 @@ import pytest
 from segway_ecc.deploy.doctor import probes
 from segway_ecc.deploy.doctor.finding import bad, good, warning
 from segway_ecc.deploy.verbs import deploy_doctor
-from segway_ecc.deploy.verbs.deploy_doctor import report
+from segway_ecc.deploy.verbs.deploy_doctor import report as text_of
 from tests.command import Outcome
 
 SHORT_NS = 50_000_000
@@ -25,7 +25,7 @@ def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(deploy_doctor, "_INSTALLED_ROBOT", tmp_path / "robot.yaml")
 
 
-def test_every_finding_of_this_machine_says_how_to_mend_it(tmp_path: Path) -> None:
+def test_every_finding_on_this_machine_has_a_remedy(tmp_path: Path) -> None:
     """As a user calls it: the exit code follows from what it prints."""
     command = [
         sys.executable,
@@ -40,18 +40,18 @@ def test_every_finding_of_this_machine_says_how_to_mend_it(tmp_path: Path) -> No
         str(tmp_path),
     ]
     ended = subprocess.run(command, capture_output=True, check=False, text=True)
-    told = json.loads(ended.stdout)
-    assert (told["robot"], ended.stderr) == ("cart", "")
-    names = [finding["name"] for finding in told["findings"]]
+    report = json.loads(ended.stdout)
+    assert (report["robot"], ended.stderr) == ("cart", "")
+    names = [finding["name"] for finding in report["findings"]]
     assert len(set(names)) == len(names) >= 15
     assert not [name for name in names if name.startswith("check of")]
-    for finding in told["findings"]:
+    for finding in report["findings"]:
         assert finding.keys() == {"name", "verdict", "found", "effect", "remedy"}
         assert finding["verdict"] in {"good", "warning", "bad"}
         assert finding["found"]
         assert finding["verdict"] == "good" or (finding["effect"] and finding["remedy"])
-    is_bad = any(finding["verdict"] == "bad" for finding in told["findings"])
-    assert (told["fit"], ended.returncode) == (not is_bad, int(is_bad))
+    is_bad = any(finding["verdict"] == "bad" for finding in report["findings"])
+    assert (report["fit"], ended.returncode) == (not is_bad, int(is_bad))
 
 
 def test_a_robot_out_of_reach_is_not_fit(segway_ecc: Callable[..., Outcome], tmp_path: Path) -> None:
@@ -74,9 +74,9 @@ def test_the_installed_robot_is_taken(
 
 
 def test_without_a_robot(segway_ecc: Callable[..., Outcome], tmp_path: Path) -> None:
-    told = json.loads(segway_ecc("deploy", "doctor", "--json", "--logs", str(tmp_path)).out)
-    assert told["robot"] is None
-    assert next(f["found"] for f in told["findings"] if f["name"] == "wake-ups").startswith("at 200 Hz ")
+    report = json.loads(segway_ecc("deploy", "doctor", "--json", "--logs", str(tmp_path)).out)
+    assert report["robot"] is None
+    assert next(f["found"] for f in report["findings"] if f["name"] == "wake-ups").startswith("at 200 Hz ")
 
 
 def test_no_such_robot(segway_ecc: Callable[..., Outcome]) -> None:
@@ -103,7 +103,7 @@ def test_progress_is_for_a_terminal(
 def test_the_report() -> None:
     long = "ten letters " * 9
     findings = [good("disk", "empty"), warning("clock", long, "late", "sudo x"), bad("bus", "off", "none", "y")]
-    assert report("ours", findings).splitlines() == [
+    assert text_of("ours", findings).splitlines() == [
         "good     disk   empty",
         f"warning  clock  {'ten letters ' * 8}ten",
         "                letters",
@@ -114,4 +114,4 @@ def test_the_report() -> None:
         "                do: y",
         "not fit to run 'ours': 1 bad, 1 warning, 1 good",
     ]
-    assert report(None, findings[:2]).splitlines()[-1] == "fit to run a robot: 0 bad, 1 warning, 1 good"
+    assert text_of(None, findings[:2]).splitlines()[-1] == "fit to run a robot: 0 bad, 1 warning, 1 good"

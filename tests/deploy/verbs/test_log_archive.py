@@ -8,7 +8,7 @@ SegwayEcc = Callable[..., Outcome]
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("words", "code", "message"),
     [
         (["cart", "--rate", "0"], 2, "--rate is more than 0 and at most 100 MB/s"),
         (["cart", "--rate", "nan"], 2, "--rate is more than 0 and at most 100 MB/s"),
@@ -16,14 +16,16 @@ SegwayEcc = Callable[..., Outcome]
         (["nowhere.yaml"], 2, "cannot read robot file 'nowhere.yaml'"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(segway_ecc: SegwayEcc, words: list[str], code: int, said: str) -> None:
+def test_invalid_arguments_are_reported_in_one_line(
+    segway_ecc: SegwayEcc, words: list[str], code: int, message: str
+) -> None:
     outcome = segway_ecc("log", "archive", *words)
     assert (outcome.code, outcome.out) == (code, "")
     (line,) = outcome.errors
-    assert said in line
+    assert message in line
 
 
-def test_without_ros_it_says_so(segway_ecc: SegwayEcc, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_ros_is_reported(segway_ecc: SegwayEcc, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.node.ros.runtime.missing_packages", lambda: ["rclpy"])
     outcome = segway_ecc("log", "archive", "cart")
     assert outcome.code == 5

@@ -68,7 +68,7 @@ def test_a_robot_file_that_is_not_as_it_must_be_is_put_in_all_the_same(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--logs", "-1"], "--logs is 0 to 1000"),
         (["--logs", "1001"], "--logs is 0 to 1000"),
@@ -76,11 +76,11 @@ def test_a_robot_file_that_is_not_as_it_must_be_is_put_in_all_the_same(
         (["--logs", "0", "--out", "/dev/null/b.zip"], "--out /dev/null/b.zip cannot be written: Not a directory"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(segway_ecc: SegwayEcc, words: list[str], said: str) -> None:
+def test_invalid_arguments_are_reported_in_one_line(segway_ecc: SegwayEcc, words: list[str], message: str) -> None:
     outcome = segway_ecc("log", "bundle", *words)
     assert outcome.code == 2
     (line,) = outcome.errors
-    assert said in line
+    assert message in line
 
 
 def test_without_a_name_it_goes_here_by_robot_and_time(

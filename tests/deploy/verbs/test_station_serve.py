@@ -28,7 +28,7 @@ def has_ros(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("has_ros")
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "output"),
     [
         (["--port", "70000"], "--port is 0 to 65535"),
         (["--key", "k.pem"], "--key is of no use without --certificate"),
@@ -37,15 +37,15 @@ def has_ros(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--port", "0", "--folder", "/dev/null/x"], "--folder /dev/null/x cannot be made: Not a directory"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(segway_ecc: SegwayEcc, words: list[str], said: str) -> None:
+def test_invalid_arguments_are_reported_in_one_line(segway_ecc: SegwayEcc, words: list[str], output: str) -> None:
     outcome = segway_ecc("station", "serve", *words)
     assert outcome.code == 2
     (line,) = outcome.errors
-    assert said in line
+    assert output in line
 
 
 @pytest.mark.usefixtures("has_ros")
-def test_a_port_that_is_taken_is_told(segway_ecc: SegwayEcc) -> None:
+def test_port_in_use_is_reported(segway_ecc: SegwayEcc) -> None:
     (taken,) = bind("127.0.0.1", 0)
     with taken:
         outcome = segway_ecc("station", "serve", "--port", str(taken.getsockname()[1]))
@@ -55,9 +55,7 @@ def test_a_port_that_is_taken_is_told(segway_ecc: SegwayEcc) -> None:
 
 
 @pytest.mark.usefixtures("has_ros")
-def test_a_certificate_that_is_none_or_whose_key_has_a_passphrase_is_told(
-    segway_ecc: SegwayEcc, tmp_path: Path
-) -> None:
+def test_invalid_certificate_or_key_with_passphrase_is_reported(segway_ecc: SegwayEcc, tmp_path: Path) -> None:
     (tmp_path / "none.pem").write_text("nothing")
     assert "cannot be used" in segway_ecc("station", "serve", "--certificate", str(tmp_path / "none.pem")).errors[0]
     kind = ["-x509", "-newkey", "rsa:2048", "-days", "2", "-subj", "/CN=base", "-passout", "pass:secret"]
@@ -78,7 +76,7 @@ def test_without_aiohttp_it_names_the_extra(segway_ecc: SegwayEcc, monkeypatch: 
     assert len(outcome.errors) == 1
 
 
-def test_without_ros_it_says_so(segway_ecc: SegwayEcc, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_ros_is_reported(segway_ecc: SegwayEcc, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.node.ros.runtime.missing_packages", lambda: ["rclpy"])
     outcome = segway_ecc("station", "serve", "--port", "0")
     assert outcome.code == 5
@@ -127,16 +125,16 @@ class Running:
             *words,
         ]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.said: list[str] = []
+        self.output: list[str] = []
         self.url = self._read_until("open ")
 
     def _read_until(self, what: str) -> str:
         assert self.process.stderr is not None
         for line in self.process.stderr:
-            self.said.append(line.strip())
+            self.output.append(line.strip())
             if what in line:
                 return line.partition(what)[2].strip()
-        raise AssertionError(self.said)
+        raise AssertionError(self.output)
 
     def end(self, number: signal.Signals) -> tuple[int, dict[str, Any]]:
         self.process.send_signal(number)
@@ -172,7 +170,7 @@ def test_it_serves_until_a_signal_and_reports(number: signal.Signals, tmp_path: 
 
 @pytest.mark.ros
 def test_a_network_gets_tokens_once_and_a_warning_about_plain_http(tmp_path: Path) -> None:
-    said = []
+    output = []
     for more in ([], [], ["--new-tokens"]):
         running = Running("--address", "0.0.0.0", "--folder", str(tmp_path), *more)  # noqa: S104 - what is tested
         try:
@@ -183,10 +181,10 @@ def test_a_network_gets_tokens_once_and_a_warning_about_plain_http(tmp_path: Pat
         finally:
             running.process.kill()
             running.process.communicate()
-        said.append(running.said)
-    first, second, third = said
+        output.append(running.output)
+    first, second, third = output
     assert [line.split()[0] for line in first[1:3]] == ["operator", "viewer"]
-    assert all(any("plain HTTP" in line for line in lines) for lines in said)
+    assert all(any("plain HTTP" in line for line in lines) for lines in output)
     assert not any("operator" in line for line in second)
     assert third[1:3] != first[1:3]
     kept = (tmp_path / "access.json").read_text()

@@ -1,4 +1,4 @@
-"""The robots on one screen; the exit code says how they are."""
+"""The robots on one screen; the exit code is by their state."""
 
 import contextlib
 import json
@@ -48,7 +48,7 @@ def test_the_exit_code(robots: tuple[RobotView, ...], code: int) -> None:
     assert exit_code(fleet(*robots)) == code
 
 
-def test_a_picture_is_settled_once_every_robot_has_told_all() -> None:
+def test_fleet_is_settled_once_every_robot_has_sent_all() -> None:
     assert not is_settled(fleet())
     assert is_settled(fleet(WELL, LOST))
     assert not is_settled(fleet(WELL, FAULT))
@@ -116,15 +116,15 @@ def robots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable
 
 
 @pytest.mark.ros
-def test_every_robot_on_the_network_is_told_of(robots: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_robot_on_the_network_is_listed(robots: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
     robots("/a", "/b")
     assert main(["station", "status", "--json", "--wait", "30"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [(robot["robot"], robot["mode"], robot["is_alive"]) for robot in told["robots"]] == [
+    shown = json.loads(capsys.readouterr().out)
+    assert [(robot["robot"], robot["mode"], robot["is_alive"]) for robot in shown["robots"]] == [
         ("/a", "DISARMED", True),
         ("/b", "DISARMED", True),
     ]
-    assert told["robots"][0]["timing"]["rate_hz"] == "100.0012"
+    assert shown["robots"][0]["timing"]["rate_hz"] == "100.0012"
 
 
 @pytest.mark.ros
@@ -136,7 +136,7 @@ def test_a_fault_is_in_the_exit_code(robots: Callable[..., None], capsys: pytest
 
 @pytest.mark.ros
 @pytest.mark.usefixtures("robots")
-def test_nobody_there_is_told_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_robot_found_is_reported_with_what_to_start(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["station", "status", "--wait", "0.5"]) == 6
     out, err = capsys.readouterr()
     assert not out

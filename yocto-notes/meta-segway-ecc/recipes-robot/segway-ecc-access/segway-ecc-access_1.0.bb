@@ -16,7 +16,7 @@ S = "${WORKDIR}"
 
 inherit allarch
 
-# Skipped with the reason, so that bitbake says why the image cannot be built.
+# Skipped with the reason, so that bitbake reports why the image cannot be built.
 # nooelint: oelint.task.noanonpython
 python () {
     keys = d.getVar("SEGWAY_ECC_AUTHORIZED_KEYS")
