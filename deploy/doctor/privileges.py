@@ -117,22 +117,18 @@ def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
 
 def _for_unit(machine: System, unit: Mapping[str, str]) -> Finding:
     user, state = unit.get("User", ""), machine.path(_IDLE_FILE).stat()
-    is_group_s = bool(state.st_mode & _GROUP_WRITES) and state.st_gid in _groups(machine, user, unit)
+    # The groups of the unit's user (passwd(5), group(5)), and those that the unit adds.
+    users, groups = (
+        [fields for line in (machine.read(path) or "").splitlines() if len(fields := line.split(":")) == count]
+        for path, count in (("/etc/passwd", 7), ("/etc/group", 4))
+    )
+    added = unit.get("SupplementaryGroups", "").split()
+    numbers = {fields[3] for fields in users if fields[0] == user}
+    numbers |= {fields[2] for fields in groups if fields[0] in added or user in fields[3].split(",")}
+    is_group_s = bool(state.st_mode & _GROUP_WRITES) and str(state.st_gid) in numbers
     if user not in {"", "root"} and not state.st_mode & _ALL_WRITE and not is_group_s:
         return warning(_IDLE, f"{_IDLE_FILE} is not writable for the user of {NODE}", _IDLE_EFFECT, _IDLE_ALLOW)
     if unit.get("DevicePolicy", "") not in _OPEN_POLICIES and _IDLE_FILE not in unit.get("DeviceAllow", "").split():
         remedy = f"DeviceAllow={_IDLE_FILE} w by: sudo systemctl edit {NODE}"
         return warning(_IDLE, f"the unit of {NODE} does not allow it {_IDLE_FILE}", _IDLE_EFFECT, remedy)
     return good(_IDLE, f"{NODE} may write {_IDLE_FILE}")
-
-
-def _groups(machine: System, user: str, unit: Mapping[str, str]) -> set[int]:
-    """The numbers of a user's groups (passwd(5), group(5)), and of those that the unit adds."""
-    users, groups = (
-        [fields for line in (machine.read(path) or "").splitlines() if len(fields := line.split(":")) == count]
-        for path, count in (("/etc/passwd", 7), ("/etc/group", 4))
-    )
-    added = unit.get("SupplementaryGroups", "").split()
-    own = {fields[3] for fields in users if fields[0] == user}
-    more = {fields[2] for fields in groups if fields[0] in added or user in fields[3].split(",")}
-    return {int(number) for number in own | more if number.isdecimal()}
