@@ -131,7 +131,7 @@ def test_a_file_is_read_from_its_path(tmp_path: Path) -> None:
         pytest.param("- cart", "Expected `object`, got `array`; found ['cart']", id="a list"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place_and_what_is_allowed(text: str, message: str) -> None:
+def test_error_names_the_place_and_what_is_allowed(text: str, message: str) -> None:
     assert refusal(text) == message
 
 
@@ -147,11 +147,11 @@ OUT_OF_RANGE = [
 
 
 @pytest.mark.parametrize(("line", "allowed"), OUT_OF_RANGE)
-def test_what_is_out_of_range_is_told_with_its_place_and_the_bound(line: str, allowed: str) -> None:
+def test_out_of_range_error_names_the_place_and_the_bound(line: str, allowed: str) -> None:
     assert allowed in refusal(BASE + line)
 
 
-def test_what_is_out_of_range_is_told_with_what_was_found() -> None:
+def test_out_of_range_error_names_what_was_found() -> None:
     assert refusal(BASE + "hardware: {type: wheel_board, can: {bitrate: 7777}}") == (
         "Expected `int` >= 10000 at hardware.can.bitrate; found 7777"
     )
@@ -180,11 +180,11 @@ def test_the_wrong_parameter_is_named() -> None:
     "text",
     ["name: [", "a: b: c", "\x00", "name: !!python/object:os.system x", "name: 2024-13-45", "name: a\nname: b"],
 )
-def test_what_is_not_yaml_is_said_to_be_so(text: str) -> None:
+def test_text_that_is_not_yaml_is_refused(text: str) -> None:
     assert refusal(text).startswith("robot.yaml is not YAML: ")
 
 
-def test_a_file_that_is_not_there_is_told_with_the_packaged_robots() -> None:
+def test_missing_file_error_lists_the_packaged_robots() -> None:
     with pytest.raises(ConfigurationError) as caught:
         load_robot("carl")
     text = f"cannot read robot file 'carl': No such file or directory; {PACKAGED}"

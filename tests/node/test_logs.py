@@ -29,7 +29,7 @@ def test_details_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines(capsys) == []
 
 
-def test_python_can_only_tells_errors(capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_can_logs_errors_only(capsys: pytest.CaptureFixture[str]) -> None:
     with messages():
         logging.getLogger("can.interfaces").warning("something python-can finds remarkable")
         logging.getLogger("can.interfaces").error("something broke")
@@ -37,7 +37,7 @@ def test_python_can_only_tells_errors(capsys: pytest.CaptureFixture[str]) -> Non
     assert lines(capsys) == ["segway-ecc: something broke"]
 
 
-def test_everything_said_is_written_by_the_time_the_context_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_message_is_written_before_the_context_ends(capsys: pytest.CaptureFixture[str]) -> None:
     with messages():
         for number in range(1000):
             logging.getLogger("segway_ecc.node").info("%d", number)

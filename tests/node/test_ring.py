@@ -133,7 +133,7 @@ def test_a_message_that_never_comes_whole_is_passed_over_and_counted(
 
 
 @pytest.mark.parametrize("size", [0, 1, ROOM, ROOM + 1, ROOM + SLOT_BYTES, ROOM + SLOT_BYTES + 1, 5000, LARGEST])
-def test_a_message_takes_as_many_slots_as_are_said(size: int) -> None:
+def test_message_takes_slots_for_its_size(size: int) -> None:
     memory = open_ring(3 * slots_for(size))
     try:
         writer, reader = RingWriter(memory), RingReader(memory)

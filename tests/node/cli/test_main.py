@@ -238,7 +238,7 @@ def test_only_the_verb_in_use_is_imported() -> None:
     assert ended.stdout == "False\n"
 
 
-def test_without_ros_a_robot_runs_and_says_so() -> None:
+def test_robot_runs_without_ros_and_logs_it() -> None:
     ended = without_ros("run", "cart", "--duration", "0.1", "--no-log", "--json")
     first = ended.stderr.splitlines()[0]
 

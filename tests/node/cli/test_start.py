@@ -48,7 +48,7 @@ def test_a_robot_takes_its_digests_without_openssl() -> None:
     assert done.stdout.split() == [hashlib.sha256(b"segway").hexdigest(), "False"]
 
 
-def test_the_version_is_told_where_it_is_asked_for() -> None:
+def test_version_option_prints_the_version() -> None:
     done = subprocess.run(
         [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "--version"],
         check=True,

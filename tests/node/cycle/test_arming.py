@@ -48,7 +48,7 @@ def test_the_robot_is_armed_once_its_drives_are_ready_and_not_before(desk: Desk)
     assert desk.hardware.journal == ["arm"]
 
 
-def test_drives_that_fail_on_the_way_are_switched_off_and_the_reason_is_told(desk: Desk) -> None:
+def test_drives_that_fail_while_arming_are_disarmed_with_the_reason(desk: Desk) -> None:
     desk.ask(Action.ARM)
     desk.pass_cycle()
     desk.pass_cycle("left drive: over-voltage", "right drive: silent")
@@ -147,7 +147,7 @@ def test_drives_that_pass_through_their_states_again_while_armed_leave_the_mode_
     assert desk.pass_cycle(ready=False) is Mode.ARMED
 
 
-def test_a_snapshot_is_ready_unless_it_says_otherwise() -> None:
+def test_snapshot_is_ready_by_default() -> None:
     assert Sensors().ready is True
 
 
@@ -156,7 +156,7 @@ ROLLING = PreArmCheck("wheels_still", passed=False, text="9.00 rad/s; let them c
 UNPRIVILEGED = PreArmCheck("real_time", passed=False, text="not granted", is_warning=True)
 
 
-def test_the_checklist_refuses_with_every_reason_and_the_drives_are_not_asked(desk: Desk) -> None:
+def test_failed_checks_refuse_arming_with_every_reason_before_drives_are_asked(desk: Desk) -> None:
     desk.items = [LEANING, UNPRIVILEGED, ROLLING]
     desk.ask(Action.ARM)
     reasons = "tilt: 0.40 rad from upright; hold it upright; wheels_still: 9.00 rad/s; let them come to rest"
@@ -180,7 +180,7 @@ def test_fault_refuses_arming_before_checks_and_drives_are_asked(desk: Desk, ite
     assert "arm" not in desk.hardware.journal
 
 
-def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
+def test_self_arming_robot_waits_for_its_pre_arm_checks() -> None:
     desk = Desk(arm_at_start=True)
     desk.items = [ROLLING]
     desk.arming.arm_itself()
@@ -197,7 +197,7 @@ def test_a_robot_that_arms_itself_waits_for_its_checklist() -> None:
         ((), "the drive refuses and gives no reason"),
     ],
 )
-def test_drives_that_refuse_at_once_are_answered_for_and_what_they_said_is_kept(
+def test_immediate_refusal_of_the_drives_is_answered_and_recorded(
     desk: Desk, reasons: tuple[str, ...], message: str
 ) -> None:
     desk.hardware.raises["arm"] = ArmingRefusedError(reasons)

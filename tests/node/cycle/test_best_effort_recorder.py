@@ -58,7 +58,7 @@ ERRORS = [RecordingError("the disk is full"), OSError("the disk is full"), Value
 @pytest.mark.parametrize(
     "fails", [["write"], ["write_diagnostics"], ["close"], ["write", "write_diagnostics", "close"]]
 )
-def test_the_robot_drives_on_and_says_it_once(
+def test_robot_drives_on_after_recorder_failure_and_logs_it_once(
     make_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture, error: Exception, fails: list[str]
 ) -> None:
     bench, disk = make_bench(), Disk(fails, error)

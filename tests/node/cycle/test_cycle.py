@@ -111,7 +111,7 @@ def test_the_report_is_the_state_at_its_stamp(bench: Bench) -> None:
     assert [report.mode for report in bench.stage.reports] == [Mode.DISARMED, Mode.ARMED, Mode.ARMED]
 
 
-def test_a_report_is_made_where_it_is_heard(bench: Bench) -> None:
+def test_report_is_made_only_where_anybody_subscribes(bench: Bench) -> None:
     bench.stage.wants_reports = False
     bench.loop.run(cycles=3)
 
@@ -119,7 +119,7 @@ def test_a_report_is_made_where_it_is_heard(bench: Bench) -> None:
     assert len(bench.recorder.records) == 3
 
 
-def test_the_report_tells_which_set_point_came_into_force_and_when(bench: Bench) -> None:
+def test_report_contains_the_set_point_that_came_into_force_with_its_stamp(bench: Bench) -> None:
     bench.stage.send_setpoint(1, FAST)
     bench.stage.send_setpoint(3, FAST)
     bench.loop.run(cycles=6)
@@ -134,7 +134,7 @@ def test_a_stamped_set_point_comes_into_force_in_the_cycle_whose_stamp_is_neares
     assert setpoints(bench) == [REST] * 4 + [FAST] * 2
 
 
-def test_a_set_point_for_a_robot_that_is_not_armed_is_refused_and_forgotten(make_bench: Callable[..., Bench]) -> None:
+def test_set_point_for_a_disarmed_robot_is_refused_and_discarded(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(arm_at_start=False)
     bench.stage.send_setpoint(0, FAST)
     bench.stage.send_setpoint(1, FAST, FIRST_STAMP + 3 * PERIOD)
@@ -214,7 +214,7 @@ def test_arming_is_refused_with_the_reasons_of_the_hardware(make_bench: Callable
     assert bench.stage.answers == [refused]
 
 
-def test_a_robot_that_arms_itself_keeps_trying_and_tells_what_it_waits_for(bench: Bench) -> None:
+def test_self_arming_robot_retries_and_reports_the_refusal(bench: Bench) -> None:
     seen: list[str | None] = []
 
     def clear() -> None:

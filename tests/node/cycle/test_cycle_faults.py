@@ -119,9 +119,7 @@ def test_whatever_takes_the_torque_away_switches_the_motors_off_in_its_own_cycle
 
 
 @pytest.mark.parametrize("name", WAYS_OUT)
-def test_whatever_takes_the_torque_away_forgets_every_set_point(
-    bench: Bench, script: SimpleNamespace, name: str
-) -> None:
+def test_whatever_removes_torque_discards_every_set_point(bench: Bench, script: SimpleNamespace, name: str) -> None:
     bench.stage.send_setpoint(2, FAST)
     bench.stage.send_setpoint(2, FAST, bench.clock.wall_ns() + 15 * bench.period_ns)
     WAYS_OUT[name](bench, script, 5)
@@ -133,7 +131,7 @@ def test_whatever_takes_the_torque_away_forgets_every_set_point(
     assert [record.setpoint for record in bench.recorder.records[6:]] == [REST] * 14
 
 
-def test_a_set_point_of_before_is_forgotten_where_disarm_and_arm_come_in_one_cycle(bench: Bench) -> None:
+def test_disarm_and_arm_in_one_cycle_discard_earlier_set_points(bench: Bench) -> None:
     bench.stage.send_setpoint(2, FAST)
     bench.stage.send_request(5, Action.DISARM)
     bench.stage.send_request(5, Action.ARM)
@@ -196,7 +194,7 @@ def test_stop_is_latched_until_it_is_cleared(bench: Bench) -> None:
     assert bench.stage.answers[1] == Answer(accepted=False, message="clear the fault first: stop was pressed")
 
 
-def test_a_lost_link_is_told_with_the_sensors_as_if_nothing_had_ever_arrived(bench: Bench) -> None:
+def test_lost_link_is_recorded_as_a_snapshot_without_measurements(bench: Bench) -> None:
     bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("the bus is gone"))
     bench.loop.run(cycles=5)
     assert bench.recorder.records[3].sensors == Sensors(

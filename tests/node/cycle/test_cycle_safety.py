@@ -240,7 +240,7 @@ def test_a_robot_that_holds_must_come_to_rest(make_two: Callable[..., Bench]) ->
     assert "the robot goes 1.00 m/s ahead, asked is 0.00 to 0.00 m/s" in bench.cycle.arming.modes.reason
 
 
-def test_the_checklist_refuses_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:
+def test_pre_arm_checks_refuse_until_the_robot_is_fit(balancer: Callable[..., Bench]) -> None:
     bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
     bench.hardware.measured = sensors(LEANING)
     bench.stage.send_request(105, Action.ARM)
@@ -263,7 +263,7 @@ def test_a_robot_that_arms_itself_waits_for_the_second_in_which_its_rate_is_meas
     assert modes(bench).index(Mode.ARMED) == 100
 
 
-def test_the_checklist_is_in_the_diagnostics(balancer: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pre_arm_checks_are_in_the_diagnostics(balancer: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch) -> None:
     bench = balancer(quiet(checklist=ChecklistSettings()), arm_at_start=False)
     assert "check.rate" not in bench.loop.statuses()[0].values, "before the first cycle nothing was measured"
     monkeypatch.setattr(os, "sched_getscheduler", lambda _pid: os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)

@@ -59,7 +59,7 @@ def test_deadlines_are_absolute_whatever_a_cycle_takes(bench: Bench) -> None:
         pytest.param({1: 16}, {1: 25}, [1, 4.5, 6.1, 7], (1, 1, 3), id="woken late and then stalled"),
     ],
 )
-def test_late_overrun_and_skipped_are_told_apart(
+def test_late_overrun_and_skipped_are_counted_apart(
     bench: Bench,
     costs: dict[int, float],
     late: dict[int, float],
@@ -221,7 +221,7 @@ def test_the_stage_looks_around_however_slow_the_loop() -> None:
     assert bench.stage.looks > 0
 
 
-def test_timing_tells_lateness_and_phases(bench: Bench) -> None:
+def test_timing_contains_lateness_and_phases(bench: Bench) -> None:
     bench.clock.late_ns[1] = 3 * MS
     bench.stage.costs_ns[1] = 2 * MS
     bench.loop.run(cycles=3)

@@ -117,7 +117,7 @@ def test_a_link_lost_on_the_way_out_still_ends_the_model_and_closes_everything(b
     assert way_out(bench) == WAY_OUT
 
 
-def test_a_loop_told_to_stop_before_it_runs_runs_no_cycle(bench: Bench) -> None:
+def test_loop_stopped_before_it_runs_runs_no_cycle(bench: Bench) -> None:
     bench.loop.stop("too early")
     bench.loop.run()
     assert bench.recorder.records == []

@@ -62,7 +62,7 @@ def test_it_is_given_back_after_a_failure_too(asked: list[tuple[int, int, int]])
     assert len(asked) == 2
 
 
-def test_what_is_not_permitted_is_told_with_its_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_permission_is_reported_with_its_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
@@ -129,7 +129,7 @@ def test_all_is_asked_for_and_all_is_given_back(idle: Path) -> None:
 
 
 @pytest.mark.usefixtures("asked", "isolated")
-def test_a_machine_that_sleeps_deeply_is_told_of_with_the_cure(idle: Path) -> None:
+def test_deep_idle_is_reported_with_the_remedy(idle: Path) -> None:
     idle.unlink()
     with real_time_loop(lock=False) as lacking:
         assert lacking == (
@@ -157,7 +157,7 @@ def test_a_service_that_was_put_on_one_of_them_stays_there(isolated: Path, pinne
 
 
 @pytest.mark.usefixtures("asked", "idle", "pinned")
-def test_processors_that_may_not_be_used_are_told_of(isolated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unusable_isolated_processors_are_reported(isolated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise OSError(22, "Invalid argument")
 

@@ -91,7 +91,7 @@ def test_the_last_set_stays_until_the_next_is_complete(observed: Observed, repor
     assert report.statuses[0].message == "DISARMED: just started"
 
 
-def test_the_mode_is_told_with_its_reason_and_weight(observed: Observed, report: DiagnosticReport) -> None:
+def test_mode_status_has_reason_and_level(observed: Observed, report: DiagnosticReport) -> None:
     def told() -> tuple[Level, str]:
         status = gather(report)["cart: mode"]
         assert dict(status.values) == {
@@ -148,7 +148,7 @@ def test_only_what_was_missed_since_the_last_report_is_a_warning(
     ]
 
 
-def test_refused_set_points_are_told_by_cause_and_warn_once(observed: Observed, report: DiagnosticReport) -> None:
+def test_refused_set_points_are_counted_by_cause_and_warn_once(observed: Observed, report: DiagnosticReport) -> None:
     schedule = observed.schedule
     schedule.add(Setpoint(1.0, 0.0), 9, now=10)
     schedule.due(10)
@@ -164,7 +164,7 @@ def test_refused_set_points_are_told_by_cause_and_warn_once(observed: Observed, 
     assert dict(status.values) == expected
 
 
-def test_hardware_tells_its_health_and_warns_of_refused_frames_once(
+def test_hardware_status_has_health_and_warns_of_refused_frames_once(
     hardware: RecordingHardware, report: DiagnosticReport
 ) -> None:
     hardware.health = {
@@ -193,7 +193,7 @@ def test_a_link_that_is_not_well_is_a_warning_for_as_long_as_it_lasts(
     assert gather(report)["cart: hardware"].level is Level.OK
 
 
-def test_the_age_of_every_signal_is_told() -> None:
+def test_hardware_status_has_the_age_of_every_signal() -> None:
     hardware = RecordingHardware({"left.angle": "rad", "left.velocity": "rad/s"}, {}, ())
     hardware.health = {"link": "can0"}
     observed = Observed(hardware, Sensors((1.0, 2.0), (0.0042, float("inf")), (True, False)))
@@ -202,7 +202,7 @@ def test_the_age_of_every_signal_is_told() -> None:
     assert status.values["age.left.velocity"] == "inf ms"
 
 
-def test_a_robot_without_hardware_says_so(report: DiagnosticReport) -> None:
+def test_robot_without_hardware_reports_none(report: DiagnosticReport) -> None:
     assert gather(report)["cart: hardware"] == DiagnosticStatus(
         Level.OK, "cart: hardware", "none: the robot is all model", {}
     )

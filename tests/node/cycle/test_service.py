@@ -123,7 +123,7 @@ def test_after_a_bad_second_it_is_ready_after_a_good_one(service: Service, manag
     assert "READY=1" in manager.heard()
 
 
-def test_a_ready_that_did_not_get_through_is_told_again(tmp_path: Path) -> None:
+def test_lost_ready_notification_is_sent_again(tmp_path: Path) -> None:
     address = str(tmp_path / "later")
     service = Service(NotifySocket(address), PERIOD_NS)
     run(service, 150)
@@ -250,12 +250,12 @@ def test_a_report_before_the_first_cycle_has_no_rate(service: Service, manager: 
         ({}, False),
     ],
 )
-def test_the_environment_says_whose_watchdog_it_is(variables: dict[str, str], *, fed: bool, manager: Manager) -> None:
+def test_watchdog_of_another_process_is_not_fed(variables: dict[str, str], *, fed: bool, manager: Manager) -> None:
     run(service_of({"NOTIFY_SOCKET": manager.address, **variables}, PERIOD_NS), 50)
     assert manager.heard() == (["WATCHDOG=1"] if fed else [])
 
 
-def test_a_node_that_is_no_service_tells_nobody() -> None:
+def test_node_that_is_no_service_sends_nothing() -> None:
     service = service_of({"WATCHDOG_USEC": "2000000"}, PERIOD_NS)
     run(service, 200)
     service.report([DiagnosticStatus(Level.OK, "mode", "", MODE)], LoopCounters(cycles=100))
@@ -287,7 +287,7 @@ def kinds(datagrams: Sequence[str]) -> list[str]:
     return [text.partition("=")[0] for text in datagrams]
 
 
-def test_a_loop_feeds_is_ready_tells_how_it_is_and_stops(bench: Bench, manager: Manager) -> None:
+def test_loop_reports_ready_watchdog_status_and_stopping(bench: Bench, manager: Manager) -> None:
     bench.loop.run(cycles=200)
     heard = manager.heard()
     second = ["WATCHDOG", "WATCHDOG", "STATUS"]
@@ -303,7 +303,7 @@ def test_a_loop_feeds_is_ready_tells_how_it_is_and_stops(bench: Bench, manager: 
     }
 
 
-def test_a_loop_that_hangs_for_good_tells_nothing_more(bench: Bench, manager: Manager) -> None:
+def test_hanging_loop_feeds_no_watchdog(bench: Bench, manager: Manager) -> None:
     def hang() -> None:
         heard.extend(manager.heard())
         bench.clock.spend(30_000_000_000)
@@ -326,7 +326,7 @@ def test_a_loop_that_is_slower_than_its_period_neither_is_ready_nor_feeds(bench:
     assert heard[-1] == "STOPPING"
 
 
-def test_a_loop_tells_that_it_stops_after_its_motors_are_off(bench: Bench, manager: Manager) -> None:
+def test_stopping_is_reported_after_the_motors_are_off(bench: Bench, manager: Manager) -> None:
     def disarm() -> None:
         before.extend(kinds(manager.heard()))
 
@@ -345,7 +345,7 @@ def test_a_loop_whose_manager_is_gone_runs_on(bench: Bench, manager: Manager, tm
     assert not bench.loop.counters.late
 
 
-def test_the_verb_tells_the_service_manager(manager: Manager, tmp_path: Path) -> None:
+def test_run_notifies_the_service_manager(manager: Manager, tmp_path: Path) -> None:
     """The whole process, whose rate this machine may not reach: what is sure is that it tells how it is, and stops."""
     variables = {**os.environ, "NOTIFY_SOCKET": manager.address, "WATCHDOG_USEC": "2000000"}
     words = [

@@ -112,7 +112,7 @@ def test_what_waits_does_not_count_as_a_renewal(schedule: SetpointSchedule) -> N
     assert schedule.is_silent(12)
 
 
-def test_clearing_forgets_what_is_in_force_and_what_waits_but_keeps_the_counts(schedule: SetpointSchedule) -> None:
+def test_clearing_discards_set_points_and_keeps_the_counts(schedule: SetpointSchedule) -> None:
     schedule.add(FAST, 0, now=0)
     schedule.add(SLOW, 9, now=0)
     schedule.due(0)

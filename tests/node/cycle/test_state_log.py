@@ -39,7 +39,7 @@ def test_unchanged_state_is_logged_once(
     assert len(caplog.messages) == 1
 
 
-def test_the_reason_behind_what_keeps_it_from_arming_is_not_told_again(
+def test_mode_reason_behind_an_arming_refusal_is_not_logged_again(
     state_log: StateLog, clock: ScriptedClock, caplog: pytest.LogCaptureFixture
 ) -> None:
     modes = Modes()
@@ -50,7 +50,7 @@ def test_the_reason_behind_what_keeps_it_from_arming_is_not_told_again(
     assert len(caplog.messages) == 1
 
 
-def test_a_flicker_is_told_at_most_once_a_second(
+def test_flicker_is_logged_at_most_once_a_second(
     state_log: StateLog, clock: ScriptedClock, caplog: pytest.LogCaptureFixture
 ) -> None:
     modes = Modes()
@@ -61,7 +61,7 @@ def test_a_flicker_is_told_at_most_once_a_second(
     assert 9 <= len(caplog.messages) <= 10
 
 
-def test_of_what_was_held_back_the_newest_is_told_as_soon_as_the_second_is_over(
+def test_newest_suppressed_state_is_logged_after_a_second(
     state_log: StateLog, clock: ScriptedClock, caplog: pytest.LogCaptureFixture
 ) -> None:
     modes = Modes()

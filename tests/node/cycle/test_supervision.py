@@ -84,7 +84,7 @@ def test_a_lost_station_means_hold_then_sit_down_then_disarm() -> None:
     assert watched.hardware.journal.count("arm") == 1
 
 
-def test_holding_sitting_down_and_disarming_are_each_told_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_hold_sit_down_and_disarm_are_each_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     watched = Watched()
     watched.stage.send_heartbeat(0)
@@ -93,7 +93,7 @@ def test_holding_sitting_down_and_disarming_are_each_told_once(caplog: pytest.Lo
     assert told == [f"HOLD: {LOST}", f"{LOST}: the robot sits down", f"DISARMED: {LOST}"]
 
 
-def test_a_robot_whose_station_was_never_heard_runs_alone() -> None:
+def test_robot_without_heartbeats_runs_alone() -> None:
     watched = Watched()
     watched.run(900)
     assert watched.told == [(0, Mode.ARMED, "asked to arm")]
@@ -107,7 +107,7 @@ def test_a_robot_that_is_not_supervised_takes_no_notice() -> None:
     assert watched.told == [(0, Mode.ARMED, "asked to arm")]
 
 
-def test_a_station_that_is_heard_again_ends_the_hold_and_the_robot_is_driven_on() -> None:
+def test_returning_heartbeat_ends_the_hold() -> None:
     watched = Watched()
     watched.stage.send_heartbeat(0)
     watched.stage.send_heartbeat(80)
@@ -131,7 +131,7 @@ def test_a_set_point_of_before_does_not_move_the_robot_when_the_station_comes_ba
     assert set(watched.volts[61:120]) == {1.0}
 
 
-def test_only_an_operator_makes_it_stand_again_and_only_while_a_station_is_heard() -> None:
+def test_only_an_operator_makes_it_stand_again_while_heartbeats_arrive() -> None:
     watched = Watched()
     watched.stage.send_heartbeat(0)
     watched.stage.set_value(120, STAND, 1.0)
@@ -207,7 +207,7 @@ def test_drives_that_become_ready_after_the_station_was_lost_hold_at_once() -> N
     assert watched.told == [(60, Mode.ARMED, "asked to arm"), (60, Mode.HOLD, LOST)]
 
 
-def test_what_is_published_tells_mode_reason_drives_zero_and_heartbeats() -> None:
+def test_report_has_mode_reason_drives_zero_and_heartbeat() -> None:
     watched = Watched()
     watched.stage.send_heartbeat(3, "base 1", 111)
     watched.stage.send_heartbeat(5, "base 1", 222)
@@ -232,7 +232,7 @@ def test_what_is_published_tells_mode_reason_drives_zero_and_heartbeats() -> Non
     assert ages_ms == [0, 10, 0, 10, 20, 30, 40, 50]
 
 
-def test_several_stations_are_told_in_turn_and_one_that_is_gone_no_more() -> None:
+def test_stations_are_echoed_in_turn_and_a_lost_one_no_more() -> None:
     watched = Watched()
     for cycle in range(0, 200, 10):
         watched.stage.send_heartbeat(cycle, "base 1", cycle)

@@ -34,7 +34,7 @@ def test_up_to_half_a_period_off_the_line_stays(base: TimeBase, off: int) -> Non
 
 
 @pytest.mark.parametrize("off", [5_000_001, -5_000_001, 3_600 * 10**9, -3_600 * 10**9])
-def test_further_off_it_follows_the_wall_clock_and_says_so(base: TimeBase, off: int) -> None:
+def test_time_base_realigns_to_the_wall_clock_and_counts_it(base: TimeBase, off: int) -> None:
     base.follow(5, EPOCH + off)
     assert base.stamp_ns(5) == EPOCH + off
     assert base.stamp_ns(6) == EPOCH + off + PERIOD

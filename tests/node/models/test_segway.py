@@ -47,7 +47,7 @@ def test_the_first_inputs_give_the_pitch(pitch: float) -> None:
     assert told(model, "Pitch", "X", "Heading", "LeftTorque", "RightTorque") == pytest.approx([pitch, 0, 0, 0, 0])
 
 
-def test_until_the_accelerometer_is_heard_nothing_is_known_and_nothing_is_sent() -> None:
+def test_nothing_is_estimated_or_sent_before_the_first_acceleration() -> None:
     model = controller()
     model.initialize([0.0] * len(INPUTS))
     for _ in range(400):
@@ -218,7 +218,7 @@ def test_down_for_half_a_second_it_gives_up() -> None:
     assert model.read("Phase") == Phase.GIVEN_UP
 
 
-def test_told_to_sit_it_leans_ahead_lands_brakes_and_rests() -> None:
+def test_sit_down_leans_ahead_lands_brakes_and_rests() -> None:
     model = balancing()
     model.write("Stand", 0.0)
     model.step(inputs())
@@ -264,7 +264,7 @@ def test_voltages_stop_at_the_supply_and_are_zero_at_rest() -> None:
     assert told(resting, "LeftVoltage", "RightVoltage") == [0.0, 0.0]
 
 
-def test_its_states_tell_what_it_holds() -> None:
+def test_states_expose_estimate_reference_and_phase() -> None:
     model = balancing()
     model.write("LinearSetpoint", 0.5)
     for _ in range(20):
@@ -291,7 +291,7 @@ def test_a_parameter_that_is_written_acts_in_the_next_step() -> None:
     assert told(voltage, "LeftVoltage", "RightVoltage") == [0.5, 0.5]
 
 
-def test_without_gains_it_does_not_start_and_says_what_to_do() -> None:
+def test_controller_without_gains_refuses_to_start_with_the_remedy() -> None:
     with pytest.raises(ModelError, match=r"has no gains: `segway-ecc design gains`"):
         SegwayController().initialize(inputs())
 

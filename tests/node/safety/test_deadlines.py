@@ -22,7 +22,7 @@ def test_missed_is_what_started_more_than_half_a_period_late() -> None:
     assert watch.look(1, 5 * MS + 1) == "1 deadlines in a row were missed"
 
 
-def test_late_cycles_in_a_row_are_told_and_one_in_time_ends_the_row() -> None:
+def test_late_cycles_in_a_row_fault_and_one_in_time_ends_the_row() -> None:
     watch = row()
     assert [watch.look(1, late * MS) for late in (6, 6, 0, 6, 6)] == [None] * 5
     assert watch.look(1, 6 * MS) == "3 deadlines in a row were missed"
@@ -39,14 +39,14 @@ def test_skipped_deadlines_count_in_the_row_even_where_the_next_cycle_is_in_time
 
 
 @pytest.mark.parametrize(("every", "told"), [(3, True), (4, True), (5, False)])
-def test_late_cycles_that_are_not_in_a_row_are_told_by_the_window(every: int, told: bool) -> None:  # noqa: FBT001 - a column of the table
+def test_late_cycles_within_the_window_fault(every: int, told: bool) -> None:  # noqa: FBT001 - a column of the table
     watch = window()
     found = [watch.look(1, 9 * MS if n % every == 0 else 0) for n in range(1, 60)]
     assert any(found) == told
     assert not told or "3 of the last 10 deadlines were missed" in found
 
 
-def test_the_window_is_told_until_it_has_passed() -> None:
+def test_window_fault_lasts_until_the_window_has_passed() -> None:
     watch = window()
     found = [watch.look(1, 9 * MS if n < 3 else 0) is not None for n in range(20)]
     assert found == [False] * 2 + [True] * 8 + [False] * 10

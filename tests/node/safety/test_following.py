@@ -59,7 +59,7 @@ def test_a_robot_that_goes_as_asked_is_left_alone() -> None:
         (math.nan, 0.5, "the robot goes nan m/s ahead, asked is 1.00 to 1.00 m/s"),
     ],
 )
-def test_what_is_beyond_a_window_is_told_after_its_time(linear: float, angular: float, text: str) -> None:
+def test_following_error_beyond_the_window_faults_after_its_time(linear: float, angular: float, text: str) -> None:
     check = following()
     assert told(check, steady(1.0, 0.5, (1.0, 0.5), count=100)) is None
     answers = [check.look(see(linear, angular, (1.0, 0.5))) for _ in range(FOR + 5)]
@@ -89,13 +89,13 @@ def test_between_two_set_points_it_may_go_as_it_likes_while_it_settles() -> None
     assert told(check, views) is None
 
 
-def test_one_that_stays_as_it_was_is_told_once_it_should_have_settled() -> None:
+def test_robot_that_does_not_respond_faults_once_it_should_have_settled() -> None:
     check = following()
     assert told(check, steady(1.0, 0.0, (1.0, 0.0), count=100)) is None
     assert told(check, steady(1.0, 0.0, (0.4, 0.0))) == SETTLE + FOR
 
 
-def test_one_that_turns_the_other_way_is_told_at_once() -> None:
+def test_robot_that_turns_the_wrong_way_faults_at_once() -> None:
     check = following()
     assert told(check, steady(1.0, 0.5, (1.0, 0.5), count=100)) is None
     assert told(check, steady(1.0, 1.3, (1.0, -0.5))) == FOR
@@ -139,7 +139,7 @@ def test_what_was_asked_before_it_followed_nothing_does_not_count_any_more(way: 
     assert told(check, steady(0.0, way, (0.0, 0.0), count=FOR)) == FOR
 
 
-def test_a_velocity_that_is_no_number_as_it_begins_to_follow_is_told_in_its_time() -> None:
+def test_nan_velocity_while_it_begins_to_follow_faults_in_its_time() -> None:
     check = following()
     assert told(check, steady(math.nan, 0.0, (0.0, 0.0), count=FOR - 1)) is None
     assert told(check, steady(math.nan, 0.0, None)) is None

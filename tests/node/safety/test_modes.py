@@ -64,13 +64,13 @@ def test_what_a_request_does(mode: Mode, action: Action, then: Mode, accepted: b
 
 @pytest.mark.parametrize("mode", Mode)
 @pytest.mark.parametrize("action", [action for action in Action if action is not Action.ARM])
-def test_obstacles_speak_only_against_arming(mode: Mode, action: Action) -> None:
+def test_failed_checks_refuse_only_arming(mode: Mode, action: Action) -> None:
     free, hindered = reach(mode), reach(mode)
     assert hindered.ask(action, OBSTACLES) == free.ask(action)
     assert hindered.mode is free.mode
 
 
-def test_arming_is_refused_with_every_obstacle() -> None:
+def test_arming_is_refused_with_every_failed_check() -> None:
     modes = Modes()
     assert modes.ask(Action.ARM, OBSTACLES) == Answer(accepted=False, message="no supply: switch it on; no watchdog")
     assert (modes.mode, modes.reason) == (Mode.DISARMED, "just started")

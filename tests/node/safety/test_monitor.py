@@ -134,7 +134,7 @@ TRIPS: dict[str, tuple[Callable[[Rig], None], str, int]] = {
 
 
 @pytest.mark.parametrize("name", TRIPS)
-def test_each_fault_is_told_in_its_time(name: str) -> None:
+def test_each_fault_is_detected_in_its_time(name: str) -> None:
     happen, text, cycles = TRIPS[name]
     rig = Rig()
     for _ in range(50):
@@ -144,7 +144,7 @@ def test_each_fault_is_told_in_its_time(name: str) -> None:
     assert any(text in fault for fault in rig.monitor.faults)
 
 
-def test_a_tilt_by_the_gyro_alone_is_told_in_the_cycle_in_which_it_passes() -> None:
+def test_tilt_by_the_gyro_alone_faults_in_the_cycle_that_passes_the_limit() -> None:
     rig = Rig()
     rig.run()
     rig.values |= {"imu.angular_velocity_y": 4.0, "imu.linear_acceleration_z": 1.5 * G}
@@ -157,7 +157,7 @@ def test_the_way_a_robot_leans_is_that_of_its_accelerometer() -> None:
     assert any("the body leans 0.70 rad, beyond 0.6 rad" in fault for fault in rig.run())
 
 
-def test_a_quiet_imu_may_repeat_itself_while_the_wheels_rest_where_the_robot_says_so() -> None:
+def test_noiseless_imu_may_repeat_while_the_wheels_rest() -> None:
     rig = Rig(SafetySettings(imu_is_noisy=False), freeze_imu=True)
     assert [rig.run() for _ in range(100)] == [[]] * 100
     rig.values["right.velocity"] = 5.0
@@ -182,7 +182,7 @@ def test_a_first_cycle_in_its_time_has_missed_no_deadline() -> None:
     assert rig.run(skip=1) != []
 
 
-def test_a_skip_is_told_from_the_deadlines_and_not_from_when_the_cycles_really_started() -> None:
+def test_skips_are_counted_from_deadlines_not_from_starts() -> None:
     rig = Rig()
     rig.run()
     assert rig.run(late_ns=round(2.4 * MS)) == []
@@ -204,7 +204,7 @@ def test_skipped_deadlines_count_for_what_repeats() -> None:
     assert rig.run() == ["the IMU is frozen: 20 periods without a change"]
 
 
-def test_a_robot_that_turns_as_its_left_and_right_wheels_say_follows() -> None:
+def test_following_uses_the_sides_of_the_wheels() -> None:
     turning = FollowingErrorSettings(track=0.5, wheel_radius=0.1, angular_window=0.2, settle_s=0.1, for_s=0.05)
     rig = Rig(SafetySettings(frozen_after_s=None, following_error=turning), asked=(0.0, 2.0))
     rig.values |= {"left.velocity": -5.0, "right.velocity": 5.0}
@@ -225,7 +225,7 @@ def test_wheels_that_turned_on_through_a_stall_are_not_against_their_angles(late
         assert rig.run(late, skip) == []
 
 
-def test_what_a_robot_does_not_watch_is_not_told() -> None:
+def test_disabled_checks_report_nothing() -> None:
     rig = Rig(NOTHING_WATCHED, used=(1,), freeze_imu=True)
     rig.values |= {"left.velocity": 1e9, "imu.angular_velocity_y": 99.0, "supply.voltage": 0.0}
     assert [rig.run(skip=50, late_ns=MS * 4) for _ in range(50)] == [[]] * 50
@@ -313,7 +313,7 @@ def fit() -> Rig:
     return rig
 
 
-def test_the_checklist_of_a_fit_robot_is_all_good() -> None:
+def test_pre_arm_checks_of_a_fit_robot_pass() -> None:
     assert fit().check() == {
         "rate": "ok: 200.00 Hz of 200 Hz over the last second",
         "telemetry": "ok: the newest value is 1.0 ms old",
@@ -327,7 +327,7 @@ def test_the_checklist_of_a_fit_robot_is_all_good() -> None:
     }
 
 
-def test_the_checklist_measures() -> None:
+def test_pre_arm_checks_contain_what_was_measured() -> None:
     rig = fit()
     rig.values |= {"left.velocity": -0.6, "supply.voltage": 21.0, "imu.angular_velocity_z": 0.2}
     rig.run(skip=2, late_ns=4 * MS)

@@ -33,7 +33,7 @@ def test_moving_begins_at_half_a_radian_per_second() -> None:
 
 
 @pytest.mark.parametrize("velocity", [0.51, -0.51, 40.0])
-def test_a_wheel_that_says_it_moves_and_repeats_itself_is_told_after_its_time(velocity: float) -> None:
+def test_frozen_encoder_of_a_moving_wheel_faults_after_its_time(velocity: float) -> None:
     check = encoder()
     assert cycles_until(check, see(1.0, velocity)) == MS_100
     assert check.look(see(1.0, velocity)) == "the left encoder is frozen: 21 periods without a change"
@@ -63,7 +63,7 @@ def test_any_one_value_that_changes_is_life() -> None:
         assert check.look(see(1.0, float(n // (MS_100 - 1)))) is None
 
 
-def test_an_imu_that_never_repeats_is_told_always() -> None:
+def test_noisy_imu_that_repeats_is_frozen_even_at_rest() -> None:
     check = imu()
     assert cycles_until(check, see(0.0, 0.0)) == MS_100
     assert check.look(see(0.0, 1e-9)) is None, "one change ends it"
@@ -98,7 +98,7 @@ def yaw() -> YawAgreement:
     return YawAgreement(0, 1, 2, YAW, STEP)
 
 
-def test_wheels_and_gyro_that_agree_are_never_told() -> None:
+def test_agreeing_wheels_and_gyro_never_fault() -> None:
     check = yaw()
     for right in (-20.0, 0.0, 5.0, 20.0):
         for _ in range(50):
@@ -112,7 +112,7 @@ def test_a_difference_at_the_tolerance_is_allowed() -> None:
 
 
 @pytest.mark.parametrize("gyro", [1.51, 0.49])
-def test_wheels_that_turn_otherwise_than_the_gyro_are_told_after_their_time(gyro: float) -> None:
+def test_disagreeing_wheels_and_gyro_fault_after_their_time(gyro: float) -> None:
     check = yaw()
     told = [check.look(see(-1.0, 4.0, gyro)) for _ in range(11)]
     assert told[:9] == [None] * 9
@@ -154,14 +154,14 @@ def test_angle_and_velocity_of_a_true_motion_agree() -> None:
         assert check.look(see(round(angle / quantum) * quantum, speed + noise.gauss(0.0, 0.2))) is None
 
 
-def test_a_velocity_that_stays_behind_is_told_once_the_window_shows_it() -> None:
+def test_velocity_behind_the_angle_faults_after_the_window() -> None:
     check = velocity()
     told = [check.look(see(5.0 * n * STEP, 4.4)) for n in range(22)]
     assert told[:20] == [None] * 20
     assert told[20] == told[21] == "left.velocity is off by -0.60 rad/s from how left.angle changes"
 
 
-def test_a_velocity_ahead_of_the_angle_is_told_and_one_within_the_tolerance_is_not() -> None:
+def test_velocity_ahead_of_the_angle_faults_beyond_the_tolerance_only() -> None:
     ahead, within = velocity(), velocity()
     told = [(ahead.look(see(5.0 * n * STEP, 5.6)), within.look(see(5.0 * n * STEP, 5.49))) for n in range(60)]
     assert told[-1] == ("left.velocity is off by 0.60 rad/s from how left.angle changes", None)
@@ -186,7 +186,7 @@ def test_what_repeats_is_no_sample_only_while_the_wheel_moves() -> None:
         assert moves.look(see(1.0, 0.51)) is None, "that is frozen, which another check is for"
 
 
-def test_a_velocity_that_lags_behind_a_hard_acceleration_is_not_told_but_one_that_lags_more_is() -> None:
+def test_velocity_lag_in_hard_acceleration_faults_beyond_the_allowed_lag_only() -> None:
     """At 600 rad/s2 two periods of lag are 6 rad/s, and three are 9 rad/s: more than 6 and the tolerance."""
     late, too_late = velocity(), velocity()
     for n in range(100):
@@ -197,7 +197,7 @@ def test_a_velocity_that_lags_behind_a_hard_acceleration_is_not_told_but_one_tha
         assert (told is None) == (n < 20)
 
 
-def test_a_velocity_that_freezes_at_speed_is_told_within_two_windows() -> None:
+def test_velocity_frozen_at_speed_faults_within_two_windows() -> None:
     check = velocity()
     angle, trip = 0.0, None
     for n in range(100):
@@ -237,7 +237,7 @@ def test_a_cycle_that_starts_late_has_gone_as_far_as_the_time_says() -> None:
     assert check.look(see(angle + 5.0, 30.0)) is not None
 
 
-def test_a_window_that_has_passed_is_forgotten() -> None:
+def test_samples_older_than_the_window_are_discarded() -> None:
     check = velocity()
     angle = 0.0
     told: list[bool] = []

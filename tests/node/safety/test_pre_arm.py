@@ -31,7 +31,7 @@ def run(measured: PreArmMeasurements) -> dict[str, PreArmCheck]:
     return {item.name: item for item in pre_arm_checks(ChecklistSettings(), SUPPLY, measured)}
 
 
-def test_a_robot_that_is_fit_has_nothing_against_it_and_every_item_says_what_was_measured() -> None:
+def test_fit_robot_passes_every_check_with_what_was_measured() -> None:
     assert {name: str(item) for name, item in run(GOOD).items()} == {
         "rate": "ok: 199.98 Hz of 200 Hz over the last second",
         "telemetry": "ok: the newest value is 4.0 ms old",
@@ -87,7 +87,7 @@ REFUSALS: dict[str, tuple[PreArmMeasurements, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_what_refuses_says_what_was_measured_and_how_to_mend_it(name: str) -> None:
+def test_failed_check_has_what_was_measured_and_the_remedy(name: str) -> None:
     measured, text = REFUSALS[name]
     items = run(measured)
     assert failed_checks(list(items.values())) == [text]
@@ -111,7 +111,7 @@ def test_a_bound_itself_is_still_good(measured: PreArmMeasurements) -> None:
     assert failed_checks(list(run(measured).values())) == []
 
 
-def test_every_reason_is_told_and_in_the_order_of_the_list() -> None:
+def test_every_failed_check_is_listed_in_order() -> None:
     worst = replace(GOOD, rate_hz=None, stale=("left.angle",), tilt=1.0, supply_v=1.0)
     names = [text.partition(":")[0] for text in failed_checks(list(run(worst).values()))]
     assert names == ["rate", "sensors", "tilt", "supply"]
@@ -149,7 +149,7 @@ def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
     ]
 
 
-def test_an_item_refuses_unless_it_says_that_it_is_a_warning() -> None:
+def test_failed_check_refuses_unless_it_is_a_warning() -> None:
     assert PreArmCheck("x", passed=False, text="").refuses
     assert no_checks() == ()
 

@@ -17,7 +17,7 @@ def test_the_window_and_its_ends_are_allowed(value: float) -> None:
     assert look(value) is None
 
 
-def test_outside_it_the_value_and_the_window_are_told() -> None:
+def test_value_out_of_range_is_reported_with_the_range() -> None:
     assert look(19.99) == "supply.voltage is 19.99 V, allowed is 20 to 30 V"
     assert look(30.01) == "supply.voltage is 30.01 V, allowed is 20 to 30 V"
 

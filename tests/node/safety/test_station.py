@@ -54,7 +54,7 @@ def test_a_robot_that_nobody_watches_over_runs_alone() -> None:
     assert set(watched.silence(1000)) == {Watch.ALONE}
 
 
-def test_a_robot_whose_file_says_nothing_of_it_runs_alone_whoever_is_heard() -> None:
+def test_robot_without_station_settings_runs_alone() -> None:
     watched = Watched(None)
     assert watched.look(has_heartbeat=True) is Watch.ALONE
     assert set(watched.silence(1000)) == {Watch.ALONE}
@@ -68,7 +68,7 @@ def test_a_station_that_was_gone_before_the_robot_armed_does_not_watch_over_it()
     assert watched.look(has_heartbeat=True) is Watch.PRESENT, "it may still come"
 
 
-def test_a_station_that_armed_the_robot_and_was_never_heard_again_is_lost() -> None:
+def test_station_silent_since_arming_is_lost() -> None:
     watched = Watched()
     watched.look(has_heartbeat=True, is_live=False)
     watched.silence(40, is_live=False)

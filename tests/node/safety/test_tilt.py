@@ -34,7 +34,7 @@ def test_gravity_is_standard() -> None:
     assert GRAVITY == G
 
 
-def test_before_the_first_sample_nothing_is_known_and_after_forgetting_neither() -> None:
+def test_tilt_is_unknown_before_the_first_sample_and_after_reset() -> None:
     estimate = TiltEstimate(STEP)
     assert estimate.tilt is None
     estimate.update(STILL, leaning(0.3), 1)
@@ -144,7 +144,7 @@ def watch(tilt: float | None = None, rate: float | None = None) -> TiltWatch:
     return TiltWatch(range(1, 7), STEP, tilt, rate)
 
 
-def test_a_fall_is_told_in_the_very_cycle_in_which_it_passes_the_limit() -> None:
+def test_fall_faults_in_the_cycle_that_passes_the_limit() -> None:
     """The body falls as an inverted pendulum, from 0.01 rad by exp(4 t); the accelerometer is of no use meanwhile."""
     checked = watch(tilt=0.6)
     tripped = passed = None
@@ -160,12 +160,12 @@ def test_a_fall_is_told_in_the_very_cycle_in_which_it_passes_the_limit() -> None
     assert passed - 2 <= tripped <= passed + 1
 
 
-def test_tilt_and_rate_are_told_with_their_limits() -> None:
+def test_tilt_and_rate_faults_name_their_limits() -> None:
     assert watch(tilt=0.5).look(view(STILL, leaning(0.61))) == "the body leans 0.61 rad, beyond 0.5 rad"
     assert watch(rate=3.0).look(view((3.0, 4.0, 9.0), leaning(0.0))) == "the body tilts at 5.00 rad/s, beyond 3 rad/s"
 
 
-def test_within_the_limits_and_without_limits_nothing_is_told() -> None:
+def test_within_or_without_limits_nothing_faults() -> None:
     assert watch(tilt=0.5, rate=3.0).look(view((2.1, 2.1, 99.0), leaning(0.49))) is None
     assert watch(rate=5.0).look(view((3.0, 4.0, 0.0), leaning(3.0))) is None
     assert watch(tilt=0.5).look(view((99.0, 99.0, 0.0), leaning(0.0))) is None

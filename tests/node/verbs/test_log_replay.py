@@ -59,7 +59,7 @@ def test_a_log_from_the_field_is_identical(segway_ecc: Run, log: Path) -> None:
     assert outcome.out.startswith(f"identical: {cycles} cycles, ")
 
 
-def test_the_first_difference_is_told_and_ends_it_with_1(segway_ecc: Run, log: Path) -> None:
+def test_first_difference_is_reported_with_exit_code_1(segway_ecc: Run, log: Path) -> None:
     outcome = segway_ecc("log", "replay", str(rewritten(log, pushed)))
     lines = outcome.out.splitlines()
 
@@ -86,7 +86,7 @@ def test_json_tells_the_same(segway_ecc: Run, log: Path) -> None:
     assert float(bad["difference"]["recorded"]) - float(bad["difference"]["computed"]) == pytest.approx(0.5)
 
 
-def test_missing_cycles_end_it_with_9_and_say_where(segway_ecc: Run, log: Path) -> None:
+def test_missing_cycles_are_located_with_exit_code_9(segway_ecc: Run, log: Path) -> None:
     outcome = segway_ecc("log", "replay", str(rewritten(log, lambda record: None if record.cycle == 30 else record)))
 
     assert outcome.code == 9
@@ -94,7 +94,7 @@ def test_missing_cycles_end_it_with_9_and_say_where(segway_ecc: Run, log: Path) 
     assert outcome.errors == ["segway-ecc: cycles 30 to 30 are missing in the log: replayed up to there"]
 
 
-def test_a_log_that_was_cut_off_is_replayed_and_said_to_be(segway_ecc: Run, log: Path) -> None:
+def test_truncated_log_is_replayed_with_a_warning(segway_ecc: Run, log: Path) -> None:
     log.write_bytes(log.read_bytes()[:-50])
     outcome = segway_ecc("log", "replay", str(log))
 
@@ -102,7 +102,7 @@ def test_a_log_that_was_cut_off_is_replayed_and_said_to_be(segway_ecc: Run, log:
     assert outcome.errors == ["segway-ecc: the log ends before its time, as after a power cut: replayed up to there"]
 
 
-def test_another_model_is_told_and_may_differ(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
+def test_another_model_is_warned_of_and_may_differ(segway_ecc: Run, log: Path, tmp_path: Path) -> None:
     (tmp_path / "half_model.py").write_text(
         "from segway_ecc.node.models.cart import CartController\n"
         "class Half(CartController):\n"

@@ -36,7 +36,7 @@ def test_people_read_when_a_write_takes_effect(segway_ecc: Run) -> None:
     assert "LeftCurrent 0 A cannot be written" in lines
 
 
-def test_a_model_that_is_not_there_is_told_in_one_line(segway_ecc: Run) -> None:
+def test_missing_model_is_reported_in_one_line(segway_ecc: Run) -> None:
     outcome = segway_ecc("model", "inspect", "nowhere:Model")
     assert outcome.code == 3
     (line,) = outcome.errors

@@ -115,7 +115,7 @@ def test_a_robot_that_faults_while_it_plays_a_sequence_is_lost_and_the_run_ends(
     assert outcome.errors[-1].startswith("segway-ecc: the robot went to FAULT: output 'X' of the model is not finite")
 
 
-def test_a_log_goes_where_it_is_told_and_holds_the_robot_file(segway_ecc: Run, tmp_path: Path) -> None:
+def test_log_option_sets_the_path_of_a_log_with_the_robot_file(segway_ecc: Run, tmp_path: Path) -> None:
     log = tmp_path / "deep" / "run.mcap"
     outcome = segway_ecc("run", "cart", "--no-ros", *SHORT, "--log", str(log))
 
@@ -127,7 +127,7 @@ def test_a_log_goes_where_it_is_told_and_holds_the_robot_file(segway_ecc: Run, t
     assert found["robot.yaml"] == importlib.resources.files("segway_ecc.node").joinpath("robots/cart.yaml").read_bytes()
 
 
-def test_a_log_goes_to_the_state_folder_unless_told_otherwise(
+def test_log_goes_to_the_state_folder_by_default(
     segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -181,7 +181,7 @@ def test_no_log_keeps_none(segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run) -> None:
+def test_missing_robot_file_error_lists_the_packaged_ones(segway_ecc: Run) -> None:
     line = only_line(segway_ecc("run", "nosuch.yaml"), 2)
 
     assert "'nosuch.yaml'" in line
@@ -208,7 +208,7 @@ def test_a_missing_robot_file_is_told_with_those_that_there_are(segway_ecc: Run)
         ("segway_ecc.node.models.cart:Cart", "no_such_package:Cart", 3, "No module named 'no_such_package'"),
     ],
 )
-def test_a_mistake_in_the_robot_file_is_told_with_what_is_allowed(  # noqa: PLR0913, PLR0917 - one row of the table
+def test_robot_file_error_names_what_is_allowed(  # noqa: PLR0913, PLR0917 - one row of the table
     segway_ecc: Run, cart: Callable[[str, str], str], old: str, new: str, code: int, expected: str
 ) -> None:
     assert expected in only_line(segway_ecc("run", cart(old, new), *QUIET), code)
@@ -227,7 +227,7 @@ def test_a_bus_option_for_a_robot_without_a_bus_is_refused(segway_ecc: Run) -> N
     assert line == "segway-ecc: --channel: robot 'cart' is on no CAN bus"
 
 
-def test_a_bus_that_is_not_there_is_told_with_the_way_out(segway_ecc: Run) -> None:
+def test_missing_bus_is_reported_with_the_remedy(segway_ecc: Run) -> None:
     outcome = segway_ecc("run", "cart-can", *QUIET, "--interface", "socketcan", "--channel", "nosuch0")
 
     assert outcome.code == 4
@@ -236,20 +236,20 @@ def test_a_bus_that_is_not_there_is_told_with_the_way_out(segway_ecc: Run) -> No
     assert "interface: auto" in outcome.errors[-1]
 
 
-def test_a_robot_whose_bus_is_not_there_is_never_said_to_run(segway_ecc: Run) -> None:
+def test_robot_without_its_bus_is_never_reported_to_run(segway_ecc: Run) -> None:
     outcome = segway_ecc("run", "cart-can", *QUIET, "--interface", "socketcan", "--channel", "nosuch0")
 
     assert [line for line in outcome.errors if " runs at " in line] == []
 
 
-def test_an_unknown_python_can_interface_is_told(segway_ecc: Run) -> None:
+def test_unknown_python_can_interface_is_reported(segway_ecc: Run) -> None:
     outcome = segway_ecc("run", "cart-can", *QUIET, "--interface", "telepathy")
 
     assert outcome.code == 4
     assert outcome.errors[-1].startswith("segway-ecc: cannot open CAN bus telepathy robot")
 
 
-def test_a_log_that_cannot_be_written_is_told_before_the_robot_runs(segway_ecc: Run, tmp_path: Path) -> None:
+def test_unwritable_log_is_reported_before_the_robot_runs(segway_ecc: Run, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     outcome = segway_ecc("run", "cart", "--no-ros", *SHORT, "--log", str(tmp_path / "file" / "run.mcap"))
 
@@ -259,7 +259,7 @@ def test_a_log_that_cannot_be_written_is_told_before_the_robot_runs(segway_ecc: 
     assert [line for line in outcome.errors if " runs at " in line] == []
 
 
-def test_a_sequence_file_that_is_missing_or_wrong_is_told(segway_ecc: Run, tmp_path: Path) -> None:
+def test_missing_or_wrong_sequence_file_is_reported(segway_ecc: Run, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("segments: [{linear: 1.0, duration: 0}]", "utf-8")
 
