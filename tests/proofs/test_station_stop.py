@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import pytest
 
-from tests.deploy.station.whole_stack import NAMESPACE, Seat, Stack, chromium, ros_of_our_own, seat_at, until
+from tests.deploy.station.whole_stack import (
+    NAMESPACE,
+    OperatorPage,
+    Stack,
+    chromium,
+    operator_page_at,
+    ros_of_our_own,
+    until,
+)
 from tests.proofs.delaying_proxy import slow_way_to
 
 if TYPE_CHECKING:
@@ -47,7 +55,7 @@ def stack(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Stack]:
             stack.close()
 
 
-def by_the_page(seat: Seat) -> tuple[int, int]:
+def by_the_page(seat: OperatorPage) -> tuple[int, int]:
     """Press the key; what playwright needs for it counts too."""
     pressed_ns = time.monotonic_ns()
     seat.page.keyboard.press("Escape")
@@ -56,7 +64,7 @@ def by_the_page(seat: Seat) -> tuple[int, int]:
 
 
 @contextlib.contextmanager
-def a_button(url: str) -> Iterator[Callable[[Seat], tuple[int, int]]]:
+def a_button(url: str) -> Iterator[Callable[[OperatorPage], tuple[int, int]]]:
     words = [sys.executable, str(BUTTON), url, NAMESPACE]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         into, out = process.stdin, process.stdout
@@ -64,7 +72,7 @@ def a_button(url: str) -> Iterator[Callable[[Seat], tuple[int, int]]]:
         assert out is not None
         assert out.readline() == "ready\n"
 
-        def press(_seat: Seat) -> tuple[int, int]:
+        def press(_seat: OperatorPage) -> tuple[int, int]:
             into.write("stop\n")
             into.flush()
             sent_ns, answered_ns = json.loads(out.readline())
@@ -77,7 +85,7 @@ def a_button(url: str) -> Iterator[Callable[[Seat], tuple[int, int]]]:
             process.wait(10.0)
 
 
-def trial(stack: Stack, seat: Seat, press: Callable[[Seat], tuple[int, int]]) -> Trial:
+def trial(stack: Stack, seat: OperatorPage, press: Callable[[OperatorPage], tuple[int, int]]) -> Trial:
     """Arm, drive, stop, clear."""
     seat.arm()
     if not seat.is_disabled("take_control"):
@@ -103,7 +111,7 @@ def trials(stack: Stack, browser: "Browser", *, way: str, is_page: bool) -> list
     """The page stands at the slow way only where it is what stops."""
     url = f"http://{way}:{stack.port}"
     with contextlib.ExitStack() as closing:
-        seat = closing.enter_context(seat_at(browser, url if is_page else stack.url))
+        seat = closing.enter_context(operator_page_at(browser, url if is_page else stack.url))
         press = by_the_page if is_page else closing.enter_context(a_button(url))
         seat.page.wait_for_selector("#robot[data-live=true]")
         return [trial(stack, seat, press) for _ in range(TRIALS)]

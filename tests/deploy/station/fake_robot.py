@@ -1,7 +1,7 @@
-"""Robots that are not there: they speak as the model node does, and do what they are told on standard input.
+"""Robots that are not there: they speak as the model node does, and do what they are reported on standard input.
 
 Started with namespaces; each robot is a ROS participant of its own. Reads one JSON object per line, answers each with
-one JSON value: `{"robot": "/a", "set": {...}}` changes attributes, `{"robot": "/a", "get": "heard"}` reads one.
+one JSON value: `{"robot": "/a", "set": {...}}` changes attributes, `{"robot": "/a", "get": "received"}` reads one.
 """
 
 import argparse
@@ -59,12 +59,12 @@ class FakeRobot:
         self.is_deaf = self.serves_not = False
         self.drives_stay_on = self.drives_fall_silent = False
         self.checks = {"check.rate": "ok: 100.00 Hz of 100 Hz", "check.tilt": "refused: 1.00 rad from upright"}
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
         self.beat, self.beat_ns = "", 0
         self.setpoint, self.setpoint_ns = (0.0, 0.0), 0
         self.waiting: list[tuple[int, float, float]] = []
         self.x = 0.0
-        self.told: tuple[Any, ...] = ()
+        self.reported: tuple[Any, ...] = ()
         self.mode_ns = self.diagnostics_ns = self.then_ns = 0
         self.mode_out = node.create_publisher(DiagnosticStatus, "mode", 10)
         self.odometry_out = node.create_publisher(Odometry, "odom", 10)
@@ -98,14 +98,14 @@ class FakeRobot:
     def hear(self, index: int, message: Any, now_ns: int) -> None:
         at = time.monotonic()
         if index == 0:
-            self.heard.append(["drive", at, message.linear.x, message.angular.z])
+            self.received.append(["drive", at, message.linear.x, message.angular.z])
             heapq.heappush(self.waiting, (now_ns, message.linear.x, message.angular.z))
         elif index == 1:
             stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-            self.heard.append(["say", at, message.twist.linear.x, message.twist.angular.z])
+            self.received.append(["say", at, message.twist.linear.x, message.twist.angular.z])
             heapq.heappush(self.waiting, (stamp, message.twist.linear.x, message.twist.angular.z))
         elif index == 2:
-            self.heard.append(["stand", at, message.data])
+            self.received.append(["stand", at, message.data])
             self.stand = message.data
         else:
             stamp = message.stamp.sec * NS_PER_S + message.stamp.nanosec
@@ -116,7 +116,7 @@ class FakeRobot:
             request, header = service.handle.service_take_request(Trigger.Request)
             if request is None or self.is_deaf or self.serves_not:
                 continue
-            self.heard.append([action, time.monotonic()])
+            self.received.append([action, time.monotonic()])
             accepted, text = (False, self.refuses) if self.refuses else (True, self.obey(action))
             service.handle.service_send_response(Trigger.Response(success=accepted, message=text), header.request_id)
 
@@ -157,9 +157,9 @@ class FakeRobot:
         message.twist.twist.linear.x, message.twist.twist.angular.z = self.setpoint
         self.odometry_out.publish(message)
         self.pitch_out.publish(Float64(data=0.05))
-        told = (self.mode, self.reason, self.drives, self.stand)
-        if told != self.told or now_ns - self.mode_ns >= 0.1 * NS_PER_S:
-            self.told, self.mode_ns = told, now_ns
+        reported = (self.mode, self.reason, self.drives, self.stand)
+        if reported != self.reported or now_ns - self.mode_ns >= 0.1 * NS_PER_S:
+            self.reported, self.mode_ns = reported, now_ns
             self.mode_out.publish(self.mode_message(now_ns))
         if now_ns - self.diagnostics_ns >= NS_PER_S:
             self.diagnostics_ns = now_ns

@@ -153,7 +153,7 @@ def test_a_log_that_comes_damaged_again_and_again_is_not_kept(bench: Bench) -> N
         ("logs", [f"a.mcap {2**40} 1"], "a.mcap has 1099511627776 bytes, more than the"),
     ],
 )
-def test_a_robot_that_answers_otherwise_is_told(bench: Bench, name: str, answer: Value, why: str) -> None:
+def test_invalid_archive_answer_fails_fetch_with_reason(bench: Bench, name: str, answer: Value, why: str) -> None:
     bench.robot.answer = lambda asked: answer if asked == name else bench.robot.file_store.answer(asked)
     progress = bench.fetch()
     assert progress.state == "failed"
@@ -234,7 +234,7 @@ def test_a_stations_bundle_has_the_robots_and_what_the_station_knows_of_it(bench
     assert list(bench.folder.iterdir()) == []
 
 
-def test_without_the_robots_bundle_the_station_gives_its_own_and_says_why(bench: Bench, tmp_path: Path) -> None:
+def test_missing_robot_bundle_is_noted_in_station_bundle(bench: Bench, tmp_path: Path) -> None:
     def absent(_name: str) -> Value:
         raise NobodyListensError("robot /alice hands out nothing")
 
@@ -255,7 +255,7 @@ def test_without_the_robots_bundle_the_station_gives_its_own_and_says_why(bench:
         (f"../b {5} {'0' * 64}", "the robot made no bundle"),
     ],
 )
-def test_a_bundle_that_cannot_be_had_is_told_and_leaves_nothing(bench: Bench, answer: Value, why: str) -> None:
+def test_failed_bundle_raises_and_leaves_no_file(bench: Bench, answer: Value, why: str) -> None:
     bench.robot.answer = lambda name: answer if name in {"bundle", "bundle/make"} else b"12345"
     with pytest.raises(NobodyListensError, match=why):
         bench.client.bundle("/alice")

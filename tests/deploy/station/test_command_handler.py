@@ -19,7 +19,7 @@ OFF = ModeReport("alice", Mode.FAULT, "stop was pressed", "off")
 
 
 @pytest.mark.parametrize("act", list(Act))
-def test_a_robot_that_nobody_knows(bench: Any, act: Act) -> None:
+def test_command_to_unknown_robot_is_refused(bench: Any, act: Act) -> None:
     bench.ask("ann", act, robot="/nobody")
     assert bench.replies == [(False, "no robot is known as /nobody")]
     assert bench.handler.refused == {"command: unknown robot": 1}
@@ -120,7 +120,7 @@ def test_zeros_of_one_without_control_do_not_stop_who_drives(bench: Any) -> None
     assert bench.connection.driven == [(1.0, 0.0)]
 
 
-def test_driving_that_is_not_renewed_is_told_to_rest_and_told(bench: Any, texts: Callable[[], list[str]]) -> None:
+def test_expired_driving_is_zeroed_and_logged(bench: Any, texts: Callable[[], list[str]]) -> None:
     bench.drive("ann", 1.0)
     bench.pass_time(300)
     assert bench.connection.driven == [(1.0, 0.0)]
@@ -177,7 +177,7 @@ def test_standing_up_and_sitting_down(bench: Any) -> None:
     assert bench.connection.stands == [True, False]
     assert bench.replies == [(False, "replaced by a later request before it was confirmed")]
     bench.report(ARMED)
-    assert len(bench.replies) == 1, "it is still told to stand"
+    assert len(bench.replies) == 1, "it is still reported to stand"
     bench.report(ARMED._replace(stand=0.0))
     assert bench.replies[1:] == [(True, "the robot has accepted it: sit down")]
     bench.report(ARMED._replace(stand=None))

@@ -77,7 +77,7 @@ def _the_station_ends(bench: Any) -> None:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_what_ends_a_sequence_tells_the_robot_to_rest(
+def test_ended_sequence_brings_robot_to_rest(
     bench: Any, texts: Callable[[], list[str]], end: Callable[[Any], None], reason: str
 ) -> None:
     bench.play("ann")

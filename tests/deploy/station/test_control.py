@@ -26,7 +26,7 @@ def test_what_ends_movement_gives_no_control(control: Control, act: Act) -> None
 
 
 @pytest.mark.parametrize("act", sorted(set(Act) - {Act.STOP, Act.TAKE_CONTROL, Act.RELEASE_CONTROL}))
-def test_a_second_operator_is_refused_and_told_whom_to_ask(control: Control, act: Act) -> None:
+def test_second_operator_is_refused_with_holder_name(control: Control, act: Act) -> None:
     control.give("/a", "ann")
     assert control.refusal("/a", "bob", act) == "ann has control; take it first"
     assert control.refusal("/a", "ann", act) is None
@@ -44,9 +44,7 @@ def test_driving(control: Control) -> None:
     assert control.may_drive("/a", "ann")
 
 
-def test_taking_over_is_told_with_both_names(
-    control: Control, events: EventLog, texts: Callable[[], list[str]]
-) -> None:
+def test_takeover_is_logged_with_both_names(control: Control, events: EventLog, texts: Callable[[], list[str]]) -> None:
     assert control.give("/a", "ann") == ""
     assert control.give("/a", "bob") == "ann"
     assert control.give("/a", "bob") == "bob"

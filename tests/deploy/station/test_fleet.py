@@ -1,4 +1,4 @@
-"""A robot is what it said lately; a lost one is shown as lost within a second."""
+"""A robot is what it output lately; a lost one is shown as lost within a second."""
 
 import math
 from collections.abc import Callable
@@ -29,12 +29,12 @@ def view(fleet: Fleet, now_s: float) -> RobotView:
     return fleet.robots["/a"].view(round(now_s * S), Heartbeats("base"))
 
 
-def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
+def test_every_received_value_is_in_the_picture(fleet: Fleet) -> None:
     beats = Heartbeats("base")
     beats.due(S)
     mode = ARMED._replace(station="base", beat_ns=S, beat_age_ns=S // 1000, stand=0.0)
     health = Health({"rate": "ok"}, {"can": {"state": "active"}}, {"rate_hz": "100"})
-    for heard in (
+    for received in (
         mode,
         Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0),
         SetpointReport(5, 6.0, 7.0),
@@ -42,7 +42,7 @@ def test_everything_that_was_heard_is_in_the_picture(fleet: Fleet) -> None:
         Supply(9.0),
         health,
     ):
-        fleet.update("/a", heard, S + S // 100)
+        fleet.update("/a", received, S + S // 100)
     beats.on_mode("/a", mode, S + S // 100)
     seen = fleet.robots["/a"].view(S + S // 10, beats)
     assert (seen.age_s, seen.round_trip_s) == pytest.approx((0.09, 0.009))
@@ -88,10 +88,10 @@ def test_only_its_mode_keeps_a_robot_alive(fleet: Fleet) -> None:
     assert view(fleet, 2.0).x is None
 
 
-def test_what_was_heard_too_long_ago_is_not_known_any_more(fleet: Fleet) -> None:
+def test_outdated_value_is_not_shown(fleet: Fleet) -> None:
     fleet.update("/a", ARMED, 0)
-    for heard in (Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), SetpointReport(5, 6.0, 7.0), Pitch(8.0), Supply(9.0)):
-        fleet.update("/a", heard, 0)
+    for received in (Odometry(5, 1.0, 2.0, 3.0, 4.0, 5.0), SetpointReport(5, 6.0, 7.0), Pitch(8.0), Supply(9.0)):
+        fleet.update("/a", received, 0)
     fleet.update("/a", Health({"rate": "ok"}, {}, {}), 0)
     for now in (1.0, 2.0, 5.0, 6.0, 10.0, 11.0):
         fleet.update("/a", ARMED, round(now * S))
@@ -112,13 +112,15 @@ def test_a_setpoint_is_shown_only_while_one_is_in_force(fleet: Fleet) -> None:
 
 def test_numbers_that_are_none_are_not_shown(fleet: Fleet) -> None:
     fleet.update("/a", ARMED, 0)
-    for heard in (Pitch(math.nan), Supply(math.inf), SetpointReport(1, math.nan, 2.0)):
-        fleet.update("/a", heard, 0)
+    for received in (Pitch(math.nan), Supply(math.inf), SetpointReport(1, math.nan, 2.0)):
+        fleet.update("/a", received, 0)
     seen = view(fleet, 0.1)
     assert (seen.pitch, seen.supply_v, seen.linear_setpoint, seen.angular_setpoint) == (None, None, None, 2.0)
 
 
-def test_found_lost_and_back_are_told_once_each(fleet: Fleet, events: EventLog, texts: Callable[[], list[str]]) -> None:
+def test_found_lost_and_back_are_logged_once_each(
+    fleet: Fleet, events: EventLog, texts: Callable[[], list[str]]
+) -> None:
     fleet.update("/a", ARMED, 0)
     fleet.update("/a", ARMED, S)
     for now in (1.5, 2.5, 3.0):

@@ -17,33 +17,33 @@ def test_ten_a_second() -> None:
     assert [stamp // MS for stamp in sent if stamp is not None] == [1000, 1100, 1200, 1300, 1400, 1500]
 
 
-def heard(beats: Heartbeats, told: ModeReport, at_ns: int, robot: str = "/a") -> float | None:
-    beats.on_mode(robot, told, at_ns)
+def received(beats: Heartbeats, reported: ModeReport, at_ns: int, robot: str = "/a") -> float | None:
+    beats.on_mode(robot, reported, at_ns)
     return beats.round_trip_s(robot, at_ns)
 
 
 def test_the_round_trip_is_without_the_time_the_robot_kept_it() -> None:
     beats = Heartbeats("base")
     beats.due(1000 * MS)
-    assert heard(beats, echo(1000 * MS, age_ns=60 * MS), 1065 * MS) == pytest.approx(0.005)
-    assert heard(beats, echo(1000 * MS, age_ns=60 * MS), 1050 * MS) == 0.0
+    assert received(beats, echo(1000 * MS, age_ns=60 * MS), 1065 * MS) == pytest.approx(0.005)
+    assert received(beats, echo(1000 * MS, age_ns=60 * MS), 1050 * MS) == 0.0
 
 
 @pytest.mark.parametrize(
-    "told",
+    "reported",
     [echo(1000 * MS, station="other"), echo(999 * MS), echo(0, station=""), echo(1000 * MS, age_ns=1001 * MS)],
     ids=["of another station", "never sent", "none", "it hears us no more"],
 )
-def test_what_is_no_echo_of_ours_gives_no_round_trip(told: ModeReport) -> None:
+def test_what_is_no_echo_of_ours_gives_no_round_trip(reported: ModeReport) -> None:
     beats = Heartbeats("base")
     beats.due(1000 * MS)
-    assert heard(beats, told, 1010 * MS) is None
+    assert received(beats, reported, 1010 * MS) is None
 
 
-def test_it_stands_for_a_second_while_the_robot_tells_other_stations() -> None:
+def test_round_trip_is_kept_for_a_second_while_robot_echoes_others() -> None:
     beats = Heartbeats("base")
     beats.due(1000 * MS)
-    assert heard(beats, echo(1000 * MS), 1004 * MS) == pytest.approx(0.004)
+    assert received(beats, echo(1000 * MS), 1004 * MS) == pytest.approx(0.004)
     beats.on_mode("/a", echo(7, station="other"), 1100 * MS)
     assert beats.round_trip_s("/a", 2004 * MS) == pytest.approx(0.004)
     assert beats.round_trip_s("/a", 2005 * MS) is None
@@ -54,5 +54,5 @@ def test_old_stamps_are_forgotten() -> None:
     beats = Heartbeats("base")
     for index in range(51):
         beats.due(index * 100 * MS)
-    assert heard(beats, echo(0), 5000 * MS) is None
-    assert heard(beats, echo(100 * MS), 5000 * MS) is not None
+    assert received(beats, echo(0), 5000 * MS) is None
+    assert received(beats, echo(100 * MS), 5000 * MS) is not None

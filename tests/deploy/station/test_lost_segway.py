@@ -73,8 +73,8 @@ def test_a_driving_segway_holds_then_sits_down_and_is_down_before_its_motors_go_
     world = World(name)
     world.loop.run(round(ENDS_S / PERIOD_S))
 
-    told = [(transition.mode, transition.reason) for transition in world.loop.modes.history]
-    assert told == [(Mode.ARMED, "asked to arm"), (Mode.HOLD, LOST), (Mode.DISARMED, LOST)]
+    reported = [(transition.mode, transition.reason) for transition in world.loop.modes.history]
+    assert reported == [(Mode.ARMED, "asked to arm"), (Mode.HOLD, LOST), (Mode.DISARMED, LOST)]
     armed, held, disarmed = (transition.cycle * PERIOD_S for transition in world.loop.modes.history)
     assert armed < DRIVES_FROM_S
     assert held == pytest.approx(LOST_FROM_S + 1.0, abs=0.011)

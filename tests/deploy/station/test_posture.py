@@ -29,7 +29,7 @@ def test_it_is_confirmed_once_by_the_value_in_force(stand: PostureRequest, conne
     assert replies == [(True, "the robot has accepted it: sit down")]
 
 
-def test_it_is_told_again_until_then_and_given_up_after_two_seconds(
+def test_posture_request_repeats_and_fails_after_two_seconds(
     stand: PostureRequest, connection: Any, replies: Any
 ) -> None:
     stand.send(replies, 0, up=True)
@@ -43,7 +43,7 @@ def test_it_is_told_again_until_then_and_given_up_after_two_seconds(
     assert len(connection.stands) == 21
 
 
-def test_what_is_said_last_counts(stand: PostureRequest, connection: Any, replies: Any) -> None:
+def test_later_posture_request_replaces_earlier(stand: PostureRequest, connection: Any, replies: Any) -> None:
     stand.send(replies, 0, up=True)
     stand.send(replies, 10 * MS, up=False)
     assert replies == [(False, "replaced by a later request before it was confirmed")]

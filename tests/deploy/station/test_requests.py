@@ -15,7 +15,7 @@ def requests(connection: Any) -> Requests:
 
 
 @pytest.mark.parametrize("accepted", [True, False])
-def test_the_robots_own_words_come_back(requests: Requests, connection: Any, replies: Any, *, accepted: bool) -> None:
+def test_service_response_is_returned(requests: Requests, connection: Any, replies: Any, *, accepted: bool) -> None:
     requests.send(Action.ARM, replies, 0)
     assert connection.calls == [Action.ARM]
     assert requests.is_pending
@@ -37,7 +37,7 @@ def test_one_that_is_not_answered_fails_after_two_seconds_and_once(
     assert connection.calls == [Action.ARM]
 
 
-def test_it_is_sent_as_soon_as_somebody_serves_it(requests: Requests, connection: Any, replies: Any) -> None:
+def test_request_is_sent_once_service_is_ready(requests: Requests, connection: Any, replies: Any) -> None:
     connection.ready = False
     requests.send(Action.ARM, replies, 0)
     requests.step(S)
@@ -48,7 +48,7 @@ def test_it_is_sent_as_soon_as_somebody_serves_it(requests: Requests, connection
     assert connection.calls == [Action.ARM]
 
 
-def test_nobody_serves_it(requests: Requests, connection: Any, replies: Any) -> None:
+def test_request_without_service_fails(requests: Requests, connection: Any, replies: Any) -> None:
     connection.ready = False
     requests.send(Action.DISARM, replies, 0)
     requests.step(2 * S + 1)

@@ -34,10 +34,10 @@ def test_a_whole_message() -> None:
     assert decode_mode("alice: mode", TOLD) == expected
 
 
-def test_what_a_robot_does_not_tell_is_not_known() -> None:
-    told = decode_mode("alice: mode", {"mode": "ARMED"})
-    assert told == ModeReport("alice", Mode.ARMED, "")
-    assert told.is_zero is None
+def test_unreported_values_are_none() -> None:
+    reported = decode_mode("alice: mode", {"mode": "ARMED"})
+    assert reported == ModeReport("alice", Mode.ARMED, "")
+    assert reported.is_zero is None
 
 
 @pytest.mark.parametrize(
@@ -51,16 +51,16 @@ def test_a_status_that_is_no_mode_is_refused(name: str, mode: str) -> None:
     "beat", ["", "base", "base x", "base -1", " 5", "base " + "9" * 21, "base \N{SUPERSCRIPT TWO}"]
 )
 def test_an_echo_that_is_none(beat: str) -> None:
-    told = decode_mode("a: mode", {**TOLD, "heartbeat": beat})
-    assert told is not None
-    assert (told.station, told.beat_ns) == ("", 0)
+    reported = decode_mode("a: mode", {**TOLD, "heartbeat": beat})
+    assert reported is not None
+    assert (reported.station, reported.beat_ns) == ("", 0)
 
 
 @pytest.mark.parametrize("age", ["nan", "inf", "-1", "soon", ""])
 def test_an_age_that_is_none(age: str) -> None:
-    told = decode_mode("a: mode", {**TOLD, "heartbeat_age_ms": age})
-    assert told is not None
-    assert told.beat_age_ns == 0
+    reported = decode_mode("a: mode", {**TOLD, "heartbeat_age_ms": age})
+    assert reported is not None
+    assert reported.beat_age_ns == 0
 
 
 @pytest.mark.parametrize(
@@ -82,29 +82,29 @@ def test_an_age_that_is_none(age: str) -> None:
 def test_stopped_is_what_the_drive_does_and_not_the_mode_alone(
     mode: str, drives: str, zero: str, *, stopped: bool
 ) -> None:
-    told = decode_mode("a: mode", {"mode": mode, "drives": drives, "zero": zero})
-    assert told is not None
-    assert told.is_stopped is stopped
+    reported = decode_mode("a: mode", {"mode": mode, "drives": drives, "zero": zero})
+    assert reported is not None
+    assert reported.is_stopped is stopped
 
 
 @pytest.mark.parametrize("drives", ["on", "off", "none", "unconfirmed"])
 def test_what_the_drives_do_is_kept_whole(drives: str) -> None:
-    told = decode_mode("a: mode", {**TOLD, "drives": drives})
-    assert told is not None
-    assert told.drives == drives
+    reported = decode_mode("a: mode", {**TOLD, "drives": drives})
+    assert reported is not None
+    assert reported.drives == drives
 
 
-def test_another_word_for_what_they_do_is_none() -> None:
-    told = decode_mode("a: mode", {**TOLD, "drives": "of course"})
-    assert told is not None
-    assert told.drives == ""
+def test_unknown_drives_state_is_discarded() -> None:
+    reported = decode_mode("a: mode", {**TOLD, "drives": "of course"})
+    assert reported is not None
+    assert reported.drives == ""
 
 
 @given(st.text(), st.dictionaries(st.sampled_from(sorted(TOLD)), st.text() | st.sampled_from(list(TOLD.values()))))
 def test_no_message_of_the_network_raises(name: str, values: dict[str, str]) -> None:
     for who in (name, f"{name}: mode"):
-        told = decode_mode(who, values)
-        assert told is None or len(told.reason) <= 500
+        reported = decode_mode(who, values)
+        assert reported is None or len(reported.reason) <= 500
     decode_health([(f"x: {part}", values) for part in ("mode", "timing", "hardware")])
 
 

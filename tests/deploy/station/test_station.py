@@ -14,7 +14,7 @@ from tests.deploy.station.operated_station import PATIENCE_S, Operated
 over_ros = pytest.mark.ros
 
 SEQUENCE = "segments: [{linear: 0.5, duration: 1.0}]"
-HEARD = {"get": "heard"}
+HEARD = {"get": "received"}
 
 
 @pytest.fixture
@@ -88,25 +88,21 @@ def test_a_stop_is_confirmed_by_the_drive_and_latched(operated: Operated, fake_r
 
 
 @over_ros
-def test_a_stop_that_the_drive_does_not_obey_fails_whatever_the_service_says(
-    operated: Operated, fake_robots: Any
-) -> None:
+def test_stop_that_drive_ignores_fails_despite_service_answer(operated: Operated, fake_robots: Any) -> None:
     robots = fake_robots("/a")
     armed(operated)
     robots.ask("/a", set={"drives_stay_on": True})
     accepted, text = operated.submit("ann", Act.STOP)()
     assert not accepted
     assert text == "it answered 'FAULT: stop was pressed', but it is FAULT, drives on; retries continue"
-    stops = [heard for heard in robots.ask("/a", **HEARD) if heard[0] == "stop"]
+    stops = [received for received in robots.ask("/a", **HEARD) if received[0] == "stop"]
     assert len(stops) > 1
     robots.ask("/a", set={"drives": "off"})
     operated.wait_for("/a", lambda robot: robot.stop == "confirmed")
 
 
 @over_ros
-def test_a_stop_of_drives_that_do_not_say_that_they_are_off_is_not_confirmed(
-    operated: Operated, fake_robots: Any
-) -> None:
+def test_stop_with_unconfirmed_drives_is_not_confirmed(operated: Operated, fake_robots: Any) -> None:
     robots = fake_robots("/a")
     armed(operated)
     robots.ask("/a", set={"drives_fall_silent": True})
@@ -119,7 +115,7 @@ def test_a_stop_of_drives_that_do_not_say_that_they_are_off_is_not_confirmed(
 
 
 @over_ros
-def test_a_refusal_comes_back_in_the_robots_own_words(operated: Operated, fake_robots: Any) -> None:
+def test_refusal_returns_robot_reason(operated: Operated, fake_robots: Any) -> None:
     robots = fake_robots("/a")
     operated.wait_for("/a", lambda robot: robot.round_trip_s is not None)
     robots.ask("/a", set={"refuses": "tilt: 1.00 rad from upright"})
@@ -129,7 +125,7 @@ def test_a_refusal_comes_back_in_the_robots_own_words(operated: Operated, fake_r
 
 
 @over_ros
-def test_a_robot_that_does_not_hear_us_has_no_round_trip(operated: Operated, fake_robots: Any) -> None:
+def test_robot_without_our_heartbeat_has_no_round_trip(operated: Operated, fake_robots: Any) -> None:
     robots = fake_robots("/a")
     operated.wait_for("/a", lambda robot: robot.round_trip_s is not None)
     robots.ask("/a", set={"is_deaf": True})
@@ -144,7 +140,7 @@ def test_driving_ends_in_zeros_and_then_silence(operated: Operated, fake_robots:
         operated.drive(0.5)
         time.sleep(0.05)
     operated.wait_for("/a", lambda robot: robot.mode == "HOLD")
-    driven = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "drive"]
+    driven = [received[2] for received in robots.ask("/a", **HEARD) if received[0] == "drive"]
     assert driven[-6:] == [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert "ann no longer drives: brought to rest" in operated.texts()
 
@@ -155,8 +151,8 @@ def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(operated: 
     armed(operated)
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE)() == (True, "one is being played")
     operated.wait_for("/a", lambda robot: robot.sequence is not None and robot.sequence.state == "done")
-    said = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "say"]
-    assert said == 10 * [0.5] + [0.0]
+    output = [received[2] for received in robots.ask("/a", **HEARD) if received[0] == "say"]
+    assert output == 10 * [0.5] + [0.0]
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE.replace("1.0", "60"))()[0]
     operated.station.leave("ann")
     ended = operated.wait_for("/a", lambda robot: robot.controller == "")
@@ -174,7 +170,7 @@ def test_a_text_that_is_no_sequence_is_refused(operated: Operated, fake_robots: 
 
 
 @over_ros
-def test_the_end_tells_what_moves_to_rest_and_answers_everything(ros_domain: None, fake_robots: Any) -> None:  # noqa: ARG001 - the domain is set first
+def test_shutdown_brings_robots_to_rest_and_answers_commands(ros_domain: None, fake_robots: Any) -> None:  # noqa: ARG001 - the domain is set first
     robots = fake_robots("/a")
     station = Station("base 1")
     with station:
@@ -185,7 +181,7 @@ def test_the_end_tells_what_moves_to_rest_and_answers_everything(ros_domain: Non
         robots.ask("/a", set={"serves_not": True})
         waiting = operated.submit("ann", Act.DISARM)
     assert waiting() == (False, "the station ends")
-    driven = [heard[2] for heard in robots.ask("/a", **HEARD) if heard[0] == "drive"]
+    driven = [received[2] for received in robots.ask("/a", **HEARD) if received[0] == "drive"]
     assert driven[0] == 0.5
     assert driven[-1] == 0.0
     assert operated.submit("ann", Act.STOP)() == (False, "the station ends")
@@ -202,7 +198,7 @@ def test_a_station_that_only_watches_sends_no_heartbeat(ros_domain: None, fake_r
 
 
 @over_ros
-def test_two_robots_in_one_namespace_are_told_of(operated: Operated, fake_robots: Any) -> None:
+def test_shared_namespace_is_logged(operated: Operated, fake_robots: Any) -> None:
     fake_robots("/a")
     fake_robots("/a")
     deadline = time.monotonic() + PATIENCE_S
@@ -223,7 +219,7 @@ def test_what_is_asked_of_a_station_is_bounded_and_all_of_it_is_answered(replies
     assert len(replies) == 515
 
 
-def test_what_fails_in_the_station_is_told_once_and_ends_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_station_failure_is_logged_once_and_ends_nothing(caplog: pytest.LogCaptureFixture) -> None:
     def failing() -> None:
         raise KeyError("/a")
 

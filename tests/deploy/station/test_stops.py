@@ -17,17 +17,17 @@ OFF = ON._replace(drives="off")
 
 
 @pytest.fixture
-def told() -> list[tuple[str, str]]:
+def reported() -> list[tuple[str, str]]:
     return []
 
 
 @pytest.fixture
-def stop(connection: Any, told: list[tuple[str, str]]) -> Stop:
-    return Stop(connection, lambda text, level: told.append((text, level)))
+def stop(connection: Any, reported: list[tuple[str, str]]) -> Stop:
+    return Stop(connection, lambda text, level: reported.append((text, level)))
 
 
 def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
-    stop: Stop, connection: Any, replies: Any, told: list[tuple[str, str]]
+    stop: Stop, connection: Any, replies: Any, reported: list[tuple[str, str]]
 ) -> None:
     stop.send(replies, 1000 * MS, 1001 * MS)
     assert connection.calls == [Action.STOP]
@@ -39,7 +39,7 @@ def test_it_is_confirmed_by_the_drive_with_the_time_it_took(
     assert stop.state is StopState.CONFIRMED
     assert stop.after_s == pytest.approx(0.023)
     assert replies == [(True, "stopped after 23 ms: drives off; stop was pressed")]
-    assert not told  # the reply tells it
+    assert not reported  # the reply tells it
 
 
 def test_commands_of_zero_confirm_it_of_a_robot_without_drives(stop: Stop, replies: Any) -> None:
@@ -50,7 +50,7 @@ def test_commands_of_zero_confirm_it_of_a_robot_without_drives(stop: Stop, repli
 
 
 @pytest.mark.parametrize("drives", ["on", "unconfirmed", ""])
-def test_commands_of_zero_do_not_confirm_it_of_drives_that_do_not_say_that_they_are_off(
+def test_zero_commands_do_not_confirm_stop_while_drives_report_other_than_off(
     stop: Stop, replies: Any, drives: str
 ) -> None:
     stop.send(replies, 0, 0)
@@ -62,14 +62,14 @@ def test_commands_of_zero_do_not_confirm_it_of_drives_that_do_not_say_that_they_
     assert stop.state is StopState.CONFIRMED
 
 
-def test_what_was_heard_before_it_was_asked_confirms_nothing(stop: Stop, replies: Any) -> None:
+def test_report_before_request_does_not_confirm_stop(stop: Stop, replies: Any) -> None:
     stop.send(replies, 1000 * MS, 1001 * MS)
     stop.on_mode(OFF, 1000 * MS)
     assert stop.state is StopState.REQUESTED
 
 
 def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
-    stop: Stop, connection: Any, replies: Any, told: list[tuple[str, str]]
+    stop: Stop, connection: Any, replies: Any, reported: list[tuple[str, str]]
 ) -> None:
     stop.send(replies, 0, 0)
     for now in range(0, 2001, 20):
@@ -85,7 +85,7 @@ def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
     stop.on_mode(OFF, 6000 * MS)
     assert stop.state is StopState.CONFIRMED
     assert len(replies) == 1
-    assert told == [("stopped after 6000 ms: drives off; stop was pressed", "warning")]
+    assert reported == [("stopped after 6000 ms: drives off; stop was pressed", "warning")]
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_it_is_sent_again_until_it_fails_after_two_seconds_and_then_still(
         (False, "it answered 'refused: FAULT: stop was pressed', but it is FAULT, drives on; retries continue"),
     ],
 )
-def test_why_it_failed(stop: Stop, replies: Any, text: str, *, accepted: bool) -> None:
+def test_failed_stop_includes_service_response(stop: Stop, replies: Any, text: str, *, accepted: bool) -> None:
     stop.send(replies, 0, 0)
     stop.on_response(ServiceResponse(Action.STOP, 1, accepted, "FAULT: stop was pressed"))
     stop.on_mode(ON, S)
@@ -103,14 +103,16 @@ def test_why_it_failed(stop: Stop, replies: Any, text: str, *, accepted: bool) -
     assert replies == [(False, text)]
 
 
-def test_it_is_latched_until_the_robot_leaves_its_fault(stop: Stop, replies: Any, told: list[tuple[str, str]]) -> None:
+def test_it_is_latched_until_the_robot_leaves_its_fault(
+    stop: Stop, replies: Any, reported: list[tuple[str, str]]
+) -> None:
     stop.send(replies, 0, 0)
     stop.on_mode(OFF, 1)
     stop.on_mode(OFF._replace(reason="tilt"), 2)
     assert stop.state is StopState.CONFIRMED
     stop.on_mode(ModeReport("a", Mode.DISARMED, "fault cleared", "off"), 3)
     assert (stop.state, stop.after_s) == (StopState.NONE, None)
-    assert told[-1] == ("the stop is over: DISARMED: fault cleared", "warning")
+    assert reported[-1] == ("the stop is over: DISARMED: fault cleared", "warning")
 
 
 def test_a_second_press_joins_the_first_and_is_sent_at_once(stop: Stop, connection: Any, replies: Any) -> None:
@@ -129,7 +131,7 @@ def test_a_press_after_a_failure_is_a_new_one(stop: Stop, replies: Any) -> None:
     assert replies[1:] == [(True, "stopped after 1 ms: drives off; stop was pressed")]
 
 
-def test_pressing_without_end_is_bounded(stop: Stop, replies: Any) -> None:
+def test_pending_stops_are_bounded(stop: Stop, replies: Any) -> None:
     for _ in range(101):
         stop.send(replies, 0, 0)
     assert replies == [(False, "a stop is pending and not confirmed yet")]

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.deploy.station.whole_stack import DOWN, NAMESPACE, Seat, Stack, chromium, ros_of_our_own, seat_at, until
+from tests.deploy.station.whole_stack import (
+    DOWN,
+    NAMESPACE,
+    OperatorPage,
+    Stack,
+    chromium,
+    operator_page_at,
+    ros_of_our_own,
+    until,
+)
 
 pytestmark = [pytest.mark.ros, pytest.mark.browser, pytest.mark.real_time]
 
@@ -33,16 +42,16 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 
 @pytest.fixture(scope="module")
-def seat(stack: Stack) -> Iterator[Seat]:
+def seat(stack: Stack) -> Iterator[OperatorPage]:
     wanted = os.environ.get("SEGWAY_ECC_SCREENSHOTS")
     if wanted:
         Path(wanted).mkdir(parents=True, exist_ok=True)
-    with chromium() as browser, seat_at(browser, stack.url, Path(wanted) if wanted else None) as seat:
+    with chromium() as browser, operator_page_at(browser, stack.url, Path(wanted) if wanted else None) as seat:
         yield seat
 
 
 @pytest.fixture
-def standing(stack: Stack, seat: Seat) -> Seat:
+def standing(stack: Stack, seat: OperatorPage) -> OperatorPage:
     """A page whose operator has control of a segway that stands, whatever became of it in the test before."""
     if NAMESPACE not in seat.text("#robots"):
         stack.start_robot()
@@ -57,7 +66,7 @@ def stands(stack: Stack) -> bool:
     return abs(stack.truth().pitch) < STANDS
 
 
-def get_up(stack: Stack, seat: Seat) -> None:
+def get_up(stack: Stack, seat: OperatorPage) -> None:
     """Have it stand, and again where it fell meanwhile: balancing beside all this is not what is proved."""
 
     def is_up() -> bool:
@@ -77,13 +86,13 @@ def get_up(stack: Stack, seat: Seat) -> None:
     until(is_up, f"it stands; {seat.situation()}")
 
 
-def drive(stack: Stack, seat: Seat) -> None:
+def drive(stack: Stack, seat: OperatorPage) -> None:
     """Hold the key until the plant moves."""
     seat.page.keyboard.down("ArrowUp")
     until(lambda: stack.truth().velocity > 0.2, f"it moves; {stack.truth()}, {seat.situation()}")
 
 
-def test_a_robot_is_found_by_itself_and_armed(stack: Stack, seat: Seat) -> None:
+def test_a_robot_is_found_by_itself_and_armed(stack: Stack, seat: OperatorPage) -> None:
     seat.page.wait_for_selector("body[data-fresh=true]")
     seat.shows("#no-robots", "None found yet")
     seat.look("no-robot")
@@ -99,7 +108,7 @@ def test_a_robot_is_found_by_itself_and_armed(stack: Stack, seat: Seat) -> None:
     seat.look("armed")
 
 
-def test_the_keyboard_drives_it_and_letting_go_is_zero(stack: Stack, standing: Seat) -> None:
+def test_the_keyboard_drives_it_and_letting_go_is_zero(stack: Stack, standing: OperatorPage) -> None:
     if not standing.is_disabled("take_control"):
         standing.press("take_control")
     begun = stack.truth()
@@ -116,7 +125,7 @@ def test_the_keyboard_drives_it_and_letting_go_is_zero(stack: Stack, standing: S
     assert drives[-2:] == ["drive", "rest"]
 
 
-def test_a_key_stops_it_and_the_drives_confirm_it(stack: Stack, standing: Seat) -> None:
+def test_a_key_stops_it_and_the_drives_confirm_it(stack: Stack, standing: OperatorPage) -> None:
     drive(stack, standing)
     asked_ns = time.monotonic_ns()
     standing.page.keyboard.press("Escape")
@@ -138,7 +147,7 @@ def test_a_key_stops_it_and_the_drives_confirm_it(stack: Stack, standing: Seat) 
     standing.page.locator("#stop-clear").wait_for(state="hidden")
 
 
-def test_a_sequence_runs_to_its_end(stack: Stack, standing: Seat) -> None:
+def test_a_sequence_runs_to_its_end(stack: Stack, standing: OperatorPage) -> None:
     if not standing.is_disabled("take_control"):
         standing.press("take_control")
     standing.page.fill("#sequence-text", SEQUENCE)
@@ -159,7 +168,7 @@ def test_a_sequence_runs_to_its_end(stack: Stack, standing: Seat) -> None:
     assert abs(stack.truth().x - begun.x) > 0.1
 
 
-def test_a_robot_that_is_killed_is_shown_as_lost_and_comes_back_by_itself(stack: Stack, standing: Seat) -> None:
+def test_a_robot_that_is_killed_is_shown_as_lost_and_comes_back_by_itself(stack: Stack, standing: OperatorPage) -> None:
     killed_s = stack.kill("run")
     while standing.mode != "LOST":
         assert time.monotonic() < killed_s + 40.0, standing.situation()
@@ -176,7 +185,7 @@ def test_a_robot_that_is_killed_is_shown_as_lost_and_comes_back_by_itself(stack:
     standing.shows("#events", "back after")
 
 
-def test_without_its_station_it_holds_and_sits_down_by_itself(stack: Stack, standing: Seat) -> None:
+def test_without_its_station_it_holds_and_sits_down_by_itself(stack: Stack, standing: OperatorPage) -> None:
     drive(stack, standing)
     stack.kill("station")
     standing.page.wait_for_selector("#stale:not([hidden])")
@@ -187,8 +196,8 @@ def test_without_its_station_it_holds_and_sits_down_by_itself(stack: Stack, stan
     assert any(tick.is_driven for tick in stack.ticks()[-50:]), "by its motors"
     until(lambda: not any(tick.is_driven for tick in stack.ticks()[-100:]), "its motors go off")
     standing.page.keyboard.up("ArrowUp")
-    until(lambda: f"DISARMED: {LOST}" in stack.said("run"), "the robot says why")
-    told = [line.partition(": ")[2] for line in stack.said("run").splitlines() if LOST in line]
+    until(lambda: f"DISARMED: {LOST}" in stack.output("run"), "the robot says why")
+    told = [line.partition(": ")[2] for line in stack.output("run").splitlines() if LOST in line]
     assert told == [f"HOLD: {LOST}", f"{LOST}: the robot sits down", f"DISARMED: {LOST}"]
 
     stack.start_station()

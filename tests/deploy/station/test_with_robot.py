@@ -62,7 +62,7 @@ class Operator(Operated):
                 return
         pytest.fail(f"{name} is driven and does not come to that: {self.robot(name)}; {self.texts(name)}")
 
-    def hears(self, name: str, station: str) -> bool:
+    def receives(self, name: str, station: str) -> bool:
         """Whether a robot echoes the heartbeats of a station that need not be ours."""
         robot = self.station._handler.fleet.robots.get(name)
         return robot is not None and robot.mode.station == station
@@ -153,13 +153,13 @@ def test_the_cart_holds_and_disarms_by_itself_when_its_station_is_killed(
     onlooker.wait_for(CART, lambda robot: robot.is_alive)
     assert onlooker.ask(CART, Act.ARM)[0]
     onlooker.drive_until(CART, 0.5, lambda robot: (robot.linear_velocity or 0.0) > 0.4)
-    onlooker.drive_until(CART, 0.5, lambda robot: onlooker.hears(robot.robot, OTHER))
+    onlooker.drive_until(CART, 0.5, lambda robot: onlooker.receives(robot.robot, OTHER))
     before = len(onlooker.texts(CART))
     other_station.kill()
     onlooker.drive_until(CART, 0.5, lambda robot: robot.reason == LOST)
     onlooker.drive_until(CART, 0.5, lambda robot: robot.mode == "DISARMED")
-    told = [text for text in onlooker.texts(CART)[before:] if LOST in text]
-    assert told == [f"HOLD: {LOST}", f"DISARMED: {LOST}"]
+    reported = [text for text in onlooker.texts(CART)[before:] if LOST in text]
+    assert reported == [f"HOLD: {LOST}", f"DISARMED: {LOST}"]
 
 
 @pytest.mark.proof  # in simulated time: test_lost_segway.py
@@ -171,7 +171,7 @@ def test_the_segway_holds_sits_down_and_disarms_by_itself_when_its_station_is_ki
     robots.start("segway", SEGWAY, station, plant=True)
     onlooker.wait_for(SEGWAY, lambda robot: robot.is_alive and robot.can_stand)
     onlooker.stand_up(SEGWAY)
-    onlooker.wait_for(SEGWAY, lambda robot: onlooker.hears(robot.robot, OTHER))
+    onlooker.wait_for(SEGWAY, lambda robot: onlooker.receives(robot.robot, OTHER))
 
     other_station.kill()
     holding = onlooker.wait_for(SEGWAY, lambda robot: robot.reason == LOST)

@@ -89,9 +89,9 @@ class Stack:
     def start_station(self) -> None:
         """On the port that it had before, where it had one."""
         folders = ["--folder", str(self.folder / "station"), "--logs", str(self.folder / "logs")]
-        said = self._start("station", "serve", "--json", "--name", "base", "--port", str(self.port), *folders)
-        until(lambda: "open http" in said.read_text("utf-8"), "the station's address")
-        found = re.search(r"open http://127\.0\.0\.1:(\d+)/", said.read_text("utf-8"))
+        output = self._start("station", "serve", "--json", "--name", "base", "--port", str(self.port), *folders)
+        until(lambda: "open http" in output.read_text("utf-8"), "the station's address")
+        found = re.search(r"open http://127\.0\.0\.1:(\d+)/", output.read_text("utf-8"))
         assert found is not None
         self.port = int(found[1])
 
@@ -103,7 +103,7 @@ class Stack:
         process.wait()
         return at_s
 
-    def said(self, verb: str) -> str:
+    def output(self, verb: str) -> str:
         """The messages of the one that was started last."""
         return max(self.folder.glob(f"{verb}-*.txt"), key=lambda path: path.stat().st_mtime_ns).read_text("utf-8")
 
@@ -146,7 +146,7 @@ class Stack:
         return messages
 
 
-class Seat:
+class OperatorPage:
     """An operator at the page: what is on it, and the keys and buttons."""
 
     def __init__(self, page: "Page", pictures: Path | None = None) -> None:
@@ -213,12 +213,12 @@ def chromium() -> "Iterator[Browser]":
 
 
 @contextlib.contextmanager
-def seat_at(browser: "Browser", url: str, pictures: Path | None = None) -> Iterator[Seat]:
+def operator_page_at(browser: "Browser", url: str, pictures: Path | None = None) -> Iterator[OperatorPage]:
     """A page that is open; what it complains of fails the test."""
     width, height = SIZES["desktop"]
     context = browser.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce")
     context.set_default_timeout(PATIENCE_MS)
-    seat = Seat(context.new_page(), pictures)
+    seat = OperatorPage(context.new_page(), pictures)
     seat.page.goto(url)
     yield seat
     context.close()

@@ -16,8 +16,8 @@ LIVE = ("--command", COMMAND, "--port", "8799")
 def test_it_prints_the_tokens_once_and_the_address_to_open(base_station: Call, fake: Fake) -> None:
     outcome = base_station(*LIVE)
     assert outcome.code == 0
-    said, operator, viewer = outcome.errors
-    assert said == "segway-ecc: new tokens, shown this once; keep them:"
+    output, operator, viewer = outcome.errors
+    assert output == "segway-ecc: new tokens, shown this once; keep them:"
     access = load_access(fake.root / ACCESS)
     assert access is not None
     assert access.role(operator.split()[1]) is Role.OPERATOR
@@ -79,7 +79,7 @@ def test_what_is_wrong_is_one_line_and_changes_nothing(base_station: Call, fake:
 
 
 @pytest.mark.parametrize("words", [(), ("--remove",)])
-def test_who_is_not_root_is_told_how_to_be(
+def test_install_without_root_shows_sudo_command(
     base_station: Call, fake: Fake, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:
     monkeypatch.setattr("segway_ecc.deploy.verbs.station_install._is_root", lambda: False)

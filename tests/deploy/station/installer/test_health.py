@@ -56,11 +56,11 @@ def test_it_asks_until_the_station_is_well(port: int, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    ("answer", "said"), [((503, b""), "it answered 503"), ((200, b"<html>"), "something else answered")]
+    ("answer", "output"), [((503, b""), "it answered 503"), ((200, b"<html>"), "something else answered")]
 )
-def test_what_does_not_get_well_is_told_with_its_last_answer(port: int, answer: tuple[int, bytes], said: str) -> None:
+def test_unhealthy_station_raises_with_last_problem(port: int, answer: tuple[int, bytes], output: str) -> None:
     _Handler.answers.append(answer)
-    with pytest.raises(NodeError, match=rf"within 3\.5 s \({said}\); see journalctl --unit segway-ecc"):
+    with pytest.raises(NodeError, match=rf"within 3\.5 s \({output}\); see journalctl --unit segway-ecc"):
         wait(InstallSettings(port=port))
     assert len(_Handler.paths) == 4  # at 1, 2, 3 and 4 s: the last one after the time-out
 
@@ -78,7 +78,7 @@ def test_a_certificate_for_the_name_of_browsers_does_not_matter(tmp_path: Path) 
         thread.join()
 
 
-def test_nobody_there_is_told() -> None:
+def test_refused_connection_is_reported() -> None:
     (bound,) = bind("127.0.0.1", 0)
     port = bound.getsockname()[1]
     bound.close()

@@ -153,8 +153,10 @@ def test_a_firewall_without_nft_is_refused(fake: Fake, monkeypatch: pytest.Monke
 
 def test_a_kernel_that_does_not_take_the_rules_is_refused_before_anything_is_written(fake: Fake) -> None:
     """Words of nft 1.0.6 where the kernel has no family inet; what it says last is a row of carets."""
-    said = "/dev/stdin:6:1-22: Error: Could not process rule: Operation not supported"
-    (fake.bin / "nft").write_text(f'#!/bin/sh\ncat > "{fake.root}/rules"; echo "{said}" >&2; echo "^^^^" >&2; exit 1\n')
+    output = "/dev/stdin:6:1-22: Error: Could not process rule: Operation not supported"
+    (fake.bin / "nft").write_text(
+        f'#!/bin/sh\ncat > "{fake.root}/rules"; echo "{output}" >&2; echo "^^^^" >&2; exit 1\n'
+    )
     with pytest.raises(ConfigurationError, match=r"--firewall: this kernel .*: Operation not supported\); it needs"):
         check_rules(fake.machine, "table inet x\n")
     assert fake.text("rules") == "table inet x\n"
@@ -166,7 +168,7 @@ def test_a_kernel_that_does_not_take_the_rules_is_refused_before_anything_is_wri
         assert [name for name in fake.files() if name not in before] == []
 
 
-def test_a_port_that_somebody_else_has_is_refused_and_our_own_is_not(fake: Fake) -> None:
+def test_port_in_use_is_refused_unless_it_is_ours(fake: Fake) -> None:
     (taken,) = bind("127.0.0.1", 0)
     with taken:
         port = taken.getsockname()[1]
@@ -217,7 +219,7 @@ def _refuse(*_files: Path | None) -> None:
     raise ConfigurationError("no")
 
 
-def test_a_user_that_is_not_made_is_told(fake: Fake) -> None:
+def test_missing_service_user_raises(fake: Fake) -> None:
     (fake.bin / "systemd-sysusers").write_text("#!/bin/sh\n")
     with pytest.raises(NodeError, match="systemd-sysusers made no user"):
         do(planned(fake))

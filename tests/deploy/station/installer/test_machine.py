@@ -48,7 +48,7 @@ def test_a_link_does_not_lead_out_of_a_root_file_system(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
 
 
-def test_what_cannot_be_written_or_deleted_is_told(tmp_path: Path) -> None:
+def test_unwritable_or_undeletable_file_raises(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
     machine = TargetMachine(tmp_path, is_live=False)
@@ -58,7 +58,7 @@ def test_what_cannot_be_written_or_deleted_is_told(tmp_path: Path) -> None:
         machine.delete("/folder")
 
 
-def test_deleting_tells_whether_it_was_there(tmp_path: Path) -> None:
+def test_delete_returns_whether_file_existed(tmp_path: Path) -> None:
     machine = TargetMachine(tmp_path, is_live=False)
     machine.write("/etc/x", "")
     assert [machine.delete("/etc/x"), machine.delete("/etc/x"), machine.delete("/no/x")] == [True, False, False]
@@ -72,7 +72,7 @@ def test_the_user_is_that_of_the_machine_s_own_list(tmp_path: Path) -> None:
     assert machine.owner() == (998, 997)
 
 
-def test_a_command_that_fails_tells_its_last_line_and_one_that_is_not_there_its_name(fake: Fake) -> None:
+def test_failing_command_raises_last_line_and_missing_one_its_name(fake: Fake) -> None:
     fake.fail("systemctl daemon-reload")
     with pytest.raises(NodeError, match=r"^systemctl daemon-reload: no such luck$"):
         fake.machine.run(["systemctl", "daemon-reload"])

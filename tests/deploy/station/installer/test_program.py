@@ -95,7 +95,7 @@ def test_what_the_sandbox_hides_is_known(folder: str, monkeypatch: pytest.Monkey
         check_environment(f"{folder}/bin/segway-ecc")
 
 
-def test_without_aiohttp_or_ros_it_says_how_to_get_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_aiohttp_or_ros_raises_with_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.node.ros.runtime.missing_packages", lambda: ["rclpy"])
     with pytest.raises(RosUnavailableError, match="rclpy"):
         check_environment(COMMAND)

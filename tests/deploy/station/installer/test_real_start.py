@@ -71,9 +71,7 @@ def _post(address: str, token: str) -> int:
 
 
 @pytest.mark.ros
-def test_the_rendered_service_serves_and_lets_in_whoever_has_a_token(
-    base_station: Callable[..., Outcome], real: Fake
-) -> None:
+def test_rendered_service_accepts_token(base_station: Callable[..., Outcome], real: Fake) -> None:
     (bound,) = bind("127.0.0.1", 0)
     port = bound.getsockname()[1]
     bound.close()

@@ -87,7 +87,7 @@ def test_the_firewall_is_closed_before_a_network_is_up() -> None:
     assert f"ExecStop=/usr/sbin/nft delete table {table[1]}" in lines
 
 
-def test_a_shipped_file_that_is_not_as_expected_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_shipped_file_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("segway_ecc.deploy.station.installer.rendering._shipped", lambda _folder, _name: "[Service]\n")
     with pytest.raises(ConfigurationError, match="ExecStart="):
         files(InstallSettings(), COMMAND, {})

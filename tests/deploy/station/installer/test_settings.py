@@ -20,7 +20,7 @@ def test_alone_it_finds_robots_on_the_whole_network_and_serves_this_machine_only
     assert variables(InstallSettings()) == {
         "ROS_DOMAIN_ID": "0",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
-        "ROS_STATIC_PEERS": "",  # said, so that a robot's own settings on this machine do not count
+        "ROS_STATIC_PEERS": "",  # output, so that a robot's own settings on this machine do not count
         "STATION_OPTIONS": "--address 127.0.0.1 --port 8700 --require-token",
     }
 
@@ -50,12 +50,12 @@ def test_each_option_of_the_page_is_handed_on() -> None:
     )
 
 
-def test_a_sourced_ros_is_told() -> None:
+def test_sourced_ros_variables_are_returned() -> None:
     assert variables(InstallSettings(), AMENT_PREFIX_PATH="/opt/ros/jazzy")["AMENT_PREFIX_PATH"] == "/opt/ros/jazzy"
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "output"),
     [
         ({"domain": -1}, "--domain -1: it is 0 to 101 or 215 to 232"),
         ({"domain": 102}, "--domain 102"),
@@ -92,11 +92,11 @@ def test_a_sourced_ros_is_told() -> None:
         ({"firewall": "sixteen-letters-"}, "--firewall 'sixteen-letters-'"),
     ],
 )
-def test_what_no_service_could_use_is_refused_with_the_option_s_name(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(ConfigurationError) as told:
+def test_what_no_service_could_use_is_refused_with_the_option_s_name(changes: dict[str, Any], output: str) -> None:
+    with pytest.raises(ConfigurationError) as reported:
         check(dataclasses.replace(InstallSettings(), **changes))
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
+    assert output in str(reported.value)
+    assert "\n" not in str(reported.value)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def test_tokens_are_made_once_and_only_their_hashes_are_kept(tmp_path: Path, *, 
     assert set(make_tokens(machine, ME, anew=True).values()).isdisjoint(tokens.values())
 
 
-def test_a_file_that_is_none_of_ours_is_told_and_replaced_when_asked(tmp_path: Path) -> None:
+def test_foreign_token_file_raises_and_is_replaced_on_request(tmp_path: Path) -> None:
     machine = TargetMachine(tmp_path)
     make_tokens(machine, ME, anew=False)
     (tmp_path / ACCESS).write_text("nonsense")
@@ -43,7 +43,7 @@ def test_a_file_that_is_none_of_ours_is_told_and_replaced_when_asked(tmp_path: P
     assert len(make_tokens(machine, ME, anew=True)) == 2
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_uncreatable_folder_raises(tmp_path: Path) -> None:
     (tmp_path / "var").write_text("")
     with pytest.raises(NodeError, match="cannot be made ready: Not a directory"):
         make_tokens(TargetMachine(tmp_path), ME, anew=False)
@@ -87,7 +87,7 @@ def test_root_is_not_led_by_the_service_s_user_to_files_of_its_own() -> None:
         assert (root / "secret").read_text() == "root's"
 
 
-def test_deleting_them_tells_whether_there_were_any(tmp_path: Path) -> None:
+def test_deleting_tokens_returns_whether_there_were_any(tmp_path: Path) -> None:
     machine = TargetMachine(tmp_path)
     (tmp_path / "etc").mkdir()
     (tmp_path / "etc/passwd").write_text(f"segway:x:{ME.uid}:{ME.gid}::/:/x\n")

@@ -69,11 +69,11 @@ class Tab:
             self.page.set_viewport_size(self._viewport)
         self.complaints.clear()
 
-    # A request that is refused is told on the console too; a test that has one refused means it.
-    def _listen(self, said: "ConsoleMessage") -> None:
-        meant = "WebSocket connection" in said.text or "Failed to load resource" in said.text
-        if said.type in {"error", "warning"} and not meant:
-            self.complaints.append(said.text)
+    # A request that is refused is reported on the console too; a test that has one refused means it.
+    def _listen(self, output: "ConsoleMessage") -> None:
+        meant = "WebSocket connection" in output.text or "Failed to load resource" in output.text
+        if output.type in {"error", "warning"} and not meant:
+            self.complaints.append(output.text)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A base station that does what a test tells it: it serves the page and speaks the socket, in a thread of its own."""
+"""A base station that a test controls: it serves the page and speaks the socket, in a thread of its own."""
 
 import asyncio
 import dataclasses
@@ -33,7 +33,7 @@ class Script:
     """How the station behaves; a test changes it while it runs.
 
     Attributes:
-        robots: What is told, by namespace.
+        robots: What is reported, by namespace.
         sends: Whether pictures are sent at all.
         ticks: Whether their time goes on.
         accepts: Whether a socket is taken.
@@ -83,7 +83,7 @@ class FakeStation:
         return f"http://127.0.0.1:{self.port}/"
 
     def robot(self, namespace: str = "/alice", /, **fields: object) -> RobotView:
-        """Change what is told of a robot, or add one."""
+        """Change what is reported of a robot, or add one."""
         old = self.script.robots.get(namespace, RobotView(robot=namespace))
         new = msgspec.structs.replace(old, **fields)
         self.script.robots = dict(sorted({**self.script.robots, namespace: new}.items()))

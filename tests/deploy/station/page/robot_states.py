@@ -45,8 +45,8 @@ TIMING: Final = {
 
 
 def armed(**fields: object) -> dict[str, object]:
-    """What is told of a robot that is armed and in ann's control."""
-    told: dict[str, object] = {
+    """What is reported of a robot that is armed and in ann's control."""
+    reported: dict[str, object] = {
         "name": "Alice",
         "is_alive": True,
         "age_s": 0.02,
@@ -73,12 +73,12 @@ def armed(**fields: object) -> dict[str, object]:
         "stop_after_s": None,
         "sequence": None,
     }
-    return {**told, **fields}
+    return {**reported, **fields}
 
 
 def lost(**fields: object) -> dict[str, object]:
-    """What is told of a robot that fell silent: what it last was, and no number."""
+    """What is reported of a robot that fell silent: what it last was, and no number."""
     unknown = ("round_trip_s", "is_zero", "pitch", "linear_velocity", "angular_velocity", "linear_setpoint")
     more = ("angular_setpoint", "x", "y", "heading", "supply_v")
-    told = {"is_alive": False, "age_s": 3.4, **dict.fromkeys((*unknown, *more))}
-    return armed(**told, links={}, timing={}, checklist={}, **fields)
+    reported = {"is_alive": False, "age_s": 3.4, **dict.fromkeys((*unknown, *more))}
+    return armed(**reported, links={}, timing={}, checklist={}, **fields)

@@ -50,7 +50,7 @@ def test_a_button_asks_the_selected_robot(page: "Page", station: FakeStation, ac
 
 
 @pytest.mark.parametrize("act", NOT_NOW)
-def test_a_button_that_makes_no_sense_now_says_why(page: "Page", station: FakeStation, act: str) -> None:
+def test_disabled_button_shows_reason(page: "Page", station: FakeStation, act: str) -> None:
     fields, why = NOT_NOW[act]
     station.robot(**fields)
     there(page, f"[data-act={act}][aria-disabled=true]")
@@ -71,7 +71,7 @@ def test_a_command_waits_visibly_and_is_not_sent_twice(page: "Page", station: Fa
     assert len(station.commands) == 1
 
 
-def test_a_refusal_is_told_in_the_robots_words(page: "Page", station: FakeStation) -> None:
+def test_refusal_shows_robot_reason(page: "Page", station: FakeStation) -> None:
     station.robot(mode="DISARMED")
     station.script.answers[Act.ARM] = (False, "tilt: 0.31 rad from upright")
     shows(page, "#mode", "DISARMED")
@@ -81,7 +81,7 @@ def test_a_refusal_is_told_in_the_robots_words(page: "Page", station: FakeStatio
     there(page, "[data-act=arm]:not([aria-busy])")
 
 
-def test_no_answer_is_told(page: "Page", station: FakeStation) -> None:
+def test_missing_answer_is_reported(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.DISARM] = None
     press(page, "disarm")
     shows(page, "#command-failure", "Disarm Alice failed: the base station did not answer")

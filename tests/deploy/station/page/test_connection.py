@@ -30,7 +30,7 @@ TROUBLE = {"no picture comes": _fall_silent, "its time stands still": _stand_sti
 
 
 @pytest.mark.parametrize("trouble", TROUBLE)
-def test_a_stale_picture_is_told_and_greyed(page: "Page", station: FakeStation, trouble: str) -> None:
+def test_stale_picture_is_reported_and_greyed(page: "Page", station: FakeStation, trouble: str) -> None:
     gone(page, "#stale")
     there(page, "#plots[data-newest]")
     TROUBLE[trouble](station)
@@ -51,7 +51,7 @@ def test_a_stale_picture_is_told_and_greyed(page: "Page", station: FakeStation, 
     assert page.get_attribute("#plots", "data-newest") == newest
 
 
-def test_the_banner_tells_a_growing_age_and_stays_in_sight(page: "Page", station: FakeStation) -> None:
+def test_stale_banner_shows_growing_age_and_stays_visible(page: "Page", station: FakeStation) -> None:
     station.script.sends = False
     there(page, "#stale:not([hidden])")
     page.evaluate("() => scrollTo(0, document.body.scrollHeight)")
@@ -90,7 +90,7 @@ def test_it_comes_back_by_itself(page: "Page", station: FakeStation) -> None:
     assert station.sockets == 2
 
 
-def test_a_socket_that_says_nothing_is_given_up(page: "Page", station: FakeStation) -> None:
+def test_silent_socket_is_closed(page: "Page", station: FakeStation) -> None:
     """TCP may take minutes to notice; the page does not wait for it."""
     station.script.sends = False
     station.wait(lambda: station.sockets == 2)

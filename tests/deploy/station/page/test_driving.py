@@ -81,7 +81,7 @@ def test_the_slider_sets_the_speed(page: "Page", station: FakeStation) -> None:
     assert station.drives[-1].linear == pytest.approx(1.0)
 
 
-def test_what_is_held_is_said_again_and_again(page: "Page", station: FakeStation) -> None:
+def test_held_key_sends_setpoint_repeatedly(page: "Page", station: FakeStation) -> None:
     _driving(page, station)
     count = len(station.drives)
     station.wait(lambda: len(station.drives) > count + 5)
@@ -183,7 +183,7 @@ WHY_NOT: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("why", WHY_NOT)
-def test_nothing_drives_where_it_may_not_and_the_page_says_why(page: "Page", station: FakeStation, why: str) -> None:
+def test_refused_driving_sends_nothing_and_shows_reason(page: "Page", station: FakeStation, why: str) -> None:
     station.robot(**WHY_NOT[why])
     shows(page, "#drive-reason", why)
     page.keyboard.down("ArrowUp")

@@ -23,7 +23,7 @@ def _figures(page: "Page") -> dict[str, str]:
 
 
 @pytest.mark.parametrize("mode", ["DISARMED", "ARMED", "HOLD", "FAULT"])
-def test_a_mode_is_a_word_with_a_colour_and_its_reason(page: "Page", station: FakeStation, mode: str) -> None:
+def test_mode_is_shown_with_colour_and_reason(page: "Page", station: FakeStation, mode: str) -> None:
     station.robot(mode=mode, reason=f"why {mode}")
     shows(page, "#mode", mode)
     shows(page, "#reason", f"why {mode}")
@@ -56,7 +56,7 @@ def test_the_figures_are_those_of_the_picture(page: "Page") -> None:
     assert figures["Heading, °"] == "45"
 
 
-def test_what_a_robot_does_not_tell_is_a_dash(page: "Page", station: FakeStation) -> None:
+def test_unreported_value_is_shown_as_dash(page: "Page", station: FakeStation) -> None:
     station.robot("/cart", is_alive=True, name="Cart", mode="ARMED")
     page.click("#robots button:has-text('Cart')")
     shows(page, "#robot-name", "Cart")
@@ -74,7 +74,7 @@ def test_the_drawing_leans_as_the_robot_does(page: "Page", station: FakeStation,
     page.wait_for_selector(f"#attitude-body[transform='{turned}']", state="attached")
 
 
-def test_a_lost_robot_says_so_with_a_growing_age_and_no_figures(page: "Page", station: FakeStation) -> None:
+def test_lost_robot_is_shown_with_growing_age_and_no_figures(page: "Page", station: FakeStation) -> None:
     station.robot("/bob", **armed(name="Bob"))
     station.robot(**lost())
     shows(page, "#mode", "LOST")
@@ -197,7 +197,7 @@ def test_the_selection_never_moves_by_itself(page: "Page", station: FakeStation)
     assert page.inner_text("#stop-robot") == ""
 
 
-def test_a_screen_reader_hears_of_modes_and_not_of_numbers(page: "Page", station: FakeStation) -> None:
+def test_screen_reader_announces_modes_and_not_numbers(page: "Page", station: FakeStation) -> None:
     station.robot(mode="HOLD", reason="set-points fell silent")
     tells(page, "#announcer", "Alice: HOLD, set-points fell silent")
     station.robot(mode="FAULT", reason="tilt")
@@ -206,7 +206,7 @@ def test_a_screen_reader_hears_of_modes_and_not_of_numbers(page: "Page", station
     assert live.locator(".readouts, table, .plots, #stale-age").count() == 0
 
 
-def test_a_picture_that_says_the_same_touches_nothing(page: "Page", station: FakeStation) -> None:
+def test_identical_picture_leaves_dom_unchanged(page: "Page", station: FakeStation) -> None:
     """So that many robots cost a phone little."""
     for index in range(20):
         station.robot(f"/robot{index:02}", **armed(name=f"Robot {index}"))

@@ -97,19 +97,19 @@ def test_a_stop_is_latched_until_it_is_cleared(page: "Page", station: FakeStatio
     assert page.inner_text("#stop-state") == ""
 
 
-def test_zero_commands_confirm_too_and_are_told_as_that(page: "Page", station: FakeStation) -> None:
+def test_zero_commands_confirm_stop_and_are_shown_as_such(page: "Page", station: FakeStation) -> None:
     station.robot(stop="confirmed", stop_after_s=0.0049, mode="FAULT", drives="none", is_zero=True)
     shows(page, "#stop-state", "Stop confirmed after 4.9 ms: commands zero")
 
 
-def test_a_stop_that_is_not_confirmed_says_so(page: "Page", station: FakeStation) -> None:
+def test_unconfirmed_stop_is_shown(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = None
     page.keyboard.press("Escape")
     station.robot(stop="requested")
     shows(page, "#stop-state", "not confirmed")
 
 
-def test_a_stop_that_failed_says_why(page: "Page", station: FakeStation) -> None:
+def test_failed_stop_shows_reason(page: "Page", station: FakeStation) -> None:
     station.script.answers[Act.STOP] = (False, "no answer within 2 s")
     page.keyboard.press("Escape")
     shows(page, "#stop-state", "Stop failed: no answer within 2 s")
@@ -118,7 +118,7 @@ def test_a_stop_that_failed_says_why(page: "Page", station: FakeStation) -> None
     shows(page, "#stop-state", "Stop confirmed after 3000 ms: drives off")
 
 
-def test_a_stop_without_a_connection_is_told_and_sent_when_there_is_one(page: "Page", station: FakeStation) -> None:
+def test_stop_without_connection_is_shown_and_sent_after_reconnect(page: "Page", station: FakeStation) -> None:
     station.script.accepts = False
     station.cut()
     there(page, "body[data-fresh=false]")
@@ -172,7 +172,7 @@ def test_the_key_stops_the_robot_that_is_selected(page: "Page", station: FakeSta
     assert station.commands[0].robot == "/bob"
 
 
-def test_a_viewer_is_told_why_not(page: "Page", station: FakeStation) -> None:
+def test_viewer_stop_shows_reason(page: "Page", station: FakeStation) -> None:
     station.script.hello = msgspec.structs.replace(station.script.hello, role="viewer")
     station.cut()
     shows(page, "#commands-reason", "viewer")
@@ -196,11 +196,11 @@ def test_the_bar_is_in_sight_wherever_one_scrolls(page: "Page", station: FakeSta
 
 def test_a_reply_belongs_to_its_own_command(page: "Page", station: FakeStation) -> None:
     """A second stop that fails does not mark the first as answered."""
-    said: list[Command] = []
-    station.script.react = said.append
+    output: list[Command] = []
+    station.script.react = output.append
     station.script.answers[Act.STOP] = None
     page.keyboard.press("Escape")
-    station.wait(lambda: said)
+    station.wait(lambda: output)
     station.script.answers[Act.DISARM] = (True, "disarmed")
     page.click("[data-act=disarm]")
     shows(page, "#command-state", "Disarm Alice: disarmed")

@@ -52,7 +52,7 @@ def test_the_measure_is_that_of_wcag() -> None:
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize(("colour", "ground", "least"), PAIRS)
-def test_a_pair_of_colours_can_be_told_apart(theme: str, colour: str, ground: str, least: float) -> None:
+def test_colour_pair_is_distinguishable(theme: str, colour: str, ground: str, least: float) -> None:
     colours = _themes()[theme]
     assert _contrast(colours[colour], colours[ground]) >= least
 

@@ -1,4 +1,4 @@
-"""A station that does what a test tells it, and remembers what it was asked."""
+"""A station that a test controls, and remembers what it was asked."""
 
 import threading
 import time

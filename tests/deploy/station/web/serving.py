@@ -82,7 +82,7 @@ async def _tick(station: ScriptedStation) -> None:
 async def browser(
     here: Served, name: str = "", role: Role | None = None, *, ssl: Any = True, address: str = "127.0.0.1"
 ) -> AsyncIterator[aiohttp.ClientSession]:
-    """A client with a cookie jar that says Origin as a browser does; logged in where a role is given."""
+    """A client with a cookie jar that sends Origin as a browser does; logged in where a role is given."""
     connector = aiohttp.TCPConnector(ssl=ssl, local_addr=(address, 0))
     jar = aiohttp.CookieJar(unsafe=True)  # for an address instead of a name
     headers = {"Origin": here.url}

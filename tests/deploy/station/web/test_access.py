@@ -9,7 +9,7 @@ from segway_ecc.deploy.station.web.access import Role, load_access, new_access
 from segway_ecc.node.errors import ConfigurationError
 
 
-def test_each_token_tells_its_role() -> None:
+def test_token_maps_to_its_role() -> None:
     access, tokens = new_access()
     assert {role: access.role(token) for role, token in tokens.items()} == {role: role for role in Role}
     for wrong in ("", "x", tokens[Role.VIEWER][:-1], tokens[Role.VIEWER] + "x", "é\ud800", "x" * 10_000_000):
@@ -58,21 +58,21 @@ def test_new_tokens_make_the_old_ones_worthless(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["access.json"]
 
 
-def test_nothing_kept_is_no_error(tmp_path: Path) -> None:
+def test_missing_token_file_returns_none(tmp_path: Path) -> None:
     assert load_access(tmp_path / "access.json") is None
 
 
 @pytest.mark.parametrize(
     "content", ["", "{}", "[]", '{"salt": "zz", "hashes": {}}', '{"salt": "00", "hashes": {"viewer": "00"}}', "\xff"]
 )
-def test_a_damaged_file_lets_nobody_in_and_says_what_to_do(tmp_path: Path, content: str) -> None:
+def test_damaged_token_file_raises_with_fix(tmp_path: Path, content: str) -> None:
     path = tmp_path / "access.json"
     path.write_text(content, encoding="latin-1")
     with pytest.raises(ConfigurationError, match="--new-tokens"):
         load_access(path)
 
 
-def test_a_file_that_cannot_be_read_or_written_is_said(tmp_path: Path) -> None:
+def test_unreadable_or_unwritable_token_file_raises(tmp_path: Path) -> None:
     (tmp_path / "access.json").mkdir()
     with pytest.raises(ConfigurationError, match="cannot be read"):
         load_access(tmp_path / "access.json")

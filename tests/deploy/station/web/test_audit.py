@@ -65,7 +65,7 @@ def test_it_is_bounded_and_the_newest_stay(tmp_path: Path) -> None:
     assert len(kept) > 20
 
 
-def test_a_full_disk_is_told_once_and_stops_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_full_disk_is_logged_once_and_stops_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     is_full = True
 
     def write(file: int, content: bytes) -> int:
@@ -82,11 +82,11 @@ def test_a_full_disk_is_told_once_and_stops_nothing(tmp_path: Path, caplog: pyte
         audit.add(AuditEntry(outcome="done", act="kept"))
         audit.close()
     assert [line["act"] for line in lines(tmp_path)] == ["kept"]
-    (said,) = [record.getMessage() for record in caplog.records]
-    assert said.startswith(f"the audit log {tmp_path / 'audit.jsonl'} cannot be written: No space left on device;")
+    (output,) = [record.getMessage() for record in caplog.records]
+    assert output.startswith(f"the audit log {tmp_path / 'audit.jsonl'} cannot be written: No space left on device;")
 
 
-def test_a_line_that_was_torn_off_spoils_no_other(tmp_path: Path) -> None:
+def test_torn_line_leaves_others_valid(tmp_path: Path) -> None:
     room = [10]
 
     def write(file: int, content: bytes) -> int:
@@ -102,7 +102,7 @@ def test_a_line_that_was_torn_off_spoils_no_other(tmp_path: Path) -> None:
     assert audit.lost == 1
 
 
-def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
+def test_hanging_disk_does_not_block(tmp_path: Path) -> None:
     hangs = threading.Event()
     audit = AuditLog(tmp_path, lambda: 0, write=lambda _, content: len(content) if hangs.wait(30.0) else 0)
     for _ in range(10_100):
@@ -112,7 +112,7 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path) -> None:
     audit.close()
 
 
-def test_the_log_is_no_link_to_elsewhere(tmp_path: Path) -> None:
+def test_audit_log_does_not_follow_symlink(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").touch()
     (tmp_path / "audit.jsonl").symlink_to(tmp_path / "elsewhere")
     audit = AuditLog(tmp_path, lambda: 0)

@@ -152,7 +152,7 @@ def test_a_log_is_fetched_then_downloaded(tmp_path: Path, archive: ScriptedArchi
     asyncio.run(scenario())
 
 
-def test_one_that_failed_says_why_and_can_be_tried_again(tmp_path: Path, archive: ScriptedArchive) -> None:
+def test_failed_fetch_shows_reason_and_can_be_retried(tmp_path: Path, archive: ScriptedArchive) -> None:
     archive.states = {"a<b>.mcap": Progress("failed", 3, 10, "it <broke>")}
 
     async def scenario() -> None:
@@ -170,7 +170,7 @@ def test_one_that_failed_says_why_and_can_be_tried_again(tmp_path: Path, archive
     asyncio.run(scenario())
 
 
-def test_a_robot_without_an_archive_says_what_to_start(tmp_path: Path, archive: ScriptedArchive) -> None:
+def test_robot_without_archive_shows_command_to_start(tmp_path: Path, archive: ScriptedArchive) -> None:
     async def scenario() -> None:
         async with (
             served(tmp_path, station=alice_and_others(), archive=archive) as here,
@@ -257,9 +257,7 @@ def _raw(here: Served, path: str) -> Any:
     return URL(here.url + path, encoded=True)
 
 
-def test_a_form_of_another_site_fetches_nothing_and_one_of_ours_may_say_where_it_comes_from(
-    tmp_path: Path, archive: ScriptedArchive
-) -> None:
+def test_foreign_form_is_refused_and_own_form_with_referrer_passes(tmp_path: Path, archive: ScriptedArchive) -> None:
     async def scenario() -> None:
         async with (
             served(tmp_path, station=alice_and_others(), archive=archive) as here,

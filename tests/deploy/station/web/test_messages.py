@@ -69,7 +69,7 @@ def test_a_command_and_a_set_point() -> None:
         (json.dumps(COMMAND) + " " * 170_000, Cause.OVERSIZED),
     ],
 )
-def test_anything_else_is_refused(message: str, cause: Cause) -> None:
+def test_invalid_message_is_refused(message: str, cause: Cause) -> None:
     assert refusal(message) is cause
 
 
@@ -113,13 +113,13 @@ def _holds(message: str) -> None:
 @pytest.mark.timeout(600)  # so many examples take minutes where much else runs
 @fuzzed
 @given(FIELDS.map(json.dumps) | st.text(max_size=200) | JSON.map(json.dumps))
-def test_nothing_gets_through_that_should_not(message: str) -> None:
+def test_fuzzed_message_is_valid_or_refused(message: str) -> None:
     _holds(message)
 
 
 @fuzzed
 @given(st.sampled_from([COMMAND, DRIVE]), st.data())
-def test_nor_by_changing_what_is_right(message: dict[str, Any], data: st.DataObject) -> None:
+def test_mutated_message_is_valid_or_refused(message: dict[str, Any], data: st.DataObject) -> None:
     text = json.dumps(message)
     at = data.draw(st.integers(0, len(text)))
     _holds(text[:at] + data.draw(st.text(max_size=5)) + text[at + data.draw(st.integers(0, 5)) :])

@@ -42,7 +42,7 @@ def test_elsewhere_it_is_known_by_any_address_and_by_its_names() -> None:
     assert not LAN.is_ours("evil.example:8700")
 
 
-def test_a_port_that_is_not_said_is_the_scheme_s() -> None:
+def test_missing_port_defaults_to_scheme() -> None:
     assert SiteAddress("https", 443, frozenset({"base"}), is_loopback=False).is_ours("base")
     assert not LAN.is_ours("base")
 
@@ -52,7 +52,7 @@ OURS = {**HOST, "Origin": "http://127.0.0.1:8700"}
 
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
-def test_our_own_page_may_ask(method: str) -> None:
+def test_own_page_passes(method: str) -> None:
     assert LOOPBACK.may_request(method, OURS | {"Cookie": "a=b", "Sec-Fetch-Site": "same-origin"})
     assert LOOPBACK.may_request(method, OURS, opens_socket=True)
 
@@ -71,7 +71,7 @@ def test_our_own_page_may_ask(method: str) -> None:
         "http://127.0.0.1:8700.evil.example",
     ],
 )
-def test_no_other_page_may(origin: str) -> None:
+def test_foreign_origin_is_refused(origin: str) -> None:
     for method in ("GET", "POST"):
         for opens_socket in (False, True):
             assert not LOOPBACK.may_request(method, HOST | {"Origin": origin}, opens_socket=opens_socket)

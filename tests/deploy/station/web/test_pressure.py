@@ -26,7 +26,7 @@ Tried = Callable[[str, str], None]
         b"\x16\x03\x01" * 50 + b"\r\n",
     ],
 )
-def test_what_is_no_http_is_refused_and_counted(garbage: bytes, tmp_path: Path, tried: Tried) -> None:
+def test_bad_http_is_refused_and_counted(garbage: bytes, tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
         async with served(tmp_path) as here, browser(here) as client:
             assert (await raw(here.port, garbage))[0] == 400
@@ -68,7 +68,7 @@ def test_guessing_tokens_from_many_addresses_meets_a_limit_for_all(tmp_path: Pat
     asyncio.run(scenario())
 
 
-def test_a_session_that_is_over_is_good_for_nothing(tmp_path: Path, tried: Tried) -> None:
+def test_ended_session_is_refused(tmp_path: Path, tried: Tried) -> None:
     now = [0]
 
     async def scenario() -> None:
@@ -94,7 +94,7 @@ def test_a_session_that_is_over_is_good_for_nothing(tmp_path: Path, tried: Tried
     asyncio.run(scenario())
 
 
-def test_an_address_that_asks_too_often_waits(tmp_path: Path, tried: Tried) -> None:
+def test_request_rate_is_limited_per_address(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
         limits = Limits(requests=Rate(1.0, 10))
         async with served(tmp_path, limits=limits, clock_ns=lambda: 0) as here:
@@ -135,7 +135,7 @@ async def _connect(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWrite
     return await asyncio.open_connection("127.0.0.1", port, local_addr=("127.0.0.2", 0))
 
 
-def test_a_connection_that_says_nothing_is_closed(tmp_path: Path, tried: Tried) -> None:
+def test_silent_connection_is_closed(tmp_path: Path, tried: Tried) -> None:
     now = [0]
 
     async def scenario() -> None:

@@ -16,7 +16,7 @@ Tried = Callable[[str, str], None]
 
 
 @pytest.mark.parametrize("attempt", ATTEMPTS, ids=lambda attempt: attempt.what)
-def test_it_is_refused_and_counted(attempt: Attempt, tmp_path: Path, tried: Tried) -> None:
+def test_attempt_is_refused_and_counted(attempt: Attempt, tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
         logs(tmp_path)
         async with (

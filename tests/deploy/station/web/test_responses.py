@@ -65,7 +65,7 @@ def test_a_log_with_a_name_that_is_markup_is_shown_as_text(tmp_path: Path) -> No
     asyncio.run(scenario())
 
 
-def test_without_something_that_makes_bundles_it_says_so(tmp_path: Path) -> None:
+def test_missing_bundle_maker_returns_501(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with (
             served(tmp_path) as here,
@@ -127,7 +127,7 @@ def test_every_answer_carries_what_keeps_other_pages_out(tmp_path: Path) -> None
     asyncio.run(scenario())
 
 
-def test_health_tells_a_station_whose_pictures_stand_still(tmp_path: Path) -> None:
+def test_health_returns_503_when_pictures_stall(tmp_path: Path) -> None:
     now = [0]
 
     class Frozen(ScriptedStation):

@@ -45,7 +45,7 @@ def test_an_open_page_is_not_idle() -> None:
     assert sessions.find(secret, 50 * MINUTE) is session
 
 
-def test_whoever_logs_out_is_out() -> None:
+def test_logout_ends_session() -> None:
     sessions = Sessions(Limits())
     secret, session = sessions.begin("ann", Role.VIEWER, 0)
     sessions.end(session)
@@ -59,7 +59,7 @@ def test_no_two_have_the_same_name_at_the_same_time() -> None:
     assert names == ["ann", "ann 2", "ann 3"]
 
 
-def test_whoever_was_gone_gets_their_name_back_and_whoever_is_there_keeps_it() -> None:
+def test_returning_operator_regains_name_unless_it_is_in_use() -> None:
     sessions = Sessions(Limits())
     secret, first = sessions.begin("ann", Role.OPERATOR, 0)
     _, second = sessions.begin("bob", Role.OPERATOR, 0)

@@ -20,7 +20,7 @@ Tried = Callable[[str, str], None]
 OPERATOR, VIEWER = Role.OPERATOR, Role.VIEWER
 
 
-def test_a_browser_is_told_who_it_is_what_happened_and_how_things_are(tmp_path: Path) -> None:
+def test_new_socket_receives_hello_events_and_picture(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with served(tmp_path, tokens=True) as here, browser(here, "ann", VIEWER) as client:
             here.station.happen("before")
@@ -59,8 +59,8 @@ def test_a_command_reaches_the_robots_and_its_reply_the_browser_and_both_the_aud
             assert [(who, command.act) for who, command in here.station.commands] == [("ann", Act.ARM)]
             assert [each.linear for _, each in here.station.drives] == [0.5, 0.25, 0.0]
             entries = [entry for entry in await here.audit() if entry.get("robot") == "/alice"]
-            told = [(entry["act"], entry["outcome"], entry.get("text", ""), entry["number"]) for entry in entries]
-            assert told == [
+            reported = [(entry["act"], entry["outcome"], entry.get("text", ""), entry["number"]) for entry in entries]
+            assert reported == [
                 ("arm", "asked", "", 7),
                 ("arm", "failed", "not upright", 7),
                 ("drive", "asked", "0.5 m/s, 0 rad/s", 8),
@@ -176,7 +176,7 @@ def test_viewer_commands_are_refused_and_audited(tmp_path: Path, tried: Tried) -
     asyncio.run(scenario())
 
 
-def test_whoever_logs_out_loses_their_sockets(tmp_path: Path, tried: Tried) -> None:
+def test_logout_closes_sockets(tmp_path: Path, tried: Tried) -> None:
     async def scenario() -> None:
         async with served(tmp_path, tokens=True) as here, browser(here, "ann", OPERATOR) as client:
             socket = await client.ws_connect("/socket")
@@ -190,7 +190,7 @@ def test_whoever_logs_out_loses_their_sockets(tmp_path: Path, tried: Tried) -> N
     asyncio.run(scenario())
 
 
-def test_the_end_of_the_station_is_told(tmp_path: Path) -> None:
+def test_station_shutdown_closes_sockets_with_reason(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with served(tmp_path) as here, browser(here, "ann") as client:
             socket = await client.ws_connect("/socket")

@@ -108,7 +108,7 @@ async def _refused_socket(client: ClientSession, status: int) -> None:
     assert refused.value.status == status
 
 
-def test_a_browser_that_reads_nothing_holds_nobody_up_and_is_cut(tmp_path: Path, tried: Tried) -> None:
+def test_stuck_browser_does_not_block_others_and_is_disconnected(tmp_path: Path, tried: Tried) -> None:
     now = [0]
 
     async def scenario() -> None:
