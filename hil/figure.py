@@ -12,9 +12,9 @@ Draw = Callable[[Figure], None]
 """Draws into an empty figure."""
 
 
-def svg(name: str, size: tuple[float, float], draw: Draw) -> bytes:
+def svg(name: str, size: tuple[float, float], draw: Draw, font_size: float = 10.0) -> bytes:
     """Draw a figure of a size, inches, as SVG; the same drawing gives the same bytes. `name` keeps its ids its own."""
-    settings = {"svg.hashsalt": name, "svg.fonttype": "none", "font.family": "sans-serif", "font.size": 10.0}
+    settings = {"svg.hashsalt": name, "svg.fonttype": "none", "font.family": "sans-serif", "font.size": font_size}
     with mpl.rc_context(settings):  # type: ignore[arg-type]  # each is one of its settings
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)

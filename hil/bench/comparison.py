@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import NAMESPACE, BenchSite, Contestant, ProgramRun, plant, run_contestant
@@ -17,8 +17,8 @@ from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
 
 NS_PER_S: Final = 1_000_000_000
 _WARM_UP_S: Final = 0.5
-_OUR_PHASES: Final = {"bus": "exchange", "model": "equations", "ros": "ros", "cycle": "cycle"}
-"""What we call the parts that the others have too; ours has more."""
+_COMMON_NAMES: Final = {"exchange": "bus", "equations": "model"}
+"""Of the parts that the others have too, by what our loop calls them; ours has more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,13 @@ def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
     cycles = cycles_of([read_samples(run.samples) for run in runs], period_ns, warm_up)
     reports = [run.report for run in runs if run.report is not None]
     if reports:
-        cycles = replace(cycles, phases=_our_phases(reports[-1]))
+        # The phases as our loop counts them itself, of the last run; what only ours has, under its own name.
+        phases = {
+            _COMMON_NAMES.get(phase, phase): Spread(**{part: summary[part] for part in Spread.__dataclass_fields__})
+            for phase, summary in reports[-1]["timing"].items()
+            if phase != "lateness"
+        }
+        cycles = replace(cycles, phases=phases)
     starts = [run.start_s for run in runs if run.start_s is not None]
     return ProgramResult(
         cycles,
@@ -104,13 +110,3 @@ def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
         statistics.median(starts) if starts else None,
         next((run.fault for run in runs if run.fault is not None), None),
     )
-
-
-def _our_phases(report: dict[str, Any]) -> dict[str, Spread]:
-    """The phases as our loop counts them itself, of the last run; what only ours has under its own name."""
-    names = {ours: common for common, ours in _OUR_PHASES.items()}
-    return {
-        names.get(phase, phase): Spread(**{part: summary[part] for part in Spread.__dataclass_fields__})
-        for phase, summary in report["timing"].items()
-        if phase != "lateness"
-    }

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -93,26 +93,30 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
     """
     samples, messages = place.folder / f"{who}.samples", place.folder / f"{who}.txt"
     samples.unlink(missing_ok=True)
-    command = _COMMANDS[who](place, samples, duration_s)
-    with messages.open("wb") as errors, contextlib.closing(_Heartbeats(place)) as heartbeats:
+    command = _command(who, place, samples, duration_s)
+    listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
+    with messages.open("wb") as errors, contextlib.closing(listener):
+        listener.open()
         began_s = time.monotonic()
         with _process(command, errors.fileno()) as process:
-            start_s = None if who is Contestant.BARE else heartbeats.wait(process, _START_S) - began_s
-            heartbeats.close()
-            share, held = _watch(process, duration_s)
+            start_s = None if who is Contestant.BARE else _first_heartbeat(listener, process, _START_S) - began_s
+            listener.close()  # a sender then finds nobody, as where no guard runs
+            time.sleep(_SETTLE_S)
+            pids = tree(process.pid)
+            from_s, used_s = time.monotonic(), cpu_s(pids)
+            time.sleep(max(duration_s - _SETTLE_S - _BEFORE_END_S, _SHORTEST_S))
+            share = (cpu_s(pids) - used_s) / (time.monotonic() - from_s)
+            held = memory(pids)
             output = _ended(process, who)
     if process.returncode != 0 or not samples.exists():
         last = messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
         raise ConfigurationError(f"the program '{who}' ended with exit code {process.returncode}: {' | '.join(last)}")
     report = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
-    return ProgramRun(samples, start_s, share, held, report, _fault(report))
-
-
-def _fault(report: dict[str, Any] | None) -> str | None:
-    if report is None:
-        return None
-    mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
-    return None if mode["mode"] == Mode.ARMED else str(mode["reason"])
+    fault = None
+    if report is not None:
+        mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
+        fault = None if mode["mode"] == Mode.ARMED else str(mode["reason"])
+    return ProgramRun(samples, start_s, share, held, report, fault)
 
 
 @contextlib.contextmanager
@@ -143,65 +147,31 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
         process.communicate()
 
 
-class _Heartbeats:
-    """Receives, as the guard would, the heartbeat with which a program first commands the motors."""
-
-    def __init__(self, place: BenchSite) -> None:
-        self._listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
-        self._listener.open()
-
-    def wait(self, process: subprocess.Popen[bytes], timeout_s: float) -> float:
-        """When the first one came, monotonic, s."""
-        deadline_s = time.monotonic() + timeout_s
-        while time.monotonic() < deadline_s and process.poll() is None:
-            if any(True for _ in self._listener.take_heartbeats()):
-                return time.monotonic()
-            time.sleep(0.001)
-        return time.monotonic()
-
-    def close(self) -> None:
-        """Stop receiving; a sender then finds nobody, as where no guard runs."""
-        self._listener.close()
+def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[bytes], timeout_s: float) -> float:
+    """When the first heartbeat came, with which a program begins to command the motors; monotonic, s."""
+    deadline_s = time.monotonic() + timeout_s
+    while time.monotonic() < deadline_s and process.poll() is None and not any(True for _ in listener.take_heartbeats()):
+        time.sleep(0.001)
+    return time.monotonic()
 
 
-def _ours(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
-    bus = place.bus
-    words = ["run", str(place.rig.robot), "--interface", bus.interface, "--channel", bus.channel, "--json"]
-    words += ["--duration", str(duration_s), "--namespace", NAMESPACE, "--log", str(place.folder / "bench.mcap")]
-    return [*_CHILD, str(os.getpid()), "segway_ecc.hil.bench.ours", str(samples), *words]
-
-
-def _user(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
-    bus, period_s = place.bus, place.rig.period_ns * 1e-9
-    words = ["--model", str(place.rig.library), "--interface", bus.interface, "--channel", bus.channel]
-    words += ["--period", str(period_s), "--duration", str(duration_s)]
-    words += ["--namespace", NAMESPACE, "--guard", place.guard, "--samples", str(samples)]
-    return [*_CHILD, str(os.getpid()), "segway_ecc.hil.bench.same_settings", *words]
-
-
-def _c(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
-    return _loop(place, samples, duration_s, place.bus.place(place.bus.channel))
-
-
-def _bare(place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
-    return _loop(place, samples, duration_s, "-")
-
-
-def _loop(place: BenchSite, samples: Path, duration_s: float, channel: str) -> Sequence[str]:
-    period_ns = place.rig.period_ns
-    cycles = round(duration_s * 1e9 / period_ns)
-    numbers = (period_ns, cycles, place.conditions.priority)
+def _command(who: Contestant, place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
+    """The command line of a program."""
+    bus, rig, child = place.bus, place.rig, (*_CHILD, str(os.getpid()))
+    line = ["--interface", bus.interface, "--channel", bus.channel, "--duration", str(duration_s)]
+    line += ["--namespace", NAMESPACE]
+    if who is Contestant.OURS:
+        words = ["run", str(rig.robot), "--json", *line, "--log", str(place.folder / "bench.mcap")]
+        return [*child, "segway_ecc.hil.bench.ours", str(samples), *words]
+    if who is Contestant.USER:
+        words = ["--model", str(rig.library), *line, "--period", str(rig.period_ns * 1e-9)]
+        words += ["--guard", place.guard, "--samples", str(samples)]
+        return [*child, "segway_ecc.hil.bench.same_settings", *words]
+    channel = "-" if who is Contestant.BARE else bus.place(bus.channel)
+    numbers = (rig.period_ns, round(duration_s * 1e9 / rig.period_ns), place.conditions.priority)
     isolated = place.conditions.isolated
     pinned = ["taskset", "--cpu-list", ",".join(map(str, isolated))] if isolated else []
-    return [*pinned, str(place.rig.loop), place.bus.interface, channel, place.guard, *map(str, numbers), str(samples)]
-
-
-_COMMANDS: Final[dict[Contestant, Callable[[BenchSite, Path, float], Sequence[str]]]] = {
-    Contestant.OURS: _ours,
-    Contestant.USER: _user,
-    Contestant.C: _c,
-    Contestant.BARE: _bare,
-}
+    return [*pinned, str(rig.loop), bus.interface, channel, place.guard, *map(str, numbers), str(samples)]
 
 
 def _ended(process: subprocess.Popen[bytes], who: Contestant) -> bytes:
@@ -230,13 +200,3 @@ def _process(command: Sequence[str], errors: int) -> Iterator[subprocess.Popen[b
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-def _watch(process: subprocess.Popen[bytes], duration_s: float) -> tuple[float, Memory]:
-    """The share of a core that a program and its children take while it runs, and the memory that they hold."""
-    time.sleep(_SETTLE_S)
-    pids = tree(process.pid)
-    began_s, used_s = time.monotonic(), cpu_s(pids)
-    time.sleep(max(duration_s - _SETTLE_S - _BEFORE_END_S, _SHORTEST_S))
-    elapsed_s = time.monotonic() - began_s
-    return (cpu_s(pids) - used_s) / elapsed_s, memory(pids)

@@ -29,7 +29,7 @@ class Memory:
 
 def tree(pid: int, proc: Path = _PROC) -> list[int]:
     """A process and all that descend from it, itself first."""
-    parents = {int(entry.name): parent for entry in proc.glob("[0-9]*") if (parent := _parent(entry)) is not None}
+    parents = {int(e.name): int(fields[_PARENT]) for e in proc.glob("[0-9]*") if (fields := _stat(e))}
     found = [pid]
     for process in found:  # grows as it goes
         found += sorted(child for child, parent in parents.items() if parent == process)
@@ -38,7 +38,14 @@ def tree(pid: int, proc: Path = _PROC) -> list[int]:
 
 def cpu_s(pids: list[int], proc: Path = _PROC) -> float:
     """The CPU time that processes have used, s; by the scheduler's own count where the kernel keeps one."""
-    return sum(_cpu_s(proc / str(pid)) for pid in pids)
+    total_s = 0.0
+    for folder in (proc / str(pid) for pid in pids):
+        counted = [counts for task in folder.glob("task/*/schedstat") if (counts := _read(task).split())]
+        if counted:
+            total_s += sum(int(counts[0]) for counts in counted) * 1e-9
+        elif fields := _stat(folder):
+            total_s += (int(fields[_USER]) + int(fields[_SYSTEM])) * _TICK_S
+    return total_s
 
 
 def memory(pids: list[int], proc: Path = _PROC) -> Memory:
@@ -50,19 +57,6 @@ def memory(pids: list[int], proc: Path = _PROC) -> Memory:
             for name, kilobytes in re.findall(r"^(Rss|Pss): +(\d+) kB$", text, re.MULTILINE):
                 totals[name] += int(kilobytes) * _KB
     return Memory(totals["Rss"], totals["Pss"])
-
-
-def _cpu_s(folder: Path) -> float:
-    counted = [counts for task in folder.glob("task/*/schedstat") if (counts := _read(task).split())]
-    if counted:
-        return sum(int(counts[0]) for counts in counted) * 1e-9
-    fields = _stat(folder)
-    return (int(fields[_USER]) + int(fields[_SYSTEM])) * _TICK_S if fields else 0.0
-
-
-def _parent(folder: Path) -> int | None:
-    fields = _stat(folder)
-    return int(fields[_PARENT]) if fields else None
 
 
 def _stat(folder: Path) -> list[str]:

@@ -1,12 +1,17 @@
-"""The folder that one rate is measured in: the robot, its model, and the C programs, compiled."""
+"""What one rate is measured with: the bus, the robot, its model, and the C programs, compiled."""
 
+import contextlib
+import os
 import shutil
 import subprocess
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
+from segway_ecc.firmware_io.links.interface_state import read_interface_state
 from segway_ecc.firmware_io.links.local_socket import multicast_group
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.native.load import load_native
@@ -72,7 +77,12 @@ def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
     model, robot = folder / "controller", folder / "bench-cart.yaml"
     shutil.copytree(_OURS / "controller", model)
     shutil.copyfile(_OURS / robot.name, robot)
-    _set_step(model / "xxmodel.c", period_ns * 1e-9)
+    # The code steps at another rate than it was generated for, as whoever generates it anew would have it.
+    source = model / "xxmodel.c"
+    text = source.read_text(encoding="utf-8")
+    if text.count(_STEP) != 1:
+        raise ConfigurationError(f"{source.name} of the bench's model does not contain `{_STEP}`")
+    source.write_text(text.replace(_STEP, f"xx_step_size = {period_ns * 1e-9!r};"), encoding="utf-8")
     sources = sorted(map(str, model.glob("*.c")))
     programs = _OURS / "programs"
     bus = [str(programs / "bus.c"), f"-I{programs}"]
@@ -84,16 +94,49 @@ def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
     return rig
 
 
-def _set_step(source: Path, step_s: float) -> None:
-    """Have the code step at another rate than it was generated for, as whoever generates it anew would."""
-    text = source.read_text(encoding="utf-8")
-    if text.count(_STEP) != 1:
-        raise ConfigurationError(f"{source.name} of the bench's model does not contain `{_STEP}`")
-    source.write_text(text.replace(_STEP, f"xx_step_size = {step_s!r};"), encoding="utf-8")
-
-
 def _compile(arguments: Sequence[str]) -> None:
     done = subprocess.run(["cc", *_C, *arguments], capture_output=True, text=True, check=False)  # noqa: S603, S607 - the compiler of this machine, and no shell reads our words
     if done.returncode != 0:
         errors = done.stderr.strip().splitlines() or ["no message"]
         raise ConfigurationError(f"the programs of the bench do not compile: {errors[-1]}")
+
+
+def virtual_interface() -> str | None:
+    """The first virtual CAN interface of this machine that is up."""
+    states = {name: read_interface_state(name) for name in socketcan_interfaces()}
+    return next((name for name, state in states.items() if state.kind == "vcan" and state.is_up), None)
+
+
+def choose_bus(channel: str | None, plant_channel: str | None) -> Bus:
+    """The bus of the comparison.
+
+    A real interface is used only where it is named: what is sent there would reach motors.
+
+    Args:
+        channel: A CAN interface of the kernel; None for a virtual one that is up, and else for a local bus.
+        plant_channel: The plant's, where that is another controller on the same bus.
+    """
+    if channel is not None:
+        return Bus("socketcan", channel, plant_channel or channel)
+    name = virtual_interface()
+    if name is not None:
+        return Bus("socketcan", name, name)
+    name = f"bench_{os.getpid()}"
+    return Bus("local", name, name)
+
+
+_NAME: Final = "XDG_CACHE_HOME"
+
+
+@contextlib.contextmanager
+def own_cache() -> Iterator[None]:
+    """Have this process and those it starts keep compiled models in a folder that goes with the context."""
+    before = os.environ.get(_NAME)
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as folder:
+        os.environ[_NAME] = folder
+        try:
+            yield
+        finally:
+            os.environ.pop(_NAME)
+            if before is not None:
+                os.environ[_NAME] = before

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.hil.bench.campaign_speed import CAMPAIGN_WANTED, CampaignSpeed
 from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.held import SustainedRates
-from segway_ecc.hil.bench.lock_step import SEGWAY_WANTED, LockStep
 from segway_ecc.hil.bench.samples import Spread
+from segway_ecc.hil.bench.speed import CAMPAIGN_WANTED, SEGWAY_WANTED, CampaignSpeed, LockStep
+from segway_ecc.hil.text_table import aligned
 
 TITLES: Final = {
     Contestant.OURS: "ours",
@@ -23,28 +23,32 @@ _PHASES: Final = ("bus", "ros", "decide", "model", "limit", "record", "cycle")
 def comparison_text(results: Mapping[Contestant, ProgramResult]) -> str:
     """Cost and lateness, what the processes take, and the wall time of the parts of a cycle."""
     head = ["", "cost: mean", "p50", "p99", "p99.9", "max", "late by: p50", "p99", "p99.9", "max", "late", "lost", "of"]
-    timing = [
-        [
-            TITLES[who],
-            f"{result.cycles.cost.mean_s * 1e6:.1f}",
-            *_us(result.cycles.cost),
-            *_us(result.cycles.lateness),
-            str(result.cycles.late),
-            str(result.cycles.lost),
-            str(result.cycles.count),
-        ]
-        for who, result in results.items()
-    ]
-    takes = [[TITLES[who], *_takes(result)] for who, result in results.items()]
-    parts = [[TITLES[who], *_parts(result)] for who, result in results.items() if result.cycles.phases]
+    timing, takes, parts = [], [], []
+    for who, result in results.items():
+        cycles, memory = result.cycles, result.memory
+        timing.append(
+            [
+                TITLES[who],
+                f"{cycles.cost.mean_s * 1e6:.1f}",
+                *_us(cycles.cost),
+                *_us(cycles.lateness),
+                *map(str, (cycles.late, cycles.lost, cycles.count)),
+            ]
+        )
+        start = "-" if result.start_s is None else f"{result.start_s:.2f} s"
+        held = (f"{size / _MB:.0f} MB" for size in (memory.pss, memory.rss))
+        takes.append([TITLES[who], f"{result.share * 100.0:.1f} %", *held, start])
+        if cycles.phases:
+            spreads = (cycles.phases.get(name) for name in _PHASES)
+            parts.append([TITLES[who], *(f"{s.p50_s * 1e6:.1f}/{s.p99_s * 1e6:.1f}" if s else "-" for s in spreads)])
     return "\n".join(
         (
             "CPU time of the loop's thread between wake-ups, and wake-up lateness, in microseconds; cycles:",
-            _aligned([head, *timing]),
+            _indented([head, *timing]),
             "of the process with its children:",
-            _aligned([["", "share of a core", "PSS", "RSS", "first command after"], *takes]),
+            _indented([["", "share of a core", "PSS", "RSS", "first command after"], *takes]),
             "wall time of the parts of a cycle, p50/p99 in microseconds:",
-            _aligned([["", *_PHASES], *parts]),
+            _indented([["", *_PHASES], *parts]),
         )
     )
 
@@ -53,16 +57,15 @@ def held_text(held: Mapping[Contestant, SustainedRates], hold_s: float) -> str:
     """The highest rates, and how many cycles were late or lost at each."""
     rates = sorted({rate for one in held.values() for rate in one.tried})
     head = ["", *(f"{rate:g} Hz" for rate in rates), "none late up to", "none lost up to"]
-    rows = [
-        [
-            TITLES[who],
-            *(_late_and_lost(one, rate) for rate in rates),
-            f"{one.in_time_hz:g} Hz",
-            f"{one.complete_hz:g} Hz",
-        ]
-        for who, one in held.items()
-    ]
-    return f"late/lost cycles at each rate, held for {hold_s:g} s:\n{_aligned([head, *rows])}"
+    rows = []
+    for who, one in held.items():
+        cells = [TITLES[who]]
+        for rate_hz in rates:
+            cycles = one.tried.get(rate_hz)
+            gave_up = " gave up" if rate_hz in one.faults else ""
+            cells.append("-" if cycles is None else f"{cycles.late}/{cycles.lost}{gave_up}")
+        rows.append([*cells, f"{one.in_time_hz:g} Hz", f"{one.complete_hz:g} Hz"])
+    return f"late/lost cycles at each rate, held for {hold_s:g} s:\n{_indented([head, *rows])}"
 
 
 def lock_step_text(measured: Sequence[LockStep]) -> str:
@@ -102,30 +105,5 @@ def _us(spread: Spread) -> list[str]:
     return [f"{value * 1e6:.1f}" for value in (spread.p50_s, spread.p99_s, spread.p999_s, spread.max_s)]
 
 
-def _takes(result: ProgramResult) -> list[str]:
-    start = "-" if result.start_s is None else f"{result.start_s:.2f} s"
-    held = result.memory
-    return [f"{result.share * 100.0:.1f} %", f"{held.pss / _MB:.0f} MB", f"{held.rss / _MB:.0f} MB", start]
-
-
-def _parts(result: ProgramResult) -> list[str]:
-    phases = result.cycles.phases
-    return [
-        f"{phases[name].p50_s * 1e6:.1f}/{phases[name].p99_s * 1e6:.1f}" if name in phases else "-" for name in _PHASES
-    ]
-
-
-def _late_and_lost(held: SustainedRates, rate_hz: float) -> str:
-    cycles = held.tried.get(rate_hz)
-    gave_up = " gave up" if rate_hz in held.faults else ""
-    return "-" if cycles is None else f"{cycles.late}/{cycles.lost}{gave_up}"
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Columns, the first to the left and the others to the right."""
-    widths = [max(len(row[place]) for row in rows) for place in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        lines.append("  " + "  ".join(cells).rstrip())
-    return "\n".join(lines)
+def _indented(rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"  {line}" for line in aligned(rows, left=1))

@@ -99,8 +99,14 @@ class LockstepCanSeat:
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre in lock step; see `SeatRunner.run`."""
         file = load_robot(self._robot)
-        rig = LockstepRig(simulated_bus(file).bitrate)
-        robot_link, plant_link = self._links(rig, simulated_bus(file).bitrate)
+        bitrate = simulated_bus(file).bitrate
+        rig = LockstepRig(bitrate)
+        robot_link: Link
+        plant_link: Link
+        if self._channels is None:
+            robot_link, plant_link = rig.bus.attach("node"), rig.bus.attach("plant")
+        else:
+            robot_link, plant_link = kernel_ends(rig, self._channels, bitrate)
         plant = simulated_robot(file, plant_link)
         truth = _TruthReader(plant.output_names)
         points: list[Odometry] = []
@@ -113,12 +119,6 @@ class LockstepCanSeat:
             plant_link.open()
             robot.loop(stage, recorder).run()
         return SeatRun(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
-
-    def _links(self, rig: LockstepRig, bitrate: int) -> tuple[Link, Link]:
-        """The ends of the bus for robot and plant."""
-        if self._channels is None:
-            return rig.bus.attach("node"), rig.bus.attach("plant")
-        return kernel_ends(rig, self._channels, bitrate)
 
 
 class _TruthReader:
@@ -141,12 +141,10 @@ def read_truth(path: Path) -> list[Odometry]:
 
 def resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
     """The truth at regular times from the start on, on the wall clock, each between the two ticks around it."""
-    stamps = [point.stamp_ns for point in points]
-    return [_between(points, stamps, start_ns + offset_ns) for offset_ns in range(0, duration_ns + 1, _POINT_NS)]
-
-
-def _between(points: Sequence[Odometry], stamps: Sequence[int], stamp_ns: int) -> Odometry:
-    after = min(max(bisect_left(stamps, stamp_ns), 1), len(points) - 1)
-    a, b = points[after - 1], points[after]
-    share = (stamp_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns)
-    return Odometry(stamp_ns, *(p + share * (q - p) for p, q in zip(a[1:], b[1:], strict=True)))
+    stamps, found = [point.stamp_ns for point in points], []
+    for stamp_ns in range(start_ns, start_ns + duration_ns + 1, _POINT_NS):
+        after = min(max(bisect_left(stamps, stamp_ns), 1), len(points) - 1)
+        a, b = points[after - 1], points[after]
+        share = (stamp_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns)
+        found.append(Odometry(stamp_ns, *(p + share * (q - p) for p, q in zip(a[1:], b[1:], strict=True))))
+    return found

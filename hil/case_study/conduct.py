@@ -2,14 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Final
 
 from segway_ecc.hil.case_study.seats import SeatRun, SeatRunner
 from segway_ecc.hil.case_study.study import Cell, Seat, Study, Trajectory, thesis_cells
 from segway_ecc.hil.errors import RigError
 from segway_ecc.node.errors import NodeError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 
 DURATION_S: Final = 10.0
 TURN: Final = "turn"
@@ -34,8 +34,9 @@ def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress
     runs = {runner.seat: _run_seat(runner, cells, on_progress) for runner in runners}
     turns = [of_seat[TURN].trajectory for of_seat in runs.values()]
     graphs = [of_seat[TURN].graph for of_seat in runs.values()]
+    ends = [{seat: of_seat[cell_name(cell)].position for seat, of_seat in runs.items()} for cell in cells]
     return Study(
-        cells=[_with_positions(cell, runs) for cell in cells],
+        cells=[dataclasses.replace(cell, positions=at) for cell, at in zip(cells, ends, strict=True)],
         seats=list(runs),
         velocities=[_first(turn, DURATION_S) for turn in turns],
         turn=turns,
@@ -51,38 +52,25 @@ def cell_name(cell: Cell) -> str:
 
 def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, SeatRun]:
     # The longest first, so that it does not run alone at the end.
-    manoeuvres = {TURN: _TURN_MANOEUVRE} | {cell_name(cell): _manoeuvre(cell) for cell in cells}
+    manoeuvres = {TURN: _TURN_MANOEUVRE}
+    manoeuvres |= {cell_name(cell): single_segment(cell.linear, cell.angular, DURATION_S) for cell in cells}
     on_progress(runner.seat, 0, len(manoeuvres))
+    runs: dict[str, SeatRun] = {}
     with ThreadPoolExecutor(runner.jobs) as pool:
         futures = {pool.submit(runner.run, name, manoeuvre): name for name, manoeuvre in manoeuvres.items()}
-        return _gather(runner.seat, futures, on_progress)
-
-
-def _gather(seat: Seat, futures: Mapping[Future[SeatRun], str], on_progress: OnProgress) -> dict[str, SeatRun]:
-    runs: dict[str, SeatRun] = {}
-    try:
-        for future in as_completed(futures):
-            runs[futures[future]] = future.result()
-            on_progress(seat, len(runs), len(futures))
-    except (NodeError, RigError):
-        for future in futures:
-            future.cancel()
-        raise
+        try:
+            for future in as_completed(futures):
+                runs[futures[future]] = future.result()
+                on_progress(runner.seat, len(runs), len(futures))
+        except (NodeError, RigError):
+            for future in futures:
+                future.cancel()
+            raise
     return runs
-
-
-def _manoeuvre(cell: Cell) -> Manoeuvre:
-    return Manoeuvre(segments=(Segment(linear=cell.linear, angular=cell.angular, duration=DURATION_S),))
-
-
-def _with_positions(cell: Cell, runs: Mapping[Seat, Mapping[str, SeatRun]]) -> Cell:
-    return dataclasses.replace(cell, positions={seat: of[cell_name(cell)].position for seat, of in runs.items()})
 
 
 def _first(whole: Trajectory, duration_s: float) -> Trajectory:
     """The beginning of a trajectory."""
     count = sum(time <= duration_s for time in whole.time)
-    cut = {
-        field.name: getattr(whole, field.name)[:count] for field in dataclasses.fields(whole) if field.name != "seat"
-    }
-    return dataclasses.replace(whole, **cut)
+    fields = (field.name for field in dataclasses.fields(whole) if field.name != "seat")
+    return dataclasses.replace(whole, **{name: getattr(whole, name)[:count] for name in fields})

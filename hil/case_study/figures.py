@@ -1,10 +1,9 @@
 """The case study's figures, each as an SVG element to put inside a page."""
 
 import html
-import io
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Trajectory, difference
+from segway_ecc.hil.figure import Draw, svg
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -30,8 +30,6 @@ _FLOOR = 1e-4
 
 _GREY = "#6b6b6b"
 _STYLE: "Mapping[RcKeyType, str | float | bool]" = {
-    "font.family": "sans-serif",
-    "font.size": 10.5,
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -119,7 +117,12 @@ def errors_svg(cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
             ran = {i: c for i, c in enumerate(cells) if seat in c.positions}
             errors = {i: difference(c.positions[seat], c.thesis_offline) for i, c in ran.items()}
             _error_series(axes, errors, seat, _LOOKS[seat])
-        _error_axes(axes, cells)
+        axes.set_xticks(range(len(cells)), [f"{c.linear:g}, {c.angular:g}" for c in cells])
+        axes.set(xlabel="set-points: linear in m/s, angular in rad/s", ylabel="position error, m")
+        axes.set_ylim(_FLOOR / 1.6, max(1.0, axes.get_ylim()[1]))
+        below = "\N{LESS-THAN OR EQUAL TO} "
+        axes.yaxis.set_major_formatter(lambda value, _: f"{below if value <= _FLOOR else ''}{value:g}")
+        axes.grid(visible=False, axis="x")
         _legend(figure, axes)
 
     return _svg("errors", "Position error of each cell against the thesis' offline table", (9.5, 4.8), draw)
@@ -187,15 +190,6 @@ def _error_series(axes: Axes, errors: Mapping[int, float], label: str, look: _Lo
     marks.set(markeredgewidth=2, markerfacecolor="none")
 
 
-def _error_axes(axes: Axes, cells: Sequence[Cell]) -> None:
-    axes.set_xticks(range(len(cells)), [f"{c.linear:g}, {c.angular:g}" for c in cells])
-    axes.set(xlabel="set-points: linear in m/s, angular in rad/s", ylabel="position error, m")
-    axes.set_ylim(_FLOOR / 1.6, max(1.0, axes.get_ylim()[1]))
-    below = "\N{LESS-THAN OR EQUAL TO} "
-    axes.yaxis.set_major_formatter(lambda value, _: f"{below if value <= _FLOOR else ''}{value:g}")
-    axes.grid(visible=False, axis="x")
-
-
 def _nodes(axes: Axes, title: str, across: tuple[float, float, float], links: Sequence[tuple[str, int]]) -> None:
     """Draw one column of nodes, each with an arrow for every topic; `across` is its left, its right and the topics'."""
     left, right, topic = across
@@ -233,21 +227,14 @@ def _legend(figure: Figure, axes: Axes) -> None:
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=5, handlelength=3.2)
 
 
-def _svg(name: str, label: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
+def _svg(name: str, label: str, size: tuple[float, float], draw: Draw) -> str:
     """Draw a figure of a size (inches) and return it as an SVG element that shares no id with another figure."""
     # No mathematics: a topic's name may contain a dollar sign.
-    with mpl.rc_context({**_STYLE, "svg.hashsalt": name, "text.parse_math": False, "svg.fonttype": "none"}):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return _inline(text.getvalue(), name, label)
-
-
-def _inline(svg: str, name: str, label: str) -> str:
+    with mpl.rc_context({**_STYLE, "text.parse_math": False}):
+        drawn = svg(name, size, draw, font_size=10.5).decode()
     # matplotlib numbers ids from 1 in every figure; only tags are touched, never the text of a label.
-    svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", tag[0]), svg)
+    drawn = re.sub(r"<[^>]*>", lambda tag: re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", tag[0]), drawn)
     # Its style sheet would apply to the whole page; as attributes of the element the same settings are inherited.
-    svg = re.sub(r"<defs>\s*<style.*?</defs>\s*", "", svg, count=1, flags=re.DOTALL)
+    drawn = re.sub(r"<defs>\s*<style.*?</defs>\s*", "", drawn, count=1, flags=re.DOTALL)
     described = f'<svg role="img" aria-label="{html.escape(label)}" stroke-linejoin="round" '
-    return svg[svg.index("<svg ") :].replace("<svg ", described, 1)
+    return drawn[drawn.index("<svg ") :].replace("<svg ", described, 1)

@@ -1,7 +1,6 @@
 """The offline seats: a model alone, stepped in this process."""
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -53,27 +52,23 @@ class OfflineSeat:
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Step the cart through a manoeuvre; see `SeatRunner.run`."""
-        points = list(self._points(manoeuvre))
-        with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
-            for stamp_ns, x, y, heading, linear, angular in points:
-                log.odometry("/odom", stamp_ns, x, y, heading, linear, angular)
-                log.point("/position", stamp_ns, x, y, 0.0)
-                log.float64("/linear_velocity", stamp_ns, linear)
-                log.float64("/angular_velocity", stamp_ns, angular)
-        return SeatRun(trajectory(self.seat, points))
-
-    def _points(self, manoeuvre: Manoeuvre) -> Iterator[Odometry]:
         model = load_model(self._cart.source)
         names = [v.name for v in model.outputs]
         indices = [names.index(output) for output in _OUTPUTS]
         period_ns = round(model.step_size * NS_PER_S)
         y = model.initialize(())
-        stamp_ns = 0
+        points: list[Odometry] = []
         for segment in manoeuvre.segments:
             model.write(self._cart.linear, segment.linear)
             model.write(self._cart.angular, segment.angular)
             for _ in range(round(segment.duration / model.step_size)):
-                yield Odometry(stamp_ns, *(y[index] for index in indices))
+                points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
                 y = model.step(())
-                stamp_ns += period_ns
-        yield Odometry(stamp_ns, *(y[index] for index in indices))
+        points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
+        with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
+            for point in points:
+                log.odometry("/odom", *point)
+                log.point("/position", point.stamp_ns, point.x, point.y, 0.0)
+                log.float64("/linear_velocity", point.stamp_ns, point.linear_velocity)
+                log.float64("/angular_velocity", point.stamp_ns, point.angular_velocity)
+        return SeatRun(trajectory(self.seat, points))

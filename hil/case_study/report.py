@@ -1,14 +1,14 @@
 """The case study as a web page of its own, which loads nothing from elsewhere."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from typing import TypeVar
 
 from segway_ecc.hil.case_study import figures
 from segway_ecc.hil.case_study.study import Cell, Seat, Study, difference, worst_difference, worst_thesis_difference
 from segway_ecc.hil.case_study.table import NOT_RUN, difference_text, worst_text
-from segway_ecc.hil.page import page, pairs, section, wide
+from segway_ecc.hil.page import figure, page, pairs, section, wide
 
 _T = TypeVar("_T")
 
@@ -33,66 +33,47 @@ def render(study: Study) -> str:
         section("Verdict", _verdict(study)),
         section("Where the cart ends", _table(study.cells, study.seats)),
         section("Figures", _figures(study)),
-        section("Facts of this run", _facts(study)),
+        section("Facts of this run", pairs(study.facts) if study.facts else "<p>None were recorded.</p>\n"),
     )
     return page(_TITLE, _INTRODUCTION, sections)
 
 
 def _verdict(study: Study) -> str:
-    sentences = [*(_seat_verdict(study, seat) for seat in Seat), _sameness(study.cells)]
-    items = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in sentences)
-    return f"<p>{escape(_yardstick(study.cells))}</p>\n<ul>\n{items}</ul>\n"
-
-
-def _yardstick(cells: Sequence[Cell]) -> str:
-    if not cells:
-        return "No cell was given, so there is nothing to compare."
-    return (
-        f"The thesis' own ROS run differs from its simulation by up to {worst_thesis_difference(cells):.2f} m. "
-        "The worst difference of each seat from the same simulation, in one coordinate of one cell:"
-    )
-
-
-def _seat_verdict(study: Study, seat: Seat) -> str:
-    worst = worst_difference(study.cells, seat)
-    if seat not in study.seats or math.isnan(worst):
-        return f"The {seat} seat did not run."
-    thesis = worst_thesis_difference(study.cells)
-    comparison = "smaller than" if worst < thesis else "not smaller than"
-    ran = sum(seat in cell.positions for cell in study.cells)
-    cells = f"{ran} of {len(study.cells)} cells"
-    return f"The {seat} seat: {worst:.4f} m in {cells}, {comparison} the thesis' {thesis:.2f} m."
+    cells, sentences = study.cells, []
+    yardstick = "No cell was given, so there is nothing to compare."
+    if cells:
+        thesis = worst_thesis_difference(cells)
+        yardstick = (
+            f"The thesis' own ROS run differs from its simulation by up to {thesis:.2f} m. "
+            "The worst difference of each seat from the same simulation, in one coordinate of one cell:"
+        )
+    for seat in Seat:
+        worst = worst_difference(cells, seat)
+        if seat not in study.seats or math.isnan(worst):
+            sentences.append(f"The {seat} seat did not run.")
+            continue
+        comparison = "smaller than" if worst < thesis else "not smaller than"
+        ran = f"{sum(seat in cell.positions for cell in cells)} of {len(cells)} cells"
+        sentences.append(f"The {seat} seat: {worst:.4f} m in {ran}, {comparison} the thesis' {thesis:.2f} m.")
+    items = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in (*sentences, _sameness(cells)))
+    return f"<p>{escape(yardstick)}</p>\n<ul>\n{items}</ul>\n"
 
 
 def _sameness(cells: Sequence[Cell]) -> str:
     """Whether the ROS seat computed what the offline seat did."""
-    both = [
-        (cell.positions[Seat.ROS], cell.positions[Seat.OFFLINE])
-        for cell in cells
-        if {Seat.ROS, Seat.OFFLINE} <= cell.positions.keys()
-    ]
-    if not both:
+    ran = [cell.positions for cell in cells if {Seat.ROS, Seat.OFFLINE} <= cell.positions.keys()]
+    if not ran:
         return "Whether the ros seat equals the offline seat is not known: no cell ran in both."
-    unequal = [difference(ros, offline) for ros, offline in both if ros != offline]
+    unequal = [difference(at[Seat.ROS], at[Seat.OFFLINE]) for at in ran if at[Seat.ROS] != at[Seat.OFFLINE]]
     if not unequal:
-        return f"The ros seat equals the offline seat to the last bit in every one of the {len(both)} cells both ran."
+        return f"The ros seat equals the offline seat to the last bit in every one of the {len(ran)} cells both ran."
     return (
-        f"The ros seat does not equal the offline seat to the last bit: {len(unequal)} of {len(both)} cells differ, "
+        f"The ros seat does not equal the offline seat to the last bit: {len(unequal)} of {len(ran)} cells differ, "
         f"by up to {max(unequal):.3g} m."
     )
 
 
 def _table(cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
-    rows = "".join(_row(cell, seats) for cell in cells)
-    return wide(
-        "Positions and differences",
-        "<table>\n<caption><span>Position (x, y) of the cart after 10 s, and the difference from the thesis' offline "
-        "table in the worse coordinate.</span></caption>\n"
-        f"{_heading(seats)}<tbody>\n{rows}</tbody>\n{_footer(cells, seats)}</table>\n",
-    )
-
-
-def _heading(seats: Sequence[Seat]) -> str:
     count = len(seats)
     groups = [("Set-point", 2), ("Thesis: x, y in m", 2), ("Re-run: x, y in m", count), ("Difference in m", 1 + count)]
     upper = "".join(
@@ -100,7 +81,18 @@ def _heading(seats: Sequence[Seat]) -> str:
     )
     names = ["linear, m/s", "angular, rad/s", "offline", "ROS", *seats, "thesis ROS", *seats]
     lower = "".join(f'<th scope="col"{_edge(i, seats)}>{escape(name)}</th>' for i, name in enumerate(names))
-    return f"<thead>\n<tr>{upper}</tr>\n<tr>{lower}</tr>\n</thead>\n"
+    footer = ""
+    if cells:
+        worst = (worst_text(cells, seat).removesuffix(" m") for seat in seats)
+        data = _data((f"{worst_thesis_difference(cells):.4f}", *worst), 4 + count, seats)
+        footer = f'<tfoot>\n<tr><th scope="row" colspan="{4 + count}">worst</th>{data}</tr>\n</tfoot>\n'
+    return wide(
+        "Positions and differences",
+        "<table>\n<caption><span>Position (x, y) of the cart after 10 s, and the difference from the thesis' offline "
+        "table in the worse coordinate.</span></caption>\n"
+        f"<thead>\n<tr>{upper}</tr>\n<tr>{lower}</tr>\n</thead>\n"
+        f"<tbody>\n{''.join(_row(cell, seats) for cell in cells)}</tbody>\n{footer}</table>\n",
+    )
 
 
 def _row(cell: Cell, seats: Sequence[Seat]) -> str:
@@ -113,17 +105,11 @@ def _row(cell: Cell, seats: Sequence[Seat]) -> str:
         *(difference_text(cell, seat) for seat in seats),
     ]
     heads = f'<th scope="row">{cell.linear:g}</th><th scope="row">{cell.angular:g}</th>'
-    data = "".join(f"<td{_edge(i, seats)}>{value}</td>" for i, value in enumerate(values, 2))
-    return f"<tr>{heads}{data}</tr>\n"
+    return f"<tr>{heads}{_data(values, 2, seats)}</tr>\n"
 
 
-def _footer(cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
-    if not cells:
-        return ""
-    worst = [f"{worst_thesis_difference(cells):.4f}", *(worst_text(cells, seat).removesuffix(" m") for seat in seats)]
-    start = 4 + len(seats)
-    data = "".join(f"<td{_edge(i, seats)}>{value}</td>" for i, value in enumerate(worst, start))
-    return f'<tfoot>\n<tr><th scope="row" colspan="{start}">worst</th>{data}</tr>\n</tfoot>\n'
+def _data(values: Iterable[str], first: int, seats: Sequence[Seat]) -> str:
+    return "".join(f"<td{_edge(i, seats)}>{value}</td>" for i, value in enumerate(values, first))
 
 
 def _edge(column: int, seats: Sequence[Seat]) -> str:
@@ -156,8 +142,4 @@ def _figure(data: Sequence[_T], draw: Callable[[Sequence[_T]], str], caption: st
     """A figure of some data, or why there is none."""
     if not data:
         return f"<p>{escape(missing)}</p>\n" if missing else ""
-    return f"<figure>\n{wide(caption, draw(data))}<figcaption>{escape(caption)}</figcaption>\n</figure>\n"
-
-
-def _facts(study: Study) -> str:
-    return pairs(study.facts) if study.facts else "<p>None were recorded.</p>\n"
+    return figure(caption, draw(data))

@@ -55,11 +55,8 @@ class RosSeat:
         ):
             result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S)
         graph = tuple(Edge(**edge) for edge in result["graph"])
-        return SeatRun(trajectory(Seat.ROS, _read_csv(odometry)), graph)
-
-
-def _read_csv(path: Path) -> list[Odometry]:
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = csv.reader(file)
-        next(rows)
-        return [Odometry(int(stamp_ns), *map(float, values)) for stamp_ns, *values in rows]
+        with odometry.open(newline="", encoding="utf-8") as lines:
+            rows = csv.reader(lines)
+            next(rows)
+            points = [Odometry(int(stamp_ns), *map(float, values)) for stamp_ns, *values in rows]
+        return SeatRun(trajectory(Seat.ROS, points), graph)

@@ -2,32 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from segway_ecc.hil.case_study.study import Cell, Seat, difference, worst_difference, worst_thesis_difference
+from segway_ecc.hil.text_table import aligned
 
 NOT_RUN = "not run"
 """What stands where a seat has no position for a cell."""
 
-_GAP = "  "
 _THESIS_DECIMALS = 2
 # A millimetre keeps four seats within about 100 characters; the difference keeps a tenth of it.
 _SEAT_DECIMALS = 3
 
 _Position = tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """One column: two lines of heading and a value per cell."""
-
-    heading: tuple[str, str]
-    values: Sequence[str]
-
-    def lines(self) -> list[str]:
-        """Heading, rule and values, all of the same width."""
-        width = max(map(len, (*self.heading, *self.values)))
-        return [text.rjust(width) for text in (*self.heading, "-" * width, *self.values)]
 
 
 def table(study_cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
@@ -41,9 +27,27 @@ def table(study_cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
         Lines of text: the set-points (m/s, rad/s), the positions (m) the thesis printed and each seat that ran
         reached, the worst difference (m) of these from the thesis' offline table, then one line per seat with its own.
     """
-    columns = [column.lines() for column in _columns(study_cells, seats)]
-    rows = [_GAP.join(fields).rstrip() for fields in zip(*columns, strict=True)]
-    return "\n".join([*rows, "", *_summary(study_cells, seats)]) + "\n"
+    cells = list(study_cells)
+    columns = [
+        ("", "m/s", [f"{cell.linear:g}" for cell in cells]),
+        ("", "rad/s", [f"{cell.angular:g}" for cell in cells]),
+        ("thesis", "offline, m", _pairs([cell.thesis_offline for cell in cells], _THESIS_DECIMALS)),
+        ("thesis", "ROS, m", _pairs([cell.thesis_ros for cell in cells], _THESIS_DECIMALS)),
+    ]
+    columns += [
+        (seat, "x y, m", _pairs([cell.positions.get(seat) for cell in cells], _SEAT_DECIMALS))
+        for seat in seats
+        if any(seat in cell.positions for cell in cells)
+    ]
+    ran = [[difference(c.positions[s], c.thesis_offline) for s in seats if s in c.positions] for c in cells]
+    columns.append(("worst", "diff, m", [f"{max(each):.4f}" if each else NOT_RUN for each in ran]))
+    ruled = [(*head, "-" * max(map(len, (*head, *values))), *values) for *head, values in columns]
+    width = max(map(len, seats), default=0)
+    heading = "Worst difference from the thesis' offline table"
+    if cells:
+        heading += f" (the thesis' own ROS run: {worst_thesis_difference(cells):.2f} m)"
+    summary = [heading + ":", *(f"{seat:<{width}}  {worst_text(cells, seat)}" for seat in seats)]
+    return "\n".join([*aligned(list(zip(*ruled, strict=True)), left=0), "", *summary]) + "\n"
 
 
 def difference_text(cell: Cell, seat: Seat) -> str:
@@ -59,26 +63,6 @@ def worst_text(cells: Sequence[Cell], seat: Seat) -> str:
     return "did not run" if math.isnan(worst) else f"{worst:.4f} m"
 
 
-def _columns(cells: Sequence[Cell], seats: Sequence[Seat]) -> list[_Column]:
-    return [
-        _Column(("", "m/s"), [f"{cell.linear:g}" for cell in cells]),
-        _Column(("", "rad/s"), [f"{cell.angular:g}" for cell in cells]),
-        _Column(("thesis", "offline, m"), _pairs([cell.thesis_offline for cell in cells], _THESIS_DECIMALS)),
-        _Column(("thesis", "ROS, m"), _pairs([cell.thesis_ros for cell in cells], _THESIS_DECIMALS)),
-        *(_position_column(cells, seat) for seat in seats if any(seat in cell.positions for cell in cells)),
-        _Column(("worst", "diff, m"), [_worst_of_cell(cell, seats) for cell in cells]),
-    ]
-
-
-def _worst_of_cell(cell: Cell, seats: Sequence[Seat]) -> str:
-    ran = [cell.positions[seat] for seat in seats if seat in cell.positions]
-    return f"{max(difference(p, cell.thesis_offline) for p in ran):.4f}" if ran else NOT_RUN
-
-
-def _position_column(cells: Sequence[Cell], seat: Seat) -> _Column:
-    return _Column((seat, "x y, m"), _pairs([cell.positions.get(seat) for cell in cells], _SEAT_DECIMALS))
-
-
 def _pairs(positions: Sequence[_Position | None], decimals: int) -> list[str]:
     """Positions with their x below each other and their y below each other."""
     # "z": a position of -0.0 is printed as 0.
@@ -86,11 +70,3 @@ def _pairs(positions: Sequence[_Position | None], decimals: int) -> list[str]:
     x_width = max((len(text[0]) for text in texts if text), default=0)
     y_width = max((len(text[1]) for text in texts if text), default=0)
     return [f"{text[0]:>{x_width}} {text[1]:>{y_width}}" if text else NOT_RUN for text in texts]
-
-
-def _summary(cells: Sequence[Cell], seats: Sequence[Seat]) -> list[str]:
-    width = max(map(len, seats), default=0)
-    heading = "Worst difference from the thesis' offline table"
-    if cells:
-        heading += f" (the thesis' own ROS run: {worst_thesis_difference(cells):.2f} m)"
-    return [heading + ":", *(f"{seat:<{width}}{_GAP}{worst_text(cells, seat)}" for seat in seats)]

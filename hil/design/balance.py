@@ -2,16 +2,16 @@
 
 import contextlib
 import dataclasses
+import functools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.link_front import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
@@ -20,8 +20,6 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.robot import build_robot
-
-_TRUTH: Final = ("x", "y", "heading", "linear_velocity", "angular_velocity", "pitch", "pitch_rate")
 
 
 class Truth(NamedTuple):
@@ -151,17 +149,28 @@ class Balance:
             seed: Of the sensors' errors.
             plant: Other parameters and states of the plant.
         """
-        self._rig = rig = LockstepRig(simulated_bus(file).bitrate)
+        rig = LockstepRig(simulated_bus(file).bitrate)
         self._end = rig.bus.attach("plant")
         simulated = simulated_robot(file, self._end)
-        self.plant = _prepared(simulated, {"InitialPitch": pitch, "Seed": seed, **(plant or {})})
-        rig.attach(simulated, self._observe)
-        self._places = [simulated.output_names.index(f"truth.{name}") for name in _TRUTH]
+        self.plant = simulated.plant
+        values = {"InitialPitch": pitch, "Seed": seed, **(plant or {})}
+        states = values.keys() & {variable.name for variable in self.plant.states}
+        for name in values.keys() - states:
+            self.plant.write(name, values[name])
+        simulated.outputs = self.plant.initialize(simulated.inputs)  # anew, with the other parameters
+        for name in states:
+            self.plant.write(name, values[name])
+        places = [simulated.output_names.index(f"truth.{name}") for name in Truth._fields[1:]]
+        self.truth: list[Truth] = []
+
+        def observe(_wall_ns: int, outputs: Sequence[float]) -> None:
+            self.truth.append(Truth(rig.now_ns() * 1e-9, *(outputs[place] for place in places)))
+
+        rig.attach(simulated, observe)
         self.link = DelayedLink(rig.bus.attach("node"), rig.now_ns)
         robot = build_robot(file, rig, self.link)
         self.model = BiasedModel(robot.model)
         self.robot = dataclasses.replace(robot, model=cast("Model", self.model))
-        self.truth: list[Truth] = []
         self.phases: list[float] = []
         self._end.open()
 
@@ -174,7 +183,7 @@ class Balance:
     ) -> list[Truth]:
         """Run for some seconds, in which the script happens, or until it gives up; return where it really was."""
         period_ns = self.robot.period_ns
-        events = {time: _bound(event, self) for time, event in (script or {}).items()}
+        events = {time: functools.partial(event, self) for time, event in (script or {}).items()}
         self.world = ScriptedStage(events, period_ns)
         phase = [v.name for v in self.robot.model.outputs].index("Phase")
         self.loop: Loop = self.robot.loop(
@@ -191,22 +200,3 @@ class Balance:
     def stand(self, value: float) -> None:
         """Request it to stand (1) or to sit (0)."""
         self.world.values.append(SetValue(self.robot.wiring.set_names.index("stand"), value))
-
-    def _observe(self, _wall_ns: int, outputs: Sequence[float]) -> None:
-        self.truth.append(Truth(self._rig.now_ns() * 1e-9, *(outputs[place] for place in self._places)))
-
-
-def _prepared(robot: SimulatedRobot, values: Mapping[str, float]) -> Model:
-    """The plant of a simulated robot, begun anew with other parameters and states."""
-    plant = robot.plant
-    states = {variable.name for variable in plant.states}
-    for name in values.keys() - states:
-        plant.write(name, values[name])
-    robot.outputs = plant.initialize(robot.inputs)
-    for name in values.keys() & states:
-        plant.write(name, values[name])
-    return plant
-
-
-def _bound(event: "Callable[[Balance], None]", balance: Balance) -> Callable[[], None]:
-    return lambda: event(balance)

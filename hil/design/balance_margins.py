@@ -1,11 +1,11 @@
-"""How much a balancing robot bears: the largest of each disturbance that it recovers from, found by bisection."""
+"""The disturbance limits of a balancing robot: the largest of each from which it recovers, found by bisection."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.design.balance import Balance, Truth
+from segway_ecc.hil.design.balance import Balance
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.models.segway_parameters import PUBLISHED, SegwayParameters
 from segway_ecc.node.models.segway_phases import Phase
@@ -55,7 +55,7 @@ class DisturbanceKind:
         unit: Of its size.
         most: The largest size tried; may be negative, which searches below zero.
         resolution: How closely the limit is found.
-        required: What must be borne; None where nothing is.
+        required: What it must tolerate; None where nothing is required.
         plant: Parameters and states of the plant for a size.
         script: What happens for a size.
     """
@@ -76,21 +76,21 @@ class Limit:
     Attributes:
         name: The disturbance.
         unit: Of the sizes.
-        borne: The largest size borne with every seed.
-        required: What must be borne; None where nothing is.
-        is_beyond: Whether even the largest size tried was borne.
+        tolerated: The largest size tolerated with every seed.
+        required: What it must tolerate; None where nothing is required.
+        is_beyond: Whether even the largest size tried was tolerated.
     """
 
     name: str
     unit: str
-    borne: float
+    tolerated: float
     required: float | None
     is_beyond: bool
 
     @property
     def is_enough(self) -> bool:
-        """Whether what must be borne is."""
-        return self.required is None or abs(self.borne) >= abs(self.required) - 1e-9
+        """Whether what is required is tolerated."""
+        return self.required is None or abs(self.tolerated) >= abs(self.required) - 1e-9
 
 
 def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
@@ -104,13 +104,19 @@ def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
     def carried(size: float) -> Mapping[str, float]:
         return {"Payload": size, "PayloadHeight": centre}
 
+    def long_push(force: float) -> Script:
+        return _push(force, LONG_PUSH_S)
+
+    def nudge(_: float) -> Script:
+        return _push(_NUDGE_N)
+
     return (
         DisturbanceKind("push ahead, 0.1 s", "N", 400.0, 1.0, None, plain, _push),
         DisturbanceKind("push back, 0.1 s", "N", -400.0, 1.0, None, plain, _push),
-        DisturbanceKind("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, _long_push),
-        DisturbanceKind("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, _long_push),
-        DisturbanceKind("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, _nudge),
-        DisturbanceKind("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, _nudge),
+        DisturbanceKind("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, long_push),
+        DisturbanceKind("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, long_push),
+        DisturbanceKind("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, nudge),
+        DisturbanceKind("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, nudge),
         DisturbanceKind("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
         DisturbanceKind("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
         DisturbanceKind("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
@@ -120,21 +126,21 @@ def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
 
 
 def find_limit(file: RobotFile, kind: DisturbanceKind, seeds: Sequence[int]) -> Limit:
-    """The largest size borne with every seed; it is taken that less than what is borne is borne too."""
+    """The largest size tolerated with every seed; less than what is tolerated is taken to be tolerated too."""
 
-    def is_borne(size: float) -> bool:
+    def is_tolerated(size: float) -> bool:
         return all(recovers(file, kind, size, seed) for seed in seeds)
 
-    if is_borne(kind.most):
+    if is_tolerated(kind.most):
         return Limit(kind.name, kind.unit, kind.most, kind.required, is_beyond=True)
-    borne, too_much = 0.0, kind.most
-    while abs(too_much - borne) > kind.resolution:
-        middle = 0.5 * (borne + too_much)
-        if is_borne(middle):
-            borne = middle
+    tolerated, too_much = 0.0, kind.most
+    while abs(too_much - tolerated) > kind.resolution:
+        middle = 0.5 * (tolerated + too_much)
+        if is_tolerated(middle):
+            tolerated = middle
         else:
             too_much = middle
-    return Limit(kind.name, kind.unit, borne, kind.required, is_beyond=False)
+    return Limit(kind.name, kind.unit, tolerated, kind.required, is_beyond=False)
 
 
 def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> bool:
@@ -145,7 +151,9 @@ def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> 
     return (
         Phase.GIVEN_UP not in balance.phases
         and balance.phases[-1] == Phase.BALANCING
-        and all(_is_calm(at) for at in last)
+        and max(abs(at.pitch) for at in last) < _RECOVERED_PITCH
+        and max(abs(at.pitch_rate) for at in last) < _RECOVERED_RATE
+        and max(abs(at.linear_velocity) for at in last) < _RECOVERED_SPEED
     )
 
 
@@ -201,16 +209,13 @@ class Tracking:
 
 def track(file: RobotFile, step: Step, seeds: Sequence[int]) -> Tracking:
     """Let it follow a step from rest, with each seed."""
-    runs = [_track_once(file, step, seed) for seed in seeds]
+    script: Script = {_STEPPED_AT_S: lambda run: run.drive(*step.setpoint)}
+    runs = []
+    for seed in seeds:
+        truth = Balance(file, pitch=LIES_AT, seed=seed).run(_TRACKED_S, script, until_given_up=True)
+        runs.append(tracked([(at.time - _STEPPED_AT_S, getattr(at, step.field) - 1.0) for at in truth]))
     steady, largest, settled_s = (max(values) for values in zip(*runs, strict=True))
     return Tracking(step.name, step.unit, steady, largest, settled_s, TRACKING_ERROR)
-
-
-def _track_once(file: RobotFile, step: Step, seed: int) -> tuple[float, float, float]:
-    """Steady error, largest error, and when it has settled."""
-    balance = Balance(file, pitch=LIES_AT, seed=seed)
-    truth = balance.run(_TRACKED_S, {_STEPPED_AT_S: lambda run: run.drive(*step.setpoint)}, until_given_up=True)
-    return tracked([(at.time - _STEPPED_AT_S, getattr(at, step.field) - 1.0) for at in truth])
 
 
 def tracked(errors: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
@@ -225,27 +230,11 @@ def tracked(errors: Sequence[tuple[float, float]]) -> tuple[float, float, float]
     return abs(sum(last) / len(last)), max(map(abs, last)), settled_s if is_settled else math.inf
 
 
-def _is_calm(at: Truth) -> bool:
-    return (
-        abs(at.pitch) < _RECOVERED_PITCH
-        and abs(at.pitch_rate) < _RECOVERED_RATE
-        and abs(at.linear_velocity) < _RECOVERED_SPEED
-    )
-
-
 def _push(force: float, duration: float = PUSH_S) -> Script:
     return {
         _DISTURBED_AT_S: lambda balance: balance.plant.write("PushForce", force),
         _DISTURBED_AT_S + duration: lambda balance: balance.plant.write("PushForce", 0.0),
     }
-
-
-def _long_push(force: float) -> Script:
-    return _push(force, LONG_PUSH_S)
-
-
-def _nudge(_size: float = 0.0) -> Script:
-    return _push(_NUDGE_N)
 
 
 def _slope(slope: float) -> Script:
@@ -261,20 +250,11 @@ def _delay(delay: float) -> Script:
     """Frames come later and later, so that no gap between them looks like a lost bus; then a nudge."""
 
     def late(share: float) -> Callable[[Balance], None]:
-        def set_delay(balance: Balance) -> None:
-            balance.link.delay_ns = round(delay * share * 1e9)
-
-        return set_delay
+        return lambda balance: setattr(balance.link, "delay_ns", round(delay * share * 1e9))
 
     growing = {_DELAYED_AT_S + i * _STEP_S: late((i + 1) / _STEPS) for i in range(_STEPS)}
-    return {**growing, **_nudge()}
+    return {**growing, **_push(_NUDGE_N)}
 
 
 def _bias(name: str) -> Callable[[float], Script]:
-    def script(size: float) -> Script:
-        def off(balance: Balance) -> None:
-            balance.model.biases[name] = size
-
-        return {_DISTURBED_AT_S: off}
-
-    return script
+    return lambda size: {_DISTURBED_AT_S: lambda balance: balance.model.biases.update({name: size})}

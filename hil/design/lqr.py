@@ -32,19 +32,15 @@ def riccati(model: LinearModel, q: Matrix, r: Matrix) -> Matrix:
     # What diverges does so in a few passes, and is found out below.
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
-            a, g, step = _doubled(a, g, p)
-            p = p + step
+            # One pass covers twice as many periods as all before it.
+            w: Matrix = np.asarray(np.linalg.inv(np.eye(len(a)) + g @ p), dtype=np.float64)
+            step = a.T @ p @ w @ a
+            a, g, p = a @ w @ a, g + a @ w @ g @ a.T, p + step
             if not np.isfinite(p).all():
                 break
             if np.linalg.norm(step) <= _TOLERANCE * np.linalg.norm(p):
                 return 0.5 * (p + p.T)
     raise ConfigurationError(_NO_GAINS)
-
-
-def _doubled(a: Matrix, g: Matrix, p: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-    """One pass, which covers twice as many periods as all before it; and what it adds to the solution."""
-    w: Matrix = np.asarray(np.linalg.inv(np.eye(len(a)) + g @ p), dtype=np.float64)
-    return a @ w @ a, g + a @ w @ g @ a.T, a.T @ p @ w @ a
 
 
 def lqr(model: LinearModel, q: Matrix, r: Matrix) -> Matrix:

@@ -62,7 +62,9 @@ def margins(model: LinearModel, gain: Matrix, period_s: float) -> Margins:
     nyquist = math.pi / period_s
     w = np.geomspace(_SLOWEST * nyquist, nyquist, _POINTS)
     response = loop_response(model, gain, np.exp(1j * w * period_s))
-    lost = [(_phase_left(value), at) for at, value in _crossings(w, np.abs(response) - 1.0, response)]
+    # How far the response may turn clockwise before it points to -1, rad from 0 to 2 pi.
+    crossed = _crossings(w, np.abs(response) - 1.0, response)
+    lost = [(math.atan2(-value.imag, -value.real) % (2.0 * math.pi), at) for at, value in crossed]
     real = [value.real for _, value in _crossings(w, response.imag, response)] + [
         float(response[i].real) for i in (0, -1)
     ]
@@ -74,11 +76,6 @@ def margins(model: LinearModel, gain: Matrix, period_s: float) -> Margins:
         delay_s=min((phase / at for phase, at in lost), default=math.inf),
         crossover_rad_s=max((at for _, at in lost), default=0.0),
     )
-
-
-def _phase_left(value: complex) -> float:
-    """How far a response may turn clockwise before it points to -1, rad from 0 to 2 pi."""
-    return math.atan2(-value.imag, -value.real) % (2.0 * math.pi)
 
 
 def _crossings(w: NDArray[np.float64], sign: NDArray[np.float64], response: Response) -> list[tuple[float, complex]]:

@@ -77,7 +77,7 @@ def design(p: SegwayParameters, period_s: float, delay: int) -> Design:
         period_s: Period of the loop, s.
         delay: Whole periods from a measurement until the torque that follows from it acts, 0 to `MOST_DELAY`.
     """
-    balance, balance_gain = _close(balance_model(p), period_s, delay, _balance_weights(), _TORQUE_TOLERABLE)
+    balance, balance_gain = _close(balance_model(p), period_s, delay, _weights(_BALANCE_TOLERABLE), _TORQUE_TOLERABLE)
     yaw, yaw_gain = _close(yaw_model(p), period_s, 0, _weights(_YAW_TOLERABLE), _TURNING_TORQUE_TOLERABLE)
     inertias = _inertias(p)
     travel, velocity, pitch, pitch_rate, integral, *under_way = (float(gain) for gain in balance_gain[0])
@@ -156,10 +156,6 @@ def _with_integral(sampled: LinearModel, period_s: float) -> LinearModel:
     a[:states, :states] = sampled.a
     a[states, 0], a[states, states] = period_s, 1.0
     return LinearModel(a, np.vstack([sampled.b, [[0.0]]]))
-
-
-def _balance_weights() -> Matrix:
-    return _weights(_BALANCE_TOLERABLE)
 
 
 def _weights(tolerable: tuple[float, ...]) -> Matrix:

@@ -1,11 +1,14 @@
-"""What the cycles cost at one size."""
+"""What the cycles cost at one size, and the clock that measures it."""
 
 import enum
 import statistics
+import time
 from collections.abc import Sequence
 from typing import Final
 
 import msgspec
+
+from segway_ecc.node.cycle.clock import Clock
 
 SEGMENTS: Final = 5
 """Parts of a run that are looked at on their own: how far apart they are is the spread of what is measured."""
@@ -81,3 +84,26 @@ def together(costs: Sequence[Cost]) -> Cost:
         spread_us=max(max(medians) - min(medians), *(cost.spread_us for cost in costs)),
         notes=costs[-1].notes,
     )
+
+
+class MeteredClock:
+    """Stands in front of a clock; see `Clock`.
+
+    Attributes:
+        taken_ns: CPU time of the thread that waits, from the end of each wait to the beginning of the next, ns.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        """Stand in front of `clock`."""
+        self.taken_ns: list[int] = []
+        self.now_ns = clock.now_ns  # handed on as they are: what is measured must not cost more for it
+        self.wall_ns = clock.wall_ns
+        self._sleep_until_ns = clock.sleep_until_ns
+        self._since_ns: int | None = None
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Wait, and measure what was done before."""
+        if self._since_ns is not None:
+            self.taken_ns.append(time.thread_time_ns() - self._since_ns)
+        self._sleep_until_ns(deadline_ns)
+        self._since_ns = time.thread_time_ns()

@@ -8,8 +8,7 @@ from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
-from segway_ecc.hil.growth.cost import Axis, Point, cost_of
-from segway_ecc.hil.growth.meter import MeteredClock
+from segway_ecc.hil.growth.cost import Axis, MeteredClock, Point, cost_of
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import ModelSection, RobotFile
@@ -83,12 +82,22 @@ def measure(drives: int) -> Point:
     """The cost with so many drives, an even number."""
     rig = _Rig(BITRATE)
     clock = MeteredClock(rig)
-    settings = _settings(drives)
+    wheels = {
+        f"drive{i}": OdriveWheelSettings(node_id=i, axis=0 if i % 2 == 0 else 1, torque_constant=0.1, max_torque=3.0)
+        for i in range(drives)
+    }
+    can = CanSettings(interface="local", channel="growth", bitrate=BITRATE)
+    left, right = wheels["drive0"], wheels["drive1"]
+    settings = ManyOdrives(can=can, firmware="0.5", watchdog_s=0.04, left=left, right=right, wheels=wheels)
     rig.attach(_Pairs([_pair(rig, settings, first) for first in range(0, drives, 2)]))  # type: ignore[arg-type]  # as one
     link = rig.bus.attach("node")
     names = list(settings.wheels)
     hardware = Assembly(link, [Odrive(link, n, settings, _PERIOD_S, rig.now_ns) for n in names], (), rig.now_ns)
-    model = _model(names)()
+    ports = {
+        "inputs": tuple(Variable(f"{name}_velocity", "rad/s") for name in names),
+        "outputs": tuple(Variable(f"{name}_torque", "N m") for name in names),
+    }
+    model = type(f"Rest{drives}", (_Rest,), ports)()
     wiring = {v.name: v.name.replace("_", ".") for v in (*model.inputs, *model.outputs)}
     file = RobotFile(name="drives", model=ModelSection(source="rest"), wiring=wiring, arming="at_start")
     robot = Robot(file, model, hardware, wire(model, hardware, wiring), clock)
@@ -100,30 +109,9 @@ def measure(drives: int) -> Point:
     return Point(axis=Axis.DRIVES, size=drives, cost=cost_of(clock.taken_ns[_WARM_UP:], notes))
 
 
-def _settings(drives: int) -> ManyOdrives:
-    can = CanSettings(interface="local", channel="growth", bitrate=BITRATE)
-    wheels = {
-        f"drive{i}": OdriveWheelSettings(node_id=i, axis=0 if i % 2 == 0 else 1, torque_constant=0.1, max_torque=3.0)
-        for i in range(drives)
-    }
-    left, right = wheels["drive0"], wheels["drive1"]
-    return ManyOdrives(can=can, firmware="0.5", watchdog_s=0.04, left=left, right=right, wheels=wheels)
-
-
 def _pair(rig: LockstepRig, settings: ManyOdrives, first: int) -> SimulatedRobot:
     link = rig.bus.attach(f"drives {first} and {first + 1}")
     left, right = settings.wheels[f"drive{first}"], settings.wheels[f"drive{first + 1}"]
     pair = OdriveSettings(can=settings.can, firmware="0.5", watchdog_s=0.04, left=left, right=right)
     link.open()
     return SimulatedRobot(link, [SimulatedOdrive(link, pair)], load_model(_PLANT), TICK_NS)
-
-
-def _model(names: Sequence[str]) -> type[_Rest]:
-    return type(
-        f"Rest{len(names)}",
-        (_Rest,),
-        {
-            "inputs": tuple(Variable(f"{name}_velocity", "rad/s") for name in names),
-            "outputs": tuple(Variable(f"{name}_torque", "N m") for name in names),
-        },
-    )

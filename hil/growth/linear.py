@@ -53,7 +53,9 @@ def line(points: Sequence[Measured]) -> LinearFit:
     if len(points) < _FEWEST:
         raise ValueError(f"{len(points)} sizes are too few for a line")
     count = _FEWEST
-    while count < len(points) and not _differ(points[:count]):
+    while count < len(points) and (
+        abs(points[count - 1].cost - points[0].cost) <= 2.0 * max(point.spread for point in points[:count])
+    ):
         count += 1
     kept, rest = list(points[:count]), points[count:]
     found = _through(kept)
@@ -64,10 +66,6 @@ def line(points: Sequence[Measured]) -> LinearFit:
         elif not any(_is_on(found, later) for later in rest[place + 1 : place + 2]):
             return msgspec.structs.replace(found, left_at=point.size, off=point.cost - found(point.size))
     return found
-
-
-def _differ(points: Sequence[Measured]) -> bool:
-    return abs(points[-1].cost - points[0].cost) > 2.0 * max(point.spread for point in points)
 
 
 def _is_on(found: LinearFit, point: Measured) -> bool:

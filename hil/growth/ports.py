@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.hardware import NoHardware
-from segway_ecc.hil.growth.cost import Axis, Point, cost_of
-from segway_ecc.hil.growth.meter import MeteredClock
+from segway_ecc.hil.growth.cost import Axis, MeteredClock, Point, cost_of
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import ModelSection, RobotFile
 from segway_ecc.node.cycle.interfaces import NoStage

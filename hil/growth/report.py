@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from segway_ecc.hil.figure import image, svg
 from segway_ecc.hil.growth.study import AxisResult
 from segway_ecc.hil.growth.table import rows, verdict
-from segway_ecc.hil.page import page, pairs, section, wide
+from segway_ecc.hil.page import figure as page_figure
+from segway_ecc.hil.page import page, pairs, section, table, table_row
 
 _TITLE: Final = "What a cycle costs as the robot grows"
 _INTRODUCTION: Final = (
@@ -29,8 +30,11 @@ def render(found: Sequence[AxisResult], facts: Mapping[str, str]) -> str:
     verdicts = "".join(f"<p>{escape(verdict(grown))}.</p>\n" for grown in found)
     caption = "Median (dots, with the spread) and p99 (crosses) of each size; the line is laid through the small ones."
     drawn = image("growth", caption, _size(found), lambda figure: _draw(figure, found))
-    shown = f"<figure>\n{wide(caption, drawn)}<figcaption>{escape(caption)}</figcaption>\n</figure>\n"
-    tables = (section(str(grown.axis).capitalize(), _table(grown)) for grown in found)
+    shown = page_figure(caption, drawn)
+    tables = []
+    for grown in found:
+        head, *body = rows(grown)
+        tables.append(section(str(grown.axis).capitalize(), table(str(grown.axis), head, map(table_row, body))))
     return page(
         _TITLE,
         _INTRODUCTION,
@@ -71,11 +75,3 @@ def _panel(panel: Axes, grown: AxisResult) -> None:
     panel.set_ylim(bottom=0.0)
     panel.set_xlabel(str(grown.axis))
     panel.set_ylabel("CPU time per cycle, us")
-
-
-def _table(grown: AxisResult) -> str:
-    head, *body = rows(grown)
-    names = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
-    lines = "".join(f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>\n" for row in body)
-    made = f"<table>\n<thead>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{lines}</tbody>\n</table>\n"
-    return wide(str(grown.axis), made)

@@ -64,13 +64,11 @@ def conduct(
     for done, (axis, size) in enumerate(todo, 1):
         points.setdefault((axis, size), []).append(measures[axis](size))
         on_progress(done, len(todo))
-    return [grown(axis, [_of_all_rounds(points[axis, size]) for size in sizes[axis]]) for axis in axes]
-
-
-def _of_all_rounds(points: Sequence[Point]) -> Point:
-    """A size of all its rounds: one that does not run never does."""
-    costs = [point.cost for point in points if point.cost is not None]
-    return msgspec.structs.replace(points[-1], cost=together(costs)) if costs else points[-1]
+    whole = {}
+    for key, rounds in points.items():  # a size that does not run in one round never does
+        costs = [point.cost for point in rounds if point.cost is not None]
+        whole[key] = msgspec.structs.replace(rounds[-1], cost=together(costs)) if costs else rounds[-1]
+    return [grown(axis, [whole[axis, size] for size in sizes[axis]]) for axis in axes]
 
 
 def grown(axis: Axis, points: Sequence[Point]) -> AxisResult:

@@ -62,13 +62,15 @@ def measure(  # noqa: PLR0913 - what there is to choose
     alone = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % _DOMAINS)}
     with tempfile.TemporaryDirectory(prefix="segway-ecc-latency-") as name:
         folder = Path(name)
-        robot = _robot_file(folder, actuate)
+        robot = folder / "echo.yaml"
+        text = importlib.resources.files("segway_ecc.hil.latency").joinpath(robot.name).read_text(encoding="utf-8")
+        robot.write_text(f"{text}actuate: {actuate}\n", encoding="utf-8")
         interface, channel = ("local", f"latency_{os.getpid()}") if channel is None else ("socketcan", channel)
         bench = _LatencyProcesses(
             folder, robot, ["--interface", interface, "--channel", channel], {**alone, **environment}
         )
         with (
-            _bus(interface, channel) as bus,
+            _wheel_commands(interface, channel) as bus,
             command(["plant", *bench.words], folder / "plant.txt"),
         ):
             speaking = bench.in_process(trials) if where is Where.SAME_PROCESS else bench.apart(trials, publisher)
@@ -116,14 +118,7 @@ class _LatencyProcesses:
                 publishing.terminate()
 
 
-def _robot_file(folder: Path, actuate: str) -> Path:
-    path = folder / "echo.yaml"
-    text = importlib.resources.files("segway_ecc.hil.latency").joinpath("echo.yaml").read_text(encoding="utf-8")
-    path.write_text(f"{text}actuate: {actuate}\n", encoding="utf-8")
-    return path
-
-
-def _bus(interface: str, channel: str) -> can.BusABC:
+def _wheel_commands(interface: str, channel: str) -> can.BusABC:
     filters = [{"can_id": int(FrameId.WHEEL_COMMAND), "can_mask": 0x7FF, "extended": False}]
     try:
         return can.Bus(interface=interface, channel=channel, can_filters=filters)

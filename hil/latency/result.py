@@ -53,19 +53,9 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
     max_s: float
 
     @property
-    def p50_periods(self) -> float:
-        """The median in periods of the loop."""
-        return self.p50_s / self.period_s
-
-    @property
     def p99_periods(self) -> float:
         """99 of 100 in periods of the loop."""
         return self.p99_s / self.period_s
-
-    @property
-    def max_periods(self) -> float:
-        """The longest in periods of the loop."""
-        return self.max_s / self.period_s
 
     @property
     def limit_s(self) -> float:
@@ -79,7 +69,8 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
 
     def text(self) -> str:
         """One line."""
-        ms = ", ".join(f"{name} {value * 1e3:.2f} ms" for name, value in self._values())
+        values = (("p50", self.p50_s), ("p99", self.p99_s), ("max", self.max_s))
+        ms = ", ".join(f"{name} {value * 1e3:.2f} ms" for name, value in values)
         return (
             f"{self.where}, actuate {self.actuate}: {ms} ({self.p99_periods:.2f} periods at p99) of {self.trials} "
             f"set-points, {self.missed} missed"
@@ -105,9 +96,6 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
             p99_s=quantile(took, 0.99),
             max_s=took[-1],
         )
-
-    def _values(self) -> list[tuple[str, float]]:
-        return [("p50", self.p50_s), ("p99", self.p99_s), ("max", self.max_s)]
 
 
 def took_s(published: Sequence[Timed], seen: Sequence[Timed]) -> list[float]:

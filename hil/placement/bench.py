@@ -11,17 +11,22 @@ from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.parallel import quiet
-from segway_ecc.hil.placement.guard import LockstepGuard
+from segway_ecc.hil.placement.judging import FALLEN_RAD, PhaseRecorder, RunRecord
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network
 from segway_ecc.hil.placement.placement import Placement
-from segway_ecc.hil.placement.programs import Program, StampedSequence, Supervisor, UnstampedSequence
+from segway_ecc.hil.placement.programs import (
+    Program,
+    ProgramChannels,
+    ProgramsStage,
+    StampedSequence,
+    Supervisor,
+    UnstampedSequence,
+)
 from segway_ecc.hil.placement.remote_link import RemoteLink
-from segway_ecc.hil.placement.rig import EventRig
-from segway_ecc.hil.placement.seen import FALLEN_RAD, PhaseRecorder, RunRecord
-from segway_ecc.hil.placement.world import ProgramChannels, ProgramsStage
+from segway_ecc.hil.placement.rig import EventRig, LockstepGuard
 from segway_ecc.hil.rig.lockstep import WALL_START_NS
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
-from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
+from segway_ecc.node.config import NoHardwareSection, load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
@@ -81,12 +86,17 @@ class _LockstepPlacement:
         self._injections = Injections((), 0, rig.now_ns)
         self._end = rig.bus.attach("plant")
         self._simulated = simulated_robot(file, self._end)
-        self._prepare_plant()
+        plant = self._simulated.plant
+        plant.write("InitialPitch", LIES_AT)
+        plant.write("Seed", float(job.seed))
+        self._simulated.outputs = plant.initialize(self._simulated.inputs)
         self._drive = DriveWatch(self._simulated, self._injections)
         self._truth: list[Truth] = []
         names = self._simulated.output_names
         self._places = [names.index(f"truth.{name}") for name in Truth._fields[1:]]
-        self._guard = _guard(file, rig)
+        if isinstance(file.hardware, NoHardwareSection):
+            raise ConfigurationError(f"robot '{file.name}' has no hardware that could be away from its control")
+        self._guard = LockstepGuard(file.hardware, rig)
         rig.add(self._guard)
         self._robot = build_robot(file, rig, self._link())
         self._world = self._make_world()
@@ -116,12 +126,6 @@ class _LockstepPlacement:
             guard_s=guard[0].first_ns / _NS_PER_S if guard else None,
             digest=drive.digest,
         )
-
-    def _prepare_plant(self) -> None:
-        plant = self._simulated.plant
-        plant.write("InitialPitch", LIES_AT)
-        plant.write("Seed", float(self._job.seed))
-        self._simulated.outputs = plant.initialize(self._simulated.inputs)
 
     def _link(self) -> Link:
         job, rig = self._job, self._rig
@@ -163,17 +167,8 @@ class _LockstepPlacement:
         now_s = self._rig.now_ns() / _NS_PER_S
         self._drive.look(outputs)
         self._truth.append(Truth(now_s, *(outputs[place] for place in self._places)))
-        self._push(now_s)
-        if self._job.until_fallen and now_s > START_S and abs(self._truth[-1].pitch) > FALLEN_RAD:
-            self._world.over = "the robot lies"
-
-    def _push(self, now_s: float) -> None:
         if self._job.pushed_n:
             is_pushed = START_S + 1.0 <= now_s < START_S + 1.1
             self._simulated.plant.write("PushForce", self._job.pushed_n if is_pushed else 0.0)
-
-
-def _guard(file: RobotFile, rig: EventRig) -> LockstepGuard:
-    if isinstance(file.hardware, NoHardwareSection):
-        raise ConfigurationError(f"robot '{file.name}' has no hardware that could be away from its control")
-    return LockstepGuard(file.hardware, rig)
+        if self._job.until_fallen and now_s > START_S and abs(self._truth[-1].pitch) > FALLEN_RAD:
+            self._world.over = "the robot lies"

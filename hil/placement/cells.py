@@ -7,11 +7,19 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
-from segway_ecc.hil.placement.judging import UPRIGHT, Errors, RunOutcome, errors, outcome_of, reason_of, story
+from segway_ecc.hil.placement.judging import (
+    UPRIGHT,
+    Errors,
+    RunOutcome,
+    RunRecord,
+    errors,
+    outcome_of,
+    reason_of,
+    story,
+)
 from segway_ecc.hil.placement.network import PERFECT, Network, Partition
 from segway_ecc.hil.placement.placement import ON_THE_ROBOT, Placement
 from segway_ecc.hil.placement.results import Cut, Drive, Stop
-from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 MANOEUVRE: Final = Manoeuvre(
@@ -28,6 +36,8 @@ _STOP_EVERY_S: Final = 0.0237
 _STOPPED_WITHIN_S: Final = 2.5
 UNSTAMPED: Final = "cmd_vel"
 STAMPED: Final = "cmd_vel_stamped"
+_remembered_run: Final = functools.lru_cache(maxsize=16)(run)
+"""For the references, runs with everything on the robot, which many cells share."""
 
 
 class Setting(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,7 +100,11 @@ def stop(setting: Setting, seeds: Sequence[int]) -> Stop:
         pressed_s = _STOP_AT_S + place * _STOP_EVERY_S
         job = setting.job(MANOEUVRE, pressed_s + _STOPPED_WITHIN_S)
         seen = run(msgspec.structs.replace(job, seed=seed, stop_at_s=pressed_s))
-        before = _before(seen, pressed_s)
+        before = seen._replace(
+            truth=[at for at in seen.truth if at.time < pressed_s],
+            changes=[change for change in seen.changes if change.at_ns < pressed_s * 1e9],
+            phases=[phase for phase in seen.phases if phase[0] < pressed_s],
+        )
         outcome = outcome_of(before, START_S)
         outcomes.append(outcome)
         is_measured = outcome in UPRIGHT and seen.zero_s is not None
@@ -115,22 +129,7 @@ def cut(setting: Setting, partition_s: float) -> Cut:
     )
 
 
-def _before(seen: RunRecord, until_s: float) -> RunRecord:
-    """What was seen up to a time."""
-    return seen._replace(
-        truth=[at for at in seen.truth if at.time < until_s],
-        changes=[change for change in seen.changes if change.at_ns < until_s * 1e9],
-        phases=[phase for phase in seen.phases if phase[0] < until_s],
-    )
-
-
 def _against_reference(job: PlacementRun) -> tuple[RunRecord, Errors]:
     seen = run(job)
-    reference = _reference(msgspec.structs.replace(job, placement=ON_THE_ROBOT, network=PERFECT, stamped=True))
+    reference = _remembered_run(msgspec.structs.replace(job, placement=ON_THE_ROBOT, network=PERFECT, stamped=True))
     return seen, errors(seen.since(START_S), reference.since(START_S))
-
-
-@functools.lru_cache(maxsize=16)
-def _reference(job: PlacementRun) -> RunRecord:
-    """The same with everything on the robot."""
-    return run(job)

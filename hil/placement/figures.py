@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import image
 from segway_ecc.hil.placement.judging import UPRIGHT
-from segway_ecc.hil.placement.results import Bound, Drive, Stop, StudyResult
-from segway_ecc.hil.placement.verdict import POSITION_M, STOP_S, Choice, choice_of, choices, network_names
+from segway_ecc.hil.placement.results import Drive, Stop, StudyResult
+from segway_ecc.hil.placement.table import BOUNDS
+from segway_ecc.hil.placement.verdict import POSITION_M, STOP_S, choice_of, choices, network_names
 
 _BAD: Final = "#b3261e"
 _GOOD: Final = "#2e6f9e"
@@ -24,7 +25,14 @@ def distances(found: StudyResult) -> str:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        _grid(axes, network_names(found), choices(found))
+        networks, shown = network_names(found), choices(found)
+        axes.set_xlim(-0.5, len(networks) - 0.5)
+        axes.set_ylim(len(shown) - 0.5, -0.5)
+        axes.set_xticks(range(len(networks)), networks, rotation=20, ha="right")
+        axes.set_yticks(range(len(shown)), [str(choice) for choice in shown])
+        axes.tick_params(length=0)
+        for side in axes.spines.values():
+            side.set_visible(False)
         for drive in found.drives:
             _draw_distance(axes, drive, found)
 
@@ -53,28 +61,22 @@ def stops(found: StudyResult) -> str:
 
 
 def bounds(found: StudyResult) -> str:
-    """What balance control on the station bears, where it is a time."""
+    """The limits of balance control on the station that are a time."""
     times = [bound for bound in found.bounds if bound.unit == "s"]
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for place, bound in enumerate(times):
-            _draw_bound(axes, place, bound)
+            ms = bound.tolerated * 1e3
+            axes.barh(place, ms, height=0.6, color=_GOOD)
+            if bound.theory is not None:
+                axes.plot([bound.theory * 1e3] * 2, [place - 0.4, place + 0.4], color=_BAD, linewidth=2)
+            axes.annotate(f"{ms:.4g}", (ms, place), (4, 0), textcoords="offset points", va="center", color=_GREY)
         axes.set_yticks(range(len(times)), [f"{b.robot}: {b.what}" for b in times])
         axes.invert_yaxis()
         axes.set_xlabel("ms; the mark is the delay margin of the design")
 
-    return image("bounds", "What balance control on the station bears", (9.5, 1.2 + 0.5 * len(times)), draw)
-
-
-def _grid(axes: Axes, networks: Sequence[str], shown: Sequence[Choice]) -> None:
-    axes.set_xlim(-0.5, len(networks) - 0.5)
-    axes.set_ylim(len(shown) - 0.5, -0.5)
-    axes.set_xticks(range(len(networks)), networks, rotation=20, ha="right")
-    axes.set_yticks(range(len(shown)), [str(choice) for choice in shown])
-    axes.tick_params(length=0)
-    for side in axes.spines.values():
-        side.set_visible(False)
+    return image("bounds", BOUNDS, (9.5, 1.2 + 0.5 * len(times)), draw)
 
 
 def _draw_distance(axes: Axes, drive: Drive, found: StudyResult) -> None:
@@ -90,28 +92,10 @@ def _draw_distance(axes: Axes, drive: Drive, found: StudyResult) -> None:
 
 def _stop_groups(stops: Sequence[Stop]) -> list[tuple[str, list[Stop]]]:
     """Those over the same flows."""
-    groups: dict[str, list[Stop]] = {
-        "nothing crosses the network": [],
-        "the stop crosses it": [],
-        "the commands cross it": [],
-    }
-    none, stop, commands = groups.values()
-    for row in stops:
-        if row.sequence != row.balance:
-            continue
-        (commands if row.balance == "station" else stop if row.supervision == "station" else none).append(row)
-    return list(groups.items())
-
-
-def _draw_bound(axes: Axes, place: int, bound: Bound) -> None:
-    axes.barh(place, bound.borne * 1e3, height=0.6, color=_GOOD)
-    if bound.theory is not None:
-        axes.plot([bound.theory * 1e3] * 2, [place - 0.4, place + 0.4], color=_BAD, linewidth=2)
-    axes.annotate(
-        f"{bound.borne * 1e3:.4g}",
-        (bound.borne * 1e3, place),
-        (4, 0),
-        textcoords="offset points",
-        va="center",
-        color=_GREY,
-    )
+    rows = [row for row in stops if row.sequence == row.balance]
+    on_board = [row for row in rows if row.balance != "station"]
+    return [
+        ("nothing crosses the network", [row for row in on_board if row.supervision != "station"]),
+        ("the stop crosses it", [row for row in on_board if row.supervision == "station"]),
+        ("the commands cross it", [row for row in rows if row.balance == "station"]),
+    ]

@@ -1,16 +1,18 @@
-"""The grid of the placement study: which networks, which placements, and what is asked of each."""
+"""The placement study: networks, placements, what is run on each, and all of it side by side on the cores."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Final
 
 import msgspec
 
+from segway_ecc.hil.parallel import results_of
 from segway_ecc.hil.placement.cells import Setting, cut, drive, stop
 from segway_ecc.hil.placement.network import Delivery, Network
 from segway_ecc.hil.placement.placement import PLACEMENTS, Placement
-from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop
+from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
 from segway_ecc.hil.placement.search import LimitSearch, Size, find
+from segway_ecc.hil.progress import OnProgress
 
 ROBOT: Final = "segway"
 TORQUE_ROBOT: Final = "segway-odrive"
@@ -53,7 +55,7 @@ class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
         partitions_s: Lengths of the partitions, s.
         seeds: With which each stop is pressed.
         searches: What is searched for.
-        search_seeds: With which it must be borne.
+        search_seeds: With which it must be tolerated.
         resolution: How closely, in the unit of what is searched for; None for the resolution of each kind.
     """
 
@@ -119,3 +121,34 @@ def settings(plan: StudyPlan, name: str) -> Iterator[Setting]:
     for placement in plan.placements:
         for stamped in (True, False) if placement.sequence_crosses else (True,):
             yield Setting(robot=ROBOT, placement=placement, name=name, network=NETWORKS[name], stamped=stamped)
+
+
+def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
+    """Run a plan; what is found is the same bits whatever `jobs` is.
+
+    Args:
+        plan: What to run.
+        jobs: How many processes run at a time; 1 for this one alone.
+        on_progress: Called after each task.
+    """
+    todo = tasks(plan)
+    with results_of(_call, todo, jobs) as results:
+        return _gathered(results, len(todo), on_progress)
+
+
+def _call(task: Task) -> Drive | Stop | Cut | Bound:
+    return task()
+
+
+def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> StudyResult:
+    """The results by kind, in the order of the tasks."""
+    everything = []
+    for result in results:
+        everything.append(result)
+        on_progress(len(everything), total)
+    return StudyResult(
+        drives=tuple(r for r in everything if isinstance(r, Drive)),
+        stops=tuple(r for r in everything if isinstance(r, Stop)),
+        cuts=tuple(r for r in everything if isinstance(r, Cut)),
+        bounds=tuple(r for r in everything if isinstance(r, Bound)),
+    )

@@ -114,13 +114,16 @@ class Channel(Generic[T]):
     def send(self, item: T, at_ns: int | None = None) -> None:
         """Send something, now or as it was sent at an earlier time."""
         sent_ns = self._now_ns() if at_ns is None else at_ns
-        number = self.sent
+        number, in_order = self.sent, self._delivery is Delivery.IN_ORDER
         self.sent += 1
-        due_ns = self._due_ns(sent_ns)
+        tries = (self._attempt(sent_ns + i * self._network.repeats_ns) for i in range(_ATTEMPTS if in_order else 1))
+        due_ns = next((at_ns for at_ns in tries if at_ns is not None), None)
         if due_ns is None:
             self.lost += 1
-        else:
-            heapq.heappush(self._under_way, (due_ns, number, sent_ns, item))
+            return
+        if in_order:
+            due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
+        heapq.heappush(self._under_way, (due_ns, number, sent_ns, item))
 
     def receive(self) -> list[Arrived[T]]:
         """What has arrived by now, first come first."""
@@ -133,17 +136,6 @@ class Channel(Generic[T]):
             self._newest = max(number, self._newest)
             arrived.append(Arrived(item, sent_ns, due_ns))
         return arrived
-
-    def _due_ns(self, sent_ns: int) -> int | None:
-        if self._delivery is not Delivery.IN_ORDER:
-            return self._attempt(sent_ns)
-        for _ in range(_ATTEMPTS):
-            due_ns = self._attempt(sent_ns)
-            if due_ns is not None:
-                self._last_due_ns = max(due_ns, self._last_due_ns)
-                return self._last_due_ns
-            sent_ns += self._network.repeats_ns
-        return None
 
     def _attempt(self, sent_ns: int) -> int | None:
         """When something that is sent at a time arrives; None where it does not."""

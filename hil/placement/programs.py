@@ -1,12 +1,16 @@
-"""The programs around the model node, from wherever it is placed: sequence control and supervision. Time is given."""
+"""The programs around the model node, sequence control and supervision, and the stage that joins them to it.
+
+Each is reached over channels of its own, and time is given.
+"""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.station.heartbeats import Heartbeats
 from segway_ecc.deploy.station.stops import AGAIN_NS
-from segway_ecc.node.cycle.interfaces import Heartbeat, StampedSetpoint
-from segway_ecc.node.safety.modes import Action, Mode
+from segway_ecc.hil.placement.network import Channel, NowNs
+from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 from segway_ecc.node.sequence.player import Odometry, Player
 
@@ -82,3 +86,57 @@ class Supervisor:
             return messages
         self._again_ns += AGAIN_NS
         return [*messages, Action.STOP]
+
+
+class ProgramChannels(NamedTuple):
+    """The way between a program and the model node.
+
+    Attributes:
+        to: Messages of the program. What only the newest of matters has its own channel.
+        beats: Its heartbeats.
+        back: Reports of the node.
+    """
+
+    to: Channel[Message]
+    beats: Channel[Message]
+    back: Channel[NodeReport]
+
+
+class ProgramsStage(NoStage):
+    """Hands on what the programs send; see `Stage`."""
+
+    def __init__(self, programs: Sequence[tuple[Program, ProgramChannels]], now_ns: NowNs) -> None:
+        """Connect these programs."""
+        self.over: str | None = None
+        self._programs = programs
+        self._now_ns = now_ns
+
+    def take_inbox(self) -> Inbox:
+        """Step every program; take the messages that have arrived."""
+        inbox, now_ns = Inbox(), self._now_ns()
+        for program, way in self._programs:
+            reports = [message.item for message in way.back.receive()]
+            for message in program.step(now_ns, reports):
+                (way.beats if isinstance(message, Heartbeat) else way.to).send(message)
+            for arrived in (*way.to.receive(), *way.beats.receive()):
+                _put(inbox, arrived.item)
+        return inbox
+
+    def publish(self, report: Report) -> None:
+        """Report to every program."""
+        for _, way in self._programs:
+            way.back.send(NodeReport(report.stamp_ns, report.mode))
+
+
+def _put(inbox: Inbox, message: Message) -> None:
+    match message:
+        case StampedSetpoint():
+            inbox.setpoints.append(message)
+        case Heartbeat():
+            inbox.stations.append(message)
+        case _:
+            inbox.requests.append(Request(message, _nobody_waits))
+
+
+def _nobody_waits(_answer: Answer) -> None:
+    """The mode shows what came of a stop."""

@@ -89,14 +89,14 @@ class Cut(Row, frozen=True, kw_only=True):
 
 
 class Bound(msgspec.Struct, frozen=True, kw_only=True):
-    """The most of something that balance control on the station bears, by search.
+    """A limit of balance control on the station, by search.
 
     Attributes:
         robot: Which robot.
         what: Of what.
         unit: Of it.
-        borne: The largest that was borne with every seed.
-        lost: The smallest that was not; None where the largest tried was borne.
+        tolerated: The largest that was tolerated with every seed.
+        lost: The smallest that was not; None where the largest tried was tolerated.
         lost_by: What the robot gave as reason then.
         theory: What theory gives for it; None where it gives nothing.
     """
@@ -104,7 +104,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     robot: str
     what: str
     unit: str
-    borne: float
+    tolerated: float
     lost: float | None
     lost_by: str
     theory: float | None = None

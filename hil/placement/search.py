@@ -1,17 +1,16 @@
-"""How much of a bad network balance control on the station bears, by bisection."""
+"""How bad a network balance control on the station tolerates, by bisection."""
 
 import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
 
 from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
-from segway_ecc.hil.placement.judging import reason_of
+from segway_ecc.hil.placement.judging import RunRecord, reason_of
 from segway_ecc.hil.placement.network import Delivery, Network, Partition
 from segway_ecc.hil.placement.placement import Placement, Site
 from segway_ecc.hil.placement.results import Bound
-from segway_ecc.hil.placement.seen import RunRecord
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 AWAY: Final = Placement(sequence=Site.ROBOT, balance=Site.STATION, supervision=Site.ROBOT)
@@ -58,40 +57,42 @@ class LimitSearch(msgspec.Struct, frozen=True, kw_only=True):
     theory: float | None = None
 
 
-def find(kind: LimitSearch, seeds: Sequence[int], resolution: float | None = None) -> Bound:
-    """The most that is borne; it is taken that less than what is borne is borne too."""
-    what, unit, most, finest = kind.size.value
+def find(search: LimitSearch, seeds: Sequence[int], resolution: float | None = None) -> Bound:
+    """The most that is tolerated, by bisection: less than what is tolerated is taken to be tolerated too."""
+    what, unit, most, finest = search.size.value
 
-    def seen_with(size: float) -> list[RunRecord]:
-        return [run(_job(kind, size, seed)) for seed in seeds]
+    def lost_with(size: float) -> str | None:
+        job = PlacementRun(
+            robot=search.robot,
+            placement=AWAY,
+            manoeuvre=_REST,
+            until_s=_UNTIL_S,
+            network=_network(search, size),
+            pushed_n=NUDGE_N,
+            delivery=search.delivery,
+            until_fallen=True,
+        )
+        return _lost_by([run(msgspec.structs.replace(job, seed=seed)) for seed in seeds])
 
-    borne, lost, lost_by = _bisect(seen_with, most, resolution or finest)
-    return Bound(
-        robot=kind.robot,
-        what=f"{what}, {kind.delivery}" if kind.size in _ORDERED else what,
-        unit=unit,
-        borne=borne,
-        lost=lost,
-        lost_by=lost_by,
-        theory=kind.theory,
-    )
-
-
-def _bisect(
-    seen_with: Callable[[float], list[RunRecord]], most: float, resolution: float
-) -> tuple[float, float | None, str]:
-    """The largest borne, the smallest lost, and by what."""
-    borne, lost, lost_by = 0.0, most, _lost_by(seen_with(most))
+    tolerated, lost, lost_by = 0.0, most, lost_with(most)
     if lost_by is None:
-        return most, None, ""
-    while lost - borne > resolution:
-        middle = 0.5 * (borne + lost)
-        by = _lost_by(seen_with(middle))
+        tolerated = most
+    while lost - tolerated > (resolution or finest):
+        middle = 0.5 * (tolerated + lost)
+        by = lost_with(middle)
         if by is None:
-            borne = middle
+            tolerated = middle
         else:
             lost, lost_by = middle, by
-    return borne, lost, lost_by
+    return Bound(
+        robot=search.robot,
+        what=f"{what}, {search.delivery}" if search.size in _ORDERED else what,
+        unit=unit,
+        tolerated=tolerated,
+        lost=None if lost_by is None else lost,
+        lost_by=lost_by or "",
+        theory=search.theory,
+    )
 
 
 def _lost_by(runs: Sequence[RunRecord]) -> str | None:
@@ -102,23 +103,9 @@ def _lost_by(runs: Sequence[RunRecord]) -> str | None:
     return None
 
 
-def _job(kind: LimitSearch, size: float, seed: int) -> PlacementRun:
-    return PlacementRun(
-        robot=kind.robot,
-        placement=AWAY,
-        manoeuvre=_REST,
-        until_s=_UNTIL_S,
-        network=_network(kind, size),
-        pushed_n=NUDGE_N,
-        delivery=kind.delivery,
-        seed=seed,
-        until_fallen=True,
-    )
-
-
-def _network(kind: LimitSearch, size: float) -> Network:
-    growing = Network(latency_s=kind.latency_s, begins_s=_BEGINS_S, grows_s=_GROWS_S)
-    match kind.size:
+def _network(search: LimitSearch, size: float) -> Network:
+    growing = Network(latency_s=search.latency_s, begins_s=_BEGINS_S, grows_s=_GROWS_S)
+    match search.size:
         case Size.DELAY:
             return msgspec.structs.replace(growing, latency_s=0.5 * size)
         case Size.STANDING:

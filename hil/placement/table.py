@@ -6,8 +6,10 @@ from typing import Final, NamedTuple
 from segway_ecc.hil.placement.judging import RunOutcome
 from segway_ecc.hil.placement.results import Bound, Drive, Row, StudyResult
 from segway_ecc.hil.placement.verdict import Choice, choice_of, choices, network_names, overall, recommended
+from segway_ecc.hil.text_table import aligned
 
 NOTHING: Final = "-"
+BOUNDS: Final = "Limits of balance control on the station"
 
 
 class Table(NamedTuple):
@@ -29,22 +31,34 @@ _WHICH: Final = ("sequence", "balance", "supervision", "set-points on")
 
 def tables(found: StudyResult) -> list[Table]:
     """Everything, as tables."""
+    stops = {_key(s): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
+    stopped = list(dict.fromkeys(choice_of(row) for row in found.stops))
+    cuts = [
+        _marked((*choice_of(c), f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
+        for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
+    ]
+    bounds = [(b.robot, b.what, *bound_text(b), b.lost_by) for b in found.bounds]
+    best = [(name, str(recommended(found, name) or "none is fit")) for name in network_names(found)]
+    best.append(("all", str(overall(found) or "none is fit")))
     return [
         _drives(found, "Largest distance from the robot with all control on board, m", lambda d: d.max_position_m),
         _drives(found, "Its root mean square, m", lambda d: d.rms_position_m),
         _drives(found, "Largest difference of the velocity ahead, m/s", lambda d: d.max_velocity_m_s),
         _drives(found, "Its root mean square, m/s", lambda d: d.rms_velocity_m_s),
         _drives(found, "Largest tilt, rad", lambda d: d.max_tilt_rad),
-        _stops(found),
-        _cuts(found),
-        _bounds(found.bounds),
-        _recommended(found),
+        _pivot(
+            "From pressing stop to zero torque, the longest of all presses, ms", network_names(found), stopped, stops
+        ),
+        Table("Partitions while it drives", (*_WHICH, "s", "outcome", "off, m", "what the robot did by itself"), cuts),
+        Table(BOUNDS, ("robot", "of what", "tolerated", "lost", "theory", "lost by"), bounds),
+        Table("Recommended placement", ("network", "placement"), best),
     ]
 
 
 def text(found: StudyResult) -> str:
     """All tables, for a terminal."""
-    return "\n".join(_laid_out(table) for table in tables(found) if table.rows)
+    shown = [(table.title, *aligned([table.head, *table.rows])) for table in tables(found) if table.rows]
+    return "\n".join("\n  ".join(lines) + "\n" for lines in shown)
 
 
 def bound_text(bound: Bound) -> tuple[str, str, str]:
@@ -52,7 +66,7 @@ def bound_text(bound: Bound) -> tuple[str, str, str]:
     scale, unit = (1e3, "ms") if bound.unit == "s" else (100.0, "%")
     lost = "more than was tried" if bound.lost is None else f"{bound.lost * scale:.4g} {unit}"
     theory = NOTHING if bound.theory is None else f"{bound.theory * scale:.1f} {unit}"
-    return f"{bound.borne * scale:.4g} {unit}", lost, theory
+    return f"{bound.tolerated * scale:.4g} {unit}", lost, theory
 
 
 def _drives(found: StudyResult, title: str, value: Callable[[Drive], float]) -> Table:
@@ -64,52 +78,16 @@ def _drives(found: StudyResult, title: str, value: Callable[[Drive], float]) -> 
     return _pivot(title, network_names(found), choices(found), {_key(d): cell(d) for d in found.drives})
 
 
-def _stops(found: StudyResult) -> Table:
-    title = "From pressing stop to zero torque, the longest of all presses, ms"
-    cells = {_key(s): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
-    shown = list(dict.fromkeys(choice_of(row) for row in found.stops))
-    return _pivot(title, network_names(found), shown, cells)
-
-
-def _cuts(found: StudyResult) -> Table:
-    rows = [
-        (*choice_of(c), f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did)
-        for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
-    ]
-    head = (*_WHICH, "s", "outcome", "off, m", "what the robot did by itself")
-    return Table("Partitions while it drives", head, [_which(row) for row in rows])
-
-
-def _bounds(bounds: Sequence[Bound]) -> Table:
-    rows = [(b.robot, b.what, *bound_text(b), b.lost_by) for b in bounds]
-    head = ("robot", "of what", "borne", "lost", "theory", "lost by")
-    return Table("What balance control on the station bears", head, rows)
-
-
-def _recommended(found: StudyResult) -> Table:
-    rows = [(name, str(recommended(found, name) or "none is fit")) for name in network_names(found)]
-    best = overall(found)
-    return Table("Recommended placement", ("network", "placement"), [*rows, ("all", str(best or "none is fit"))])
-
-
 def _pivot(title: str, networks: Sequence[str], shown: Sequence[Choice], cells: dict[tuple[Choice, str], str]) -> Table:
     """A row for each choice, a column for each network."""
     rows = [[*choice, *(cells.get((choice, name), NOTHING) for name in networks)] for choice in shown]
-    return Table(title, (*_WHICH, *networks), [_which(row) for row in rows])
+    return Table(title, (*_WHICH, *networks), [_marked(row) for row in rows])
 
 
-def _which(row: Sequence[str]) -> Sequence[str]:
+def _marked(row: Sequence[str]) -> Sequence[str]:
     """A row with a mark where set-points cross no network."""
     return [text or NOTHING for text in row]
 
 
 def _key(row: Row) -> tuple[Choice, str]:
     return choice_of(row), row.network
-
-
-def _laid_out(table: Table) -> str:
-    widths = [max(map(len, column)) for column in zip(table.head, *table.rows, strict=True)]
-    lines = [
-        "  ".join(f"{t:<{w}}" for t, w in zip(row, widths, strict=True)).rstrip() for row in (table.head, *table.rows)
-    ]
-    return f"{table.title}\n" + "".join(f"  {line}\n" for line in lines)

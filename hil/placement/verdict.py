@@ -1,11 +1,10 @@
 """Which placements are fit for a network, and which one is recommended."""
 
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.placement.judging import UPRIGHT, RunOutcome
 from segway_ecc.hil.placement.placement import Site
-from segway_ecc.hil.placement.results import Row, Stop, StudyResult
+from segway_ecc.hil.placement.results import Row, StudyResult
 
 POSITION_M: Final = 0.1
 """Farther than that from where it is with everything on the robot, a placement does not follow its set-points."""
@@ -47,7 +46,8 @@ def unfit(found: StudyResult, choice: Choice, network: str) -> list[str]:
             reasons.append(drive.outcome.value)
         elif drive.max_position_m > POSITION_M:
             reasons.append(f"{drive.max_position_m:.2f} m off")
-    stop = _stop_of(found.stops, choice, network)
+    # On the stop, the kind of set-points has no influence.
+    stop = next((row for row in found.stops if row.placement == choice[:3] and row.network == network), None)
     if stop is not None and (stop.worst_s is None or stop.worst_s > STOP_S) and stop.outcome in UPRIGHT:
         reasons.append("no stop" if stop.worst_s is None else f"stops after {stop.worst_s:.2f} s")
     reasons += [
@@ -84,9 +84,3 @@ def _rank(choice: Choice) -> tuple[int, bool, bool]:
     places = (choice.sequence, choice.balance, choice.supervision)
     away = sum(place == Site.STATION for place in places)
     return away, choice.supervision == Site.STATION, choice.setpoints.endswith("stamped")
-
-
-def _stop_of(stops: Sequence[Stop], choice: Choice, network: str) -> Stop | None:
-    """The stop of a placement, on which the kind of set-points has no influence."""
-    places = choice[:3]
-    return next((row for row in stops if row.placement == places and row.network == network), None)

@@ -7,11 +7,10 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.hil.play.channel import LoopEnd
+from segway_ecc.hil.play.channel import LoopEnd, Snapshot
 from segway_ecc.hil.play.keys import Key
 from segway_ecc.hil.play.posture import Posture
 from segway_ecc.hil.play.rig import PlantControls
-from segway_ecc.hil.play.snapshot import Snapshot
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
@@ -130,42 +129,31 @@ class PlayStage:
         self._behind.close()
 
     def _press(self, key: Key, inbox: Inbox) -> None:
-        if key in _STEPS:
-            self._steer(*_STEPS[key])
-            inbox.setpoints.append(StampedSetpoint(self._wanted, None))
-        elif key in _ACTIONS:
-            inbox.requests.append(Request(_ACTIONS[key], self._log_answer))
-        else:
-            self._press_other(key, inbox)
-
-    def _press_other(self, key: Key, inbox: Inbox) -> None:
         match key:
-            case Key.REST:
-                self._is_driving, self._wanted = True, REST
-                inbox.setpoints.append(StampedSetpoint(REST, None))
+            case Key.REST | Key.UP | Key.DOWN | Key.LEFT | Key.RIGHT:
+                self._wanted = self._steered(*_STEPS[key]) if key in _STEPS else REST
+                self._is_driving = True
+                inbox.setpoints.append(StampedSetpoint(self._wanted, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
-            case Key.STAND:
-                self._change_posture()
+            case Key.STAND if self._modes is None or self._modes.mode not in ACTIVE:
+                _logger.info("refused: arm the robot first")
+            case Key.STAND if self._posture.can_change:
+                self._posture.change()
             case Key.PUSH:
                 self._rig.push()
             case Key.BREAK_BUS:
                 self._rig.toggle_bus()
             case Key.QUIT:
                 self._over = "q was pressed"
+            case _ if key in _ACTIONS:
+                inbox.requests.append(Request(_ACTIONS[key], self._log_answer))
 
-    def _steer(self, linear: float, angular: float) -> None:
+    def _steered(self, linear: float, angular: float) -> Setpoint:
         start = self._wanted if self._is_driving else REST
-        self._is_driving = True
-        self._wanted = Setpoint(
+        return Setpoint(
             _within(start.linear_velocity + linear, MAX_LINEAR), _within(start.angular_velocity + angular, MAX_ANGULAR)
         )
-
-    def _change_posture(self) -> None:
-        if self._modes is None or self._modes.mode not in ACTIVE:
-            _logger.info("refused: arm the robot first")
-        elif self._posture.can_change:
-            self._posture.change()
 
     def _log_answer(self, answer: Answer) -> None:
         """Log an answer; a change of mode is logged by the loop already."""
@@ -176,6 +164,8 @@ class PlayStage:
 
     def _snapshot(self, report: Report) -> Snapshot:
         is_armed = report.mode is Mode.ARMED
+        states = [(_LINK_STATE.fullmatch(key), state) for key, state in self._hardware.items()]
+        links = {match[1] or "can": state for match, state in states if match is not None}
         return Snapshot(
             robot=self._robot.file.name,
             mode=str(report.mode),
@@ -187,7 +177,7 @@ class PlayStage:
             pitch=self._robot.model.read(PITCH) if self._has_pitch else None,
             posture=self._posture.doing,
             battery={k: v for k, v in self._hardware.items() if k.endswith("bus_voltage_v")},
-            links=_links(self._hardware),
+            links=links,
             line=self._hardware.get("link.owner"),
             timing={k: v for k, v in self._timing.items() if k in _TIMING},
             messages=list(self.messages),
@@ -202,11 +192,6 @@ class PlayStage:
             return None
         value = report.values[self._signals.index(signal)]
         return value if math.isfinite(value) else None
-
-
-def _links(hardware: Mapping[str, str]) -> dict[str, str]:
-    found = {_LINK_STATE.fullmatch(key): state for key, state in hardware.items()}
-    return {match[1] or "can": state for match, state in found.items() if match is not None}
 
 
 def _within(value: float, limit: float) -> float:

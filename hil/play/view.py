@@ -7,7 +7,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from segway_ecc.hil.play.snapshot import Snapshot
+from segway_ecc.hil.play.channel import Snapshot
 
 _COLOURS = {"ARMED": "bold green", "HOLD": "bold yellow", "FAULT": "bold red", "DISARMED": "bold"}
 _KEYS = "arrows drive   space rest   a arm   d disarm   s STOP   c clear fault"
@@ -36,26 +36,19 @@ def _rows(snapshot: Snapshot) -> list[tuple[str, Text]]:
         rows.append(("tilt", Text(f"{math.degrees(snapshot.pitch):+7.2f} deg")))
     if snapshot.posture is not None:
         rows.append(("posture", Text(snapshot.posture)))
-    rows += [
+    links = _named(snapshot.links) + ("" if snapshot.line is None else f"   commands go over {snapshot.line}")
+    is_well = all(state == "active" for state in snapshot.links.values()) and not snapshot.is_bus_broken
+    links += "   (bus broken by hand)" if snapshot.is_bus_broken else ""
+    return [
+        *rows,
         ("velocity", Text(_pair(snapshot.linear, snapshot.angular))),
         ("set-point", Text(_pair(snapshot.wanted_linear, snapshot.wanted_angular))),
         ("battery", Text(_named(snapshot.battery, ".bus_voltage_v", " V"))),
-        ("links", _links(snapshot)),
+        ("links", Text(links, style="" if is_well else "red")),
         ("loop", Text(_named(snapshot.timing))),
-    ]
-    ros = "cmd_vel drives too" if snapshot.has_ros else "not here"
-    return [
-        *rows,
-        ("ROS", Text(ros)),
+        ("ROS", Text("cmd_vel drives too" if snapshot.has_ros else "not here")),
         ("guard", Text("runs") if snapshot.guard_runs else Text("has ended", style="red")),
     ]
-
-
-def _links(snapshot: Snapshot) -> Text:
-    links = _named(snapshot.links) + ("" if snapshot.line is None else f"   commands go over {snapshot.line}")
-    broken = "   (bus broken by hand)" if snapshot.is_bus_broken else ""
-    is_well = all(state == "active" for state in snapshot.links.values()) and not broken
-    return Text(links + broken, style="" if is_well else "red")
 
 
 def _pair(linear: float | None, angular: float | None) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Final
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import svg
@@ -22,24 +21,18 @@ def figure(series: Sequence[Series]) -> bytes:
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(rows, _COLUMNS, squeeze=False)
-        for place, panel in enumerate(panels.flat):
-            if place < len(series):
-                _panel(panel, series[place])
-            else:
-                panel.set_visible(False)
+        for panel in panels.flat[len(series) :]:
+            panel.set_visible(False)
+        for panel, one in zip(panels.flat, series, strict=False):
+            minutes = [time_s / 60.0 for time_s in one.times_s]
+            panel.plot(minutes, one.values, color=_BAD if judge(one).is_growing else _GOOD, linewidth=1)
+            panel.axvspan(minutes[0], minutes[0] + WARM_UP * (minutes[-1] - minutes[0]), color="#eeeeee", linewidth=0)
+            if one.most is not None:
+                panel.axhline(one.most, color=_GREY, linestyle="--", linewidth=1)
+            panel.set_title(f"{one.process}: {one.quantity}{f', {one.unit}' if one.unit else ''}", fontsize=9)
+            panel.tick_params(labelsize=8)
+            panel.margins(y=0.2)
+            panel.ticklabel_format(axis="y", useOffset=False)
         figure.supxlabel("time, min; grey: the warm-up, which is not judged")
 
     return svg("soak", (12.0, 0.6 + _HEIGHT * rows), draw)
-
-
-def _panel(panel: Axes, series: Series) -> None:
-    verdict = judge(series)
-    minutes = [time_s / 60.0 for time_s in series.times_s]
-    panel.plot(minutes, series.values, color=_BAD if verdict.is_growing else _GOOD, linewidth=1)
-    panel.axvspan(minutes[0], minutes[0] + WARM_UP * (minutes[-1] - minutes[0]), color="#eeeeee", linewidth=0)
-    if series.most is not None:
-        panel.axhline(series.most, color=_GREY, linestyle="--", linewidth=1)
-    panel.set_title(f"{series.process}: {series.quantity}{f', {series.unit}' if series.unit else ''}", fontsize=9)
-    panel.tick_params(labelsize=8)
-    panel.margins(y=0.2)
-    panel.ticklabel_format(axis="y", useOffset=False)

@@ -74,12 +74,19 @@ def judge(series: Series) -> Verdict:
     Raises:
         ValueError: There are too few samples to judge.
     """
-    times_s, values = _after_warm_up(series)
+    from_s = 0.0
+    if series.times_s:
+        from_s = series.times_s[0] + WARM_UP * (series.times_s[-1] - series.times_s[0])
+    kept = [(t, v) for t, v in zip(series.times_s, series.values, strict=True) if t >= from_s]
+    times_s, values = [t for t, _ in kept], [v for _, v in kept]
     if len(values) < _FEWEST:
         raise ValueError(f"{len(values)} samples of {series.quantity} of {series.process} are too few to judge")
     quarter = len(values) // 4
     at_first, at_last = statistics.median(values[:quarter]), statistics.median(values[-quarter:])
-    slope = theil_sen(*_binned(times_s, values))
+    size = -(-len(values) // _BINS)  # medians of neighbours: all pairs of thousands of samples are too many
+    starts = range(0, len(values), size)
+    binned = ([statistics.median(column[at : at + size]) for at in starts] for column in (times_s, values))
+    slope = theil_sen(*binned)
     growth = max(slope * (times_s[-1] - times_s[0]), at_last - at_first)
     largest = max(series.values)
     if series.most is None:
@@ -110,22 +117,3 @@ def theil_sen(times: Sequence[float], values: Sequence[float]) -> float:
         if times[j] > times[i]
     ]
     return statistics.median(slopes) if slopes else 0.0
-
-
-def _after_warm_up(series: Series) -> tuple[list[float], list[float]]:
-    if not series.times_s:
-        return [], []
-    begin, end = series.times_s[0], series.times_s[-1]
-    from_s = begin + WARM_UP * (end - begin)
-    kept = [(t, v) for t, v in zip(series.times_s, series.values, strict=True) if t >= from_s]
-    return [t for t, _ in kept], [v for _, v in kept]
-
-
-def _binned(times: Sequence[float], values: Sequence[float]) -> tuple[list[float], list[float]]:
-    """Medians of neighbours: all pairs of thousands of samples are too many."""
-    size = -(-len(times) // _BINS)
-    starts = range(0, len(times), size)
-    return (
-        [statistics.median(times[start : start + size]) for start in starts],
-        [statistics.median(values[start : start + size]) for start in starts],
-    )

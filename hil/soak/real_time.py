@@ -79,16 +79,11 @@ def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnPro
                 command(words, folder / "station.txt", alone, module="segway_ecc.hil.soak.station"),
             )
             processes["station"] = station.process.pid
-        _watch(watching, processes, run, on_progress)
+        begun_s, turn = time.monotonic(), 1
+        while turn * run.every_s < run.duration_s - _SETTLE_S:
+            time.sleep(max(begun_s + turn * run.every_s - time.monotonic(), 0.0))
+            processes |= helpers_of(processes["node"])
+            watching.look(time.monotonic() - begun_s, processes)
+            on_progress(time.monotonic() - begun_s)
+            turn += 1
         return RealTimeResult(controller.result(_END_S), station.result(_END_S)["modes"] if run.ros else {})
-
-
-def _watch(watching: Watching, processes: dict[str, int], run: RealTimeSoak, on_progress: OnProgress) -> None:
-    begun_s = time.monotonic()
-    turn = 0
-    while (turn + 1) * run.every_s < run.duration_s - _SETTLE_S:
-        turn += 1
-        time.sleep(max(begun_s + turn * run.every_s - time.monotonic(), 0.0))
-        processes |= helpers_of(processes["node"])
-        watching.look(time.monotonic() - begun_s, processes)
-        on_progress(time.monotonic() - begun_s)

@@ -42,18 +42,11 @@ def usage(process: int) -> Usage | None:
 
 def children(process: int) -> Iterator[tuple[int, str]]:
     """The processes that a process started and that still run, each with its command line."""
-    for task in _tasks(process):
+    for task in sorted((_PROC / str(process) / "task").glob("*")):
         with contextlib.suppress(OSError):
             for word in (task / "children").read_text(encoding="ascii").split():
                 command = (_PROC / word / "cmdline").read_bytes().replace(b"\0", b" ")
                 yield int(word), command.decode(errors="replace").strip()
-
-
-def _tasks(process: int) -> list[Path]:
-    try:
-        return sorted((_PROC / str(process) / "task").iterdir())
-    except OSError:
-        return []
 
 
 def _fields(path: Path) -> dict[str, float]:

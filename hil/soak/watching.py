@@ -50,7 +50,10 @@ class Watching:
             self._add(name, "proportional set size", time_s, taken.pss_kb, unit="kB", allowed=None)
             self._add(name, "open files", time_s, taken.files)
             self._add(name, "threads", time_s, taken.threads)
-        sizes = _sizes(self._folder)
+        sizes = []
+        for path in self._folder.glob("*.mcap"):
+            with contextlib.suppress(OSError):  # it was removed just now
+                sizes.append(path.stat().st_size)
         room = LOG.total_bytes + LOG.file_bytes
         self._add("log", "room", time_s, sum(sizes) / MB, unit="MB", most=room / MB)
         self._add("log", "files", time_s, len(sizes), most=room // LOG.file_bytes + 1)
@@ -83,11 +86,3 @@ def helpers_of(process: int) -> dict[str, int]:
     """The processes that a node has started, by what they are: `recorder` and `ros`."""
     started = list(children(process))
     return {name: child for name, word in _HELPERS.items() for child, words in started if word in words}
-
-
-def _sizes(folder: Path) -> list[int]:
-    sizes = []
-    for path in folder.glob("*.mcap"):
-        with contextlib.suppress(OSError):  # it was removed just now
-            sizes.append(path.stat().st_size)
-    return sizes

@@ -10,7 +10,7 @@ from typing import Final
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
-from segway_ecc.hil.bench.bus_choice import virtual_interface
+from segway_ecc.hil.bench.rig import virtual_interface
 from segway_ecc.node.cli.options import add_json, print_json
 
 _CYCLES: Final = 500

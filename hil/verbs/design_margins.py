@@ -1,4 +1,4 @@
-"""`segway-ecc design margins`: how much the balancing robot bears, against what is required of it."""
+"""`segway-ecc design margins`: the disturbance limits of the balancing robot, against what is required."""
 
 import argparse
 import dataclasses
@@ -68,9 +68,9 @@ def _document(found: Limit | Tracking) -> dict[str, object]:
 
 
 def _row(limit: Limit) -> tuple[str, ...]:
-    borne = f"{'more than ' if limit.is_beyond else ''}{limit.borne:.3g}"
+    tolerated = f"{'more than ' if limit.is_beyond else ''}{limit.tolerated:.3g}"
     required = "-" if limit.required is None else f"{limit.required:.3g}"
-    return limit.name, borne, required, limit.unit, "" if limit.is_enough else "NOT MET"
+    return limit.name, tolerated, required, limit.unit, "" if limit.is_enough else "NOT MET"
 
 
 def _tracking_row(found: Tracking) -> tuple[str, ...]:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, quick, whole
-from segway_ecc.hil.placement.study import conduct
+from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, conduct, quick, whole
 from segway_ecc.hil.placement.table import text
 from segway_ecc.hil.placement.verdict import network_names, overall, recommended
 from segway_ecc.hil.progress import show_progress

@@ -1,4 +1,4 @@
-"""What is borne and followed: every requirement is in the table, and a step is judged as it should be."""
+"""What is tolerated and followed: every requirement is in the table, and a step is judged as it should be."""
 
 import math
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from segway_ecc.hil.growth.meter import MeteredClock
+from segway_ecc.hil.growth.cost import MeteredClock
 
 
 class Waits:

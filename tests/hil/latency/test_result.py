@@ -34,7 +34,6 @@ def test_a_period_and_a_millisecond_is_the_limit() -> None:
     assert not latency(said, late).is_within
     once = [frame._replace(at_ns=frame.at_ns + MS) if frame.number <= 1 else frame for frame in seen]
     assert latency(said, once).is_within
-    assert latency(said, once).max_periods == pytest.approx(1.2)
 
 
 def test_one_line_says_all() -> None:
@@ -43,7 +42,6 @@ def test_one_line_says_all() -> None:
         "other process, actuate immediately: p50 5.00 ms, p99 5.00 ms, max 5.00 ms (0.50 periods at p99) of 1 "
         "set-points, 0 missed"
     )
-    assert found.p50_periods == pytest.approx(0.5)
 
 
 def test_nothing_seen_is_no_result() -> None:

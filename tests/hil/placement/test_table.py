@@ -6,8 +6,10 @@ from segway_ecc.hil.placement.results import Bound
 from segway_ecc.hil.placement.table import tables, text
 from tests.hil.placement.scripted import R, S, cut, drive, found, stop
 
-DELAY = Bound(robot="segway", what="delay", unit="s", borne=0.0575, lost=0.058, lost_by="it <shakes>", theory=0.0319)
-LOSS = Bound(robot="segway", what="loss", unit="1", borne=0.64, lost=None, lost_by="")
+DELAY = Bound(
+    robot="segway", what="delay", unit="s", tolerated=0.0575, lost=0.058, lost_by="it <shakes>", theory=0.0319
+)
+LOSS = Bound(robot="segway", what="loss", unit="1", tolerated=0.64, lost=None, lost_by="")
 FOUND = found(
     drive((R, R, R), "near", off_m=0.0),
     drive((R, R, R), "far", off_m=0.0),
@@ -46,7 +48,7 @@ def test_the_longest_stop_counts_and_one_that_did_not_come_is_none() -> None:
 
 
 def test_bounds_are_told_in_their_unit_with_what_theory_says() -> None:
-    assert rows_of("What balance control on the station bears")[1:] == [
+    assert rows_of("Limits of balance control on the station")[1:] == [
         ("segway", "delay", "57.5 ms", "58 ms", "31.9 ms", "it <shakes>"),
         ("segway", "loss", "64 %", "more than was tried", "-", ""),
     ]

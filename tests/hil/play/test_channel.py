@@ -6,9 +6,8 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from segway_ecc.hil.play.channel import LoopEnd, TerminalEnd, channel
+from segway_ecc.hil.play.channel import LoopEnd, Snapshot, TerminalEnd, channel
 from segway_ecc.hil.play.keys import Key
-from segway_ecc.hil.play.snapshot import Snapshot
 
 SNAPSHOT = Snapshot(
     robot="cart",

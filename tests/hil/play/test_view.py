@@ -5,7 +5,7 @@ import io
 import msgspec
 from rich.console import Console
 
-from segway_ecc.hil.play.snapshot import Snapshot
+from segway_ecc.hil.play.channel import Snapshot
 from segway_ecc.hil.play.view import picture
 
 WELL = Snapshot(

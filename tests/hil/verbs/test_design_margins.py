@@ -15,7 +15,7 @@ Run = Callable[..., Any]
 KINDS = {kind.name: kind for kind in disturbances(PUBLISHED)}
 
 
-def bears(monkeypatch: pytest.MonkeyPatch, largest: float) -> None:
+def tolerates(monkeypatch: pytest.MonkeyPatch, largest: float) -> None:
     def pretend(_file: object, _kind: object, size: float, seed: int) -> bool:
         return abs(size) <= largest / seed
 
@@ -24,24 +24,24 @@ def bears(monkeypatch: pytest.MonkeyPatch, largest: float) -> None:
 
 @pytest.mark.parametrize("name", ["push ahead, 0.1 s", "push back, 0.1 s"])
 def test_the_limit_is_found_to_its_resolution_for_the_worst_seed(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    bears(monkeypatch, 61.0)
+    tolerates(monkeypatch, 61.0)
     limit = find_limit(load_robot("segway"), KINDS[name], (1, 2))
-    assert 29.5 <= abs(limit.borne) <= 30.5
-    assert (limit.borne > 0.0) == (KINDS[name].most > 0.0)
+    assert 29.5 <= abs(limit.tolerated) <= 30.5
+    assert (limit.tolerated > 0.0) == (KINDS[name].most > 0.0)
     assert not limit.is_beyond
 
 
-def test_what_bears_all_is_said_to_bear_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    bears(monkeypatch, 1e9)
+def test_a_robot_that_tolerates_the_largest_size_is_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
+    tolerates(monkeypatch, 1e9)
     limit = find_limit(load_robot("segway"), KINDS["slope, up"], (1,))
-    assert (limit.borne, limit.is_beyond, limit.is_enough) == (0.4, True, True)
+    assert (limit.tolerated, limit.is_beyond, limit.is_enough) == (0.4, True, True)
 
 
 @pytest.mark.parametrize(("largest", "code"), [(0.5, 0), (0.01, 1)])
-def test_the_verb_says_what_is_not_met(
+def test_the_verb_prints_what_is_not_met(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, largest: float, code: int
 ) -> None:
-    bears(monkeypatch, largest)
+    tolerates(monkeypatch, largest)
     words = ("design", "margins", "--only", "slope", "--seeds", "1")
     table, found = segway_ecc(*words), json.loads(segway_ecc(*words, "--json").out)
     assert table.code == code
@@ -52,5 +52,5 @@ def test_the_verb_says_what_is_not_met(
 
 
 @pytest.mark.parametrize(("force", "expected"), [(40.0, True), (200.0, False)])
-def test_a_push_is_borne_or_not(force: float, expected: bool) -> None:  # noqa: FBT001 - a parameter of the test
+def test_a_push_is_tolerated_or_not(force: float, expected: bool) -> None:  # noqa: FBT001 - a parameter of the test
     assert recovers(load_robot("segway"), KINDS["push ahead, 0.1 s"], force, 1) is expected

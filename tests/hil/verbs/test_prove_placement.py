@@ -52,7 +52,7 @@ def test_the_delay_that_is_borne_stands_beside_the_margin_of_the_design(study: t
     _, document = study
     (bound,) = document["bounds"]
     assert bound["theory"] == pytest.approx(0.032, abs=0.0005)  # docs/segway.md
-    assert bound["borne"] < bound["lost"]
+    assert bound["tolerated"] < bound["lost"]
 
 
 def test_the_page_is_written(study: tuple[Path, dict[str, Any]]) -> None:

@@ -1,0 +1,126 @@
+"""The speed of what runs without a clock: robots in lock step, the campaign, and a step of a native model."""
+
+import dataclasses
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.hil.bench.rig import own_cache
+from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
+from segway_ecc.hil.campaign.scenario import load_all
+from segway_ecc.hil.case_study.can import LockstepCanSeat
+from segway_ecc.hil.case_study.offline import SUBMODEL_CART
+from segway_ecc.hil.endurance.endurance import drive
+from segway_ecc.node.config import load_robot
+from segway_ecc.node.cycle.clock import RealClock
+from segway_ecc.node.native.cost import step_cost
+from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.native.load import load_native
+from segway_ecc.node.robot import build_robot
+from segway_ecc.node.sequence.manoeuvre import single_segment
+
+_REPETITIONS: Final = 3
+_CART: Final = "cart-can"
+_SEGWAY: Final = "segway"
+SEGWAY_WANTED: Final = 50.0
+"""Times real time: what the segway's lock step is to be."""
+
+
+@dataclass(frozen=True, slots=True)
+class LockStep:
+    """A robot in lock step over the simulated bus, without a log.
+
+    Attributes:
+        robot: The robot.
+        rate_hz: Its loop's.
+        simulated_s: How long it drove in its own time.
+        median_s: How long that took.
+    """
+
+    robot: str
+    rate_hz: float
+    simulated_s: float
+    median_s: float
+
+    @property
+    def times_real_time(self) -> float:
+        """How much faster than real time."""
+        return self.simulated_s / self.median_s
+
+
+def lock_step(cart_s: float = 10.0, segway_s: float = 10.0) -> list[LockStep]:
+    """Drive the cart through a cell of the case study, and the segway through its street, several times each."""
+    seat, manoeuvre = LockstepCanSeat(None, _CART), single_segment(2.0, 2.0, cart_s)
+    segway = load_robot(_SEGWAY)
+    return [
+        _timed(_CART, cart_s, lambda: seat.run("bench", manoeuvre)),
+        _timed(_SEGWAY, segway_s, lambda: drive(segway, 0, segway_s, 0.0)),
+    ]
+
+
+def _timed(robot: str, simulated_s: float, run: Callable[[], object]) -> LockStep:
+    durations = []
+    for _ in range(_REPETITIONS):
+        began_s = time.perf_counter()
+        run()
+        durations.append(time.perf_counter() - began_s)
+    rate_hz = 1e9 / build_robot(load_robot(robot), RealClock()).period_ns
+    return LockStep(robot, rate_hz, simulated_s, statistics.median(durations))
+
+
+CAMPAIGN_WANTED: Final = 10.0
+"""Runs a second on two cores: what a campaign is to be."""
+_SAMPLE: Final = 32
+_BEGIN: Final = 4
+"""Runs for each core that are not counted: its process has to start first."""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignSpeed:
+    """A part of the campaign, evenly chosen.
+
+    Attributes:
+        runs: Runs that were counted.
+        of: Runs of the whole campaign.
+        jobs: Processes at a time.
+        took_s: How long those counted took.
+    """
+
+    runs: int
+    of: int
+    jobs: int
+    took_s: float
+
+    @property
+    def runs_per_s(self) -> float:
+        """Runs a second."""
+        return self.runs / self.took_s
+
+
+def campaign_speed(sample: int = _SAMPLE) -> CampaignSpeed:
+    """Run every n-th trial of the campaign on all cores."""
+    trials = runs_of(list(load_all([])))
+    jobs = len(os.sched_getaffinity(0))
+    chosen = trials[:: max(len(trials) // (sample + jobs * _BEGIN), 1)]
+    first = jobs * _BEGIN
+    times: list[float] = []
+    run_campaign(chosen, jobs, lambda _done, _all: times.append(time.monotonic()))
+    return CampaignSpeed(len(times) - first, len(trials), jobs, times[-1] - times[first - 1])
+
+
+def model_step() -> dict[str, float]:
+    """Durations, s: of loading it the first time and from the cache, and of a step either way (medians)."""
+    with own_cache():
+        first_s, _ = _timed_load()
+        again_s, model = _timed_load()
+        return {"load_first_s": first_s, "load_from_cache_s": again_s, **dataclasses.asdict(step_cost(model))}
+
+
+def _timed_load() -> tuple[float, NativeModel]:
+    began_s = time.perf_counter()
+    model = load_native(Path(SUBMODEL_CART.source))
+    return time.perf_counter() - began_s, model
