@@ -150,7 +150,9 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
 def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[bytes], timeout_s: float) -> float:
     """When the first heartbeat came, with which a program begins to command the motors; monotonic, s."""
     deadline_s = time.monotonic() + timeout_s
-    while time.monotonic() < deadline_s and process.poll() is None and not any(True for _ in listener.take_heartbeats()):
+    while (
+        time.monotonic() < deadline_s and process.poll() is None and not any(True for _ in listener.take_heartbeats())
+    ):
         time.sleep(0.001)
     return time.monotonic()
 

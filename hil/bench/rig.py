@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import segway_ecc.node.models
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.interface_state import read_interface_state
 from segway_ecc.firmware_io.links.local_socket import multicast_group
@@ -17,6 +18,7 @@ from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.native.load import load_native
 
 _OURS: Final = Path(__file__).parent
+_SUBMODEL: Final = Path(segway_ecc.node.models.__file__).with_name("cart_submodel")
 _STEP: Final = "xx_step_size = 0.01;"
 _C: Final = ("-O2", "-std=gnu11", "-Wall")
 
@@ -64,6 +66,12 @@ def missing() -> str | None:
     return None if shutil.which("cc") else "no C compiler here (sudo apt-get install gcc)"
 
 
+def copy_controller(folder: Path) -> None:
+    """Put the model together in a new folder: its equations, and the code that 20-sim writes for every submodel."""
+    shutil.copytree(_SUBMODEL, folder)
+    shutil.copytree(_OURS / "controller", folder, dirs_exist_ok=True)
+
+
 def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
     """Write and compile everything for one rate.
 
@@ -75,7 +83,7 @@ def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
         ConfigurationError: It does not compile.
     """
     model, robot = folder / "controller", folder / "bench-cart.yaml"
-    shutil.copytree(_OURS / "controller", model)
+    copy_controller(model)
     shutil.copyfile(_OURS / robot.name, robot)
     # The code steps at another rate than it was generated for, as whoever generates it anew would have it.
     source = model / "xxmodel.c"

@@ -1,6 +1,6 @@
 """The placement study: networks, placements, what is run on each, and all of it side by side on the cores."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Final
 
@@ -132,23 +132,18 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
         on_progress: Called after each task.
     """
     todo = tasks(plan)
+    everything: list[Drive | Stop | Cut | Bound] = []
     with results_of(_call, todo, jobs) as results:
-        return _gathered(results, len(todo), on_progress)
-
-
-def _call(task: Task) -> Drive | Stop | Cut | Bound:
-    return task()
-
-
-def _gathered(results: Iterable[Drive | Stop | Cut | Bound], total: int, on_progress: OnProgress) -> StudyResult:
-    """The results by kind, in the order of the tasks."""
-    everything = []
-    for result in results:
-        everything.append(result)
-        on_progress(len(everything), total)
+        for result in results:
+            everything.append(result)
+            on_progress(len(everything), len(todo))
     return StudyResult(
         drives=tuple(r for r in everything if isinstance(r, Drive)),
         stops=tuple(r for r in everything if isinstance(r, Stop)),
         cuts=tuple(r for r in everything if isinstance(r, Cut)),
         bounds=tuple(r for r in everything if isinstance(r, Bound)),
     )
+
+
+def _call(task: Task) -> Drive | Stop | Cut | Bound:
+    return task()

@@ -10,7 +10,7 @@ from segway_ecc.deploy.station.heartbeats import Heartbeats
 from segway_ecc.deploy.station.stops import AGAIN_NS
 from segway_ecc.hil.placement.network import Channel, NowNs
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
-from segway_ecc.node.safety.modes import Action, Answer, Mode
+from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 from segway_ecc.node.sequence.player import Odometry, Player
 
@@ -119,24 +119,16 @@ class ProgramsStage(NoStage):
             for message in program.step(now_ns, reports):
                 (way.beats if isinstance(message, Heartbeat) else way.to).send(message)
             for arrived in (*way.to.receive(), *way.beats.receive()):
-                _put(inbox, arrived.item)
+                match arrived.item:
+                    case StampedSetpoint() as setpoint:
+                        inbox.setpoints.append(setpoint)
+                    case Heartbeat() as beat:
+                        inbox.stations.append(beat)
+                    case action:  # whose answer nobody waits for: the mode shows it
+                        inbox.requests.append(Request(action, lambda _answer: None))
         return inbox
 
     def publish(self, report: Report) -> None:
         """Report to every program."""
         for _, way in self._programs:
             way.back.send(NodeReport(report.stamp_ns, report.mode))
-
-
-def _put(inbox: Inbox, message: Message) -> None:
-    match message:
-        case StampedSetpoint():
-            inbox.setpoints.append(message)
-        case Heartbeat():
-            inbox.stations.append(message)
-        case _:
-            inbox.requests.append(Request(message, _nobody_waits))
-
-
-def _nobody_waits(_answer: Answer) -> None:
-    """The mode shows what came of a stop."""

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from segway_ecc.firmware_io.build import Clocks, HardwareSettings
-from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard
-from segway_ecc.firmware_io.guard.stoppers import stopper_of
+from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.hil.rig.lockstep import LockstepRig
 
@@ -51,7 +50,7 @@ class NoHeartbeats:
     def open(self) -> None:
         """There is nothing to open."""
 
-    def take(self) -> Iterator[bool]:
+    def take_heartbeats(self) -> Iterator[bool]:
         """None has arrived."""
         return iter(())
 

@@ -2,10 +2,11 @@
 
 import argparse
 import dataclasses
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -20,7 +21,7 @@ from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text
 from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import measure
-from segway_ecc.hil.latency.result import Latency, Where
+from segway_ecc.hil.latency.result import Where
 from segway_ecc.hil.verbs.bench_links import links_cost, links_text
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
@@ -132,20 +133,18 @@ def _loops(options: argparse.Namespace) -> _Part:
     duration_s = _FULL_DURATION_S if options.full else options.duration
 
     def measure(setup: ComparisonSetup) -> _Part:
-        parts = [_loops_at(rate_hz, duration_s, options, setup) for rate_hz in options.rate]
-        judged = [claim for part in parts for claim in part.claims]
-        return _Part({"rates": [part.document for part in parts]}, "\n".join(part.text for part in parts), judged)
+        rates, texts, judged = [], [], list[Claim]()
+        for rate_hz in options.rate:
+            results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
+            found = claims(results)
+            texts += [f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in found)]
+            verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in found]
+            programs = {who: dataclasses.asdict(result) for who, result in results.items()}
+            rates.append({"rate_hz": rate_hz, "programs": programs, "claims": verdicts})
+            judged += found
+        return _Part({"rates": rates}, "\n".join(texts), judged)
 
     return _on_the_rig(options, measure)
-
-
-def _loops_at(rate_hz: float, duration_s: float, options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
-    results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
-    judged = claims(results)
-    text = "\n".join([f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in judged)])
-    verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in judged]
-    programs = {who: dataclasses.asdict(result) for who, result in results.items()}
-    return _Part({"rate_hz": rate_hz, "programs": programs, "claims": verdicts}, text, judged)
 
 
 def _held(options: argparse.Namespace) -> _Part:
@@ -157,7 +156,7 @@ def _held(options: argparse.Namespace) -> _Part:
             who: {
                 "none_late_hz": one.in_time_hz,
                 "none_lost_hz": one.complete_hz,
-                "tried": _tried(one.tried),
+                "tried": {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in one.tried.items()},
                 "faults": {f"{rate_hz:g}": why for rate_hz, why in one.faults.items()},
             }
             for who, one in held.items()
@@ -165,10 +164,6 @@ def _held(options: argparse.Namespace) -> _Part:
         return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
 
     return _on_the_rig(options, measure)
-
-
-def _tried(tried: dict[float, Any]) -> dict[str, Any]:
-    return {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in tried.items()}
 
 
 def _lock_step(_options: argparse.Namespace) -> _Part:
@@ -185,38 +180,28 @@ def _campaign(_options: argparse.Namespace) -> _Part:
 def _latency(options: argparse.Namespace) -> _Part:
     """From a set-point that is published to the motor frame, with the default of robot files, and at once."""
     trials = _FULL_TRIALS if options.full else _TRIALS
+    wheres = [Where.SAME_PROCESS]
+    if not missing_packages():
+        wheres.append(Where.OTHER_PROCESS)
+        lack = other_host.missing()
+        if lack is None:
+            wheres.append(Where.OTHER_HOST)
+        else:
+            _report(f"no set-points from another host: {lack}")
+    measured, text = [], "set-point to motor frame:"
     with held_conditions():
-        wheres = _wheres()
-        measured = [_latency_from(where, trials, how) for how in _ACTUATE for where in wheres]
-    lines = [f"{one.text()}{_verdict(one)}" for one in measured]
-    return _Part(msgspec.to_builtins(measured), "\n".join(["set-point to motor frame:", *lines]))
-
-
-def _wheres() -> Sequence[Where]:
-    """From where set-points can be published here."""
-    if missing_packages():
-        return [Where.SAME_PROCESS]
-    lack = other_host.missing()
-    if lack is not None:
-        _report(f"no set-points from another host: {lack}")
-    return [Where.SAME_PROCESS, Where.OTHER_PROCESS, *([] if lack else [Where.OTHER_HOST])]
-
-
-def _latency_from(where: Where, trials: int, actuate: str) -> Latency:
-    if where is not Where.OTHER_HOST:
-        return measure(where, trials=trials, actuate=actuate)
-    with other_host.other_host() as host:
-        return measure(where, trials=trials, actuate=actuate, publisher=host.prefix, environment=host.environment)
-
-
-def _verdict(latency: Latency) -> str:
-    """Whether it is within one period and 1 ms, for a robot whose commands leave in the cycle that made them.
-
-    Of another host nothing is wanted: the network is part of that.
-    """
-    if latency.actuate != _AT_ONCE or latency.where == Where.OTHER_HOST:
-        return ""
-    return f"; at most {latency.limit_s * 1e3:g} ms wanted: {'met' if latency.is_within else 'NOT met'}"
+        for actuate, where in itertools.product(_ACTUATE, wheres):
+            if where is Where.OTHER_HOST:
+                with other_host.other_host() as (prefix, environment):
+                    one = measure(where, trials=trials, actuate=actuate, publisher=prefix, environment=environment)
+            else:
+                one = measure(where, trials=trials, actuate=actuate)
+            measured.append(one)
+            text += f"\n{one.text()}"
+            # Of another host nothing is required: the network is part of that.
+            if actuate == _AT_ONCE and where is not Where.OTHER_HOST:
+                text += f"; at most {one.limit_s * 1e3:g} ms wanted: {'met' if one.is_within else 'NOT met'}"
+    return _Part(msgspec.to_builtins(measured), text)
 
 
 def _model(_options: argparse.Namespace) -> _Part:

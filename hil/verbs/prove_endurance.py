@@ -49,7 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Drive, and print what was seen: 0 where nothing tripped, 1 where anything did."""
-    _check(options)
+    if not 0.0 < options.hours <= _MOST_HOURS:
+        raise ConfigurationError(f"--hours must be more than 0 and at most {_MOST_HOURS:g}, not {options.hours:g}")
+    if not 0.0 <= options.frame_loss < 1.0:
+        raise ConfigurationError(f"--frame-loss must be from 0 to less than 1, not {options.frame_loss:g}")
+    for name in ("seeds", "jobs"):
+        if getattr(options, name) < 1:
+            raise ConfigurationError(f"--{name} must be at least 1, not {getattr(options, name)}")
     file, duration_s = load_robot(options.robot), options.hours * _HOUR_S
     plan = EndurancePlan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
     begun_s = time.monotonic()
@@ -98,13 +104,3 @@ def _rows(document: dict[str, Any]) -> dict[str, str]:
     for place, trip in enumerate(document["why"], 1):
         rows[f"trip {place}"] = f"{trip['mode']} at {trip['at_s']:.3f} s, seed {trip['seed']}: {trip['reason']}"
     return rows
-
-
-def _check(options: argparse.Namespace) -> None:
-    if not 0.0 < options.hours <= _MOST_HOURS:
-        raise ConfigurationError(f"--hours must be more than 0 and at most {_MOST_HOURS:g}, not {options.hours:g}")
-    if not 0.0 <= options.frame_loss < 1.0:
-        raise ConfigurationError(f"--frame-loss must be from 0 to less than 1, not {options.frame_loss:g}")
-    for name in ("seeds", "jobs"):
-        if getattr(options, name) < 1:
-            raise ConfigurationError(f"--{name} must be at least 1, not {getattr(options, name)}")

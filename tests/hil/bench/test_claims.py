@@ -33,7 +33,7 @@ def test_what_did_not_run_is_not_judged(result: Make) -> None:
     assert claims({Contestant.USER: result(), Contestant.C: result()}) == []
 
 
-def test_too_few_cycles_say_nothing_of_the_thousandth(result: Make) -> None:
+def test_too_few_cycles_give_no_thousandth(result: Make) -> None:
     ours = result()
     few = replace(ours, cycles=replace(ours.cycles, count=2999))
     assert claims({Contestant.OURS: few, Contestant.BARE: result()}) == []

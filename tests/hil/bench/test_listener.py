@@ -38,7 +38,7 @@ def test_each_topic_is_subscribed_to_for_as_long_as_is_wanted() -> None:
         wait_until(0)
 
 
-def test_a_listener_that_does_not_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_listener_that_does_not_start_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "no number")
     with pytest.raises(ConfigurationError, match="the listener of the bench does not start"), listening("/nobody"):
         pass

@@ -86,7 +86,7 @@ def host(place: BenchSite) -> Iterator[Host]:
     link.close()
 
 
-def test_the_board_says_what_it_is_in_frames_that_the_robot_takes(place: BenchSite, host: Host) -> None:
+def test_the_board_sends_frames_that_the_robot_takes(place: BenchSite, host: Host) -> None:
     with plant(place):
         kinds = (Wheel, AngularVelocity, LinearAcceleration, BoardStatus)
         payloads = [host.hear_until(kind) for kind in kinds]
@@ -164,7 +164,7 @@ def test_our_own_loop_is_sampled_once_a_cycle_and_drives_to_the_end(place: Bench
     assert seen["refused"] == 0
 
 
-def test_a_program_that_fails_is_told_with_its_last_words(place: BenchSite) -> None:
+def test_a_program_that_fails_is_reported_with_its_last_words(place: BenchSite) -> None:
     away = BenchSite(place.rig, Bus("socketcan", "nowhere0", "nowhere0"), place.conditions, place.folder)
     with pytest.raises(ConfigurationError, match=r"^the program 'c' ended with exit code 1: nowhere0: "):
         run_contestant(Contestant.C, away, 0.5)

@@ -75,7 +75,7 @@ def test_a_start_before_its_deadline_is_not_late_at_all() -> None:
     assert cycles_of([rows((0, -500, 0), (PERIOD_NS, -500, 1))], PERIOD_NS, 0).lateness.p50_s == 0.0
 
 
-def test_parts_that_a_program_does_not_tell_are_left_out() -> None:
+def test_parts_that_a_program_does_not_measure_are_left_out() -> None:
     assert list(cycles_of([rows((0, 0, 0), (PERIOD_NS, 0, 1), bus_ns=7)], PERIOD_NS, 0).phases) == ["bus"]
 
 

@@ -21,7 +21,7 @@ def test_columns_are_aligned(result: Callable[..., ProgramResult]) -> None:
     assert head.index("p50") + 3 == ours.index("12345.6", ours.index("12345.6") + 1) + 7
 
 
-def test_shares_memory_and_start_are_told_in_units_that_people_read(result: Callable[..., ProgramResult]) -> None:
+def test_shares_memory_and_start_are_reported_in_units_that_people_read(result: Callable[..., ProgramResult]) -> None:
     text = comparison_text({Contestant.OURS: result()})
     assert "4.0 %" in text
     assert "20 MB" in text
@@ -30,7 +30,7 @@ def test_shares_memory_and_start_are_told_in_units_that_people_read(result: Call
     assert "20.0/20.0" in text  # the bus, p50/p99
 
 
-def test_a_rate_that_was_not_tried_is_left_open_and_giving_up_is_told(cycles: Callable[..., Cycles]) -> None:
+def test_a_rate_that_was_not_tried_is_left_open_and_giving_up_is_reported(cycles: Callable[..., Cycles]) -> None:
     held = {
         Contestant.OURS: SustainedRates({100.0: cycles(), 200.0: cycles(late=3, lost=1)}, {200.0: "too late"}),
         Contestant.USER: SustainedRates({100.0: cycles(late=9)}, {}),

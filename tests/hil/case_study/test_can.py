@@ -59,7 +59,7 @@ def test_two_processes_in_real_time_end_where_the_model_does(tmp_path: Path) -> 
     assert (tmp_path / "can_real.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
 
 
-def test_a_controller_that_fails_is_told_with_its_messages(tmp_path: Path) -> None:
+def test_a_controller_that_fails_is_reported_with_its_messages(tmp_path: Path) -> None:
     # The controller's log cannot be written here.
     (tmp_path / "file").touch()
     with pytest.raises(ProcessFailedError, match=r"ended with exit code 9: .*cannot write the log"):

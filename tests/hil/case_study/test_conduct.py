@@ -102,7 +102,7 @@ def test_the_graph_is_that_of_the_seat_that_has_one_and_facts_are_handed_on() ->
     assert conduct([PretendSeat(Seat.OFFLINE)], {}, no_progress).graph == ()
 
 
-def test_progress_is_told_from_none_to_all() -> None:
+def test_progress_is_reported_from_none_to_all() -> None:
     told: list[tuple[Seat, int, int]] = []
     conduct([PretendSeat(Seat.CAN, jobs=4)], {}, lambda *progress: told.append(progress))
 
@@ -145,7 +145,7 @@ def test_the_first_failure_ends_the_study_and_no_other_seat_is_begun() -> None:
     assert second.played == {}
 
 
-def test_names_of_runs_are_unique_and_tell_their_setpoints() -> None:
+def test_names_of_runs_are_unique_and_show_their_setpoints() -> None:
     names = [cell_name(cell) for cell in thesis_cells()]
 
     assert len(set(names)) == 12

@@ -129,7 +129,7 @@ def test_verdict_names_the_worst_difference_of_each_seat() -> None:
     assert sameness == "The ros seat equals the offline seat to the last bit in every one of the 12 cells both ran."
 
 
-def test_verdict_tells_a_difference_in_the_last_bit() -> None:
+def test_verdict_reports_a_difference_in_the_last_bit() -> None:
     study = _study(Seat.OFFLINE, Seat.ROS)
     x, y = study.cells[5].positions[Seat.OFFLINE]
     off = replace(study.cells[5], positions={Seat.OFFLINE: (x, y), Seat.ROS: (math.nextafter(x, 1), y)})

@@ -66,7 +66,7 @@ def test_a_seat_that_ran_nowhere_has_no_column() -> None:
     assert "ros" not in table(_cells(Seat.CAN), list(Seat)).splitlines()[0]
 
 
-def test_a_cell_a_seat_did_not_run_says_so() -> None:
+def test_a_cell_that_a_seat_did_not_run_is_marked() -> None:
     bare = thesis_cells()[0]
     assert "not run" in table([bare, *_cells(Seat.CAN)], [Seat.CAN]).splitlines()[3]
     assert difference_text(bare, Seat.CAN) == "not run"

@@ -26,7 +26,7 @@ def test_every_requirement_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("name", ["push ahead, 1 s", "push back, 1 s"])
 @pytest.mark.parametrize(("share", "expected"), [(0.1, True), (0.9, False)])
-def test_a_long_push_is_borne_or_not(name: str, share: float, expected: bool) -> None:  # noqa: FBT001 - a parameter of the test
+def test_a_long_push_is_tolerated_or_not(name: str, share: float, expected: bool) -> None:  # noqa: FBT001 - a parameter of the test
     kind = KINDS[name]
     assert recovers(load_robot("segway"), kind, share * kind.most, 1) is expected
 

@@ -37,7 +37,7 @@ def test_of_an_integrator_with_gain_all_is_known() -> None:
 
 
 @pytest.mark.parametrize("known", [0, 1, 2])
-def test_the_loop_turns_unstable_where_the_gain_margins_say(known: int) -> None:
+def test_the_loop_turns_unstable_at_the_gain_margins(known: int) -> None:
     model = with_delay(PENDULUM, known)
     q = np.zeros_like(model.a)
     q[:2, :2] = Q
@@ -48,7 +48,7 @@ def test_the_loop_turns_unstable_where_the_gain_margins_say(known: int) -> None:
 
 
 @pytest.mark.parametrize("known", [0, 1, 2])
-def test_the_loop_turns_unstable_where_the_delay_margin_says(known: int) -> None:
+def test_the_loop_turns_unstable_at_the_delay_margin(known: int) -> None:
     model = with_delay(PENDULUM, known)
     q = np.zeros_like(model.a)
     q[:2, :2] = Q

@@ -16,7 +16,7 @@ def test_a_line_goes_through_all_that_is_on_it() -> None:
     assert (found.up_to, found.left_at, found.off) == (32, None, 0.0)
 
 
-def test_the_first_size_that_is_off_by_more_than_the_spread_is_told_and_laid_through_no_more() -> None:
+def test_the_first_size_that_is_off_by_more_than_the_spread_is_reported_and_laid_through_no_more() -> None:
     found = line(points(12, 14, 18, 26, 43.0, 90))
     assert (found.up_to, found.left_at) == (8, 16)
     assert found.off == pytest.approx(1.0)

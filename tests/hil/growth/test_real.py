@@ -8,7 +8,7 @@ from segway_ecc.hil.growth.cost import Axis
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
 
 
-def test_a_subscriber_hears_a_robot_that_tells_what_it_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_subscriber_receives_from_a_robot_that_reports_its_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(real, "MEASURED_S", 0.5)
     point = real.subscribers(1)
     assert (point.axis, point.size) == (Axis.SUBSCRIBERS, 1)

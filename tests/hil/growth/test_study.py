@@ -69,7 +69,7 @@ def bent() -> AxisResult:
     return grown(Axis.ROBOTS, [Point(axis=Axis.ROBOTS, size=n, cost=cost(c, late="3 %")) for n, c in costs.items()])
 
 
-def test_where_it_stops_being_linear_is_told() -> None:
+def test_where_it_stops_being_linear_is_reported() -> None:
     assert "linear up to 4; at 8 it is +36.0 us off (spread 1.0 us)" in verdict(bent())
     table = text([bent()])
     assert table.splitlines()[1].split("  ")[-1].strip() == "late"

@@ -21,7 +21,7 @@ def test_a_set_point_comes_out_of_the_model_as_it_is() -> None:
     assert model.step([0.123]) == [0.123, 0.0]
 
 
-def test_each_number_is_said_once_in_order_and_its_time_noted_before() -> None:
+def test_each_number_is_published_once_in_order_and_its_time_noted_before() -> None:
     values: list[float] = []
     said = publish_all(5, 1e-4, values.append)
     assert values == pytest.approx([0.001, 0.002, 0.003, 0.004, 0.005])
@@ -30,7 +30,7 @@ def test_each_number_is_said_once_in_order_and_its_time_noted_before() -> None:
     assert all(later - earlier >= 200_000 for earlier, later in itertools.pairwise(times))
 
 
-def test_what_a_thread_says_is_in_the_next_inbox_once() -> None:
+def test_what_a_thread_sends_is_in_the_next_inbox_once() -> None:
     stage = ThreadStage()
     stage.send(0.5)
     assert stage.take_inbox().setpoints == [StampedSetpoint(Setpoint(0.5, 0.0), None)]
@@ -38,7 +38,7 @@ def test_what_a_thread_says_is_in_the_next_inbox_once() -> None:
 
 
 @pytest.mark.parametrize("trials", [0, MOST + 1])
-def test_numbers_that_the_frame_cannot_tell_apart_are_refused(trials: int) -> None:
+def test_more_trials_than_the_frame_has_values_are_refused(trials: int) -> None:
     with pytest.raises(ValueError, match="trials"):
         measure(Where.SAME_PROCESS, trials=trials)
 

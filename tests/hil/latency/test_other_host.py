@@ -25,7 +25,7 @@ def test_a_set_point_from_another_host_comes_to_the_motors() -> None:
     assert str(os.getpid()) not in namespaces()
 
 
-def test_one_that_cannot_be_had_is_told_and_nothing_is_left() -> None:
+def test_one_that_cannot_be_had_is_reported_and_nothing_is_left() -> None:
     with (
         other_host.other_host(),
         pytest.raises(ConfigurationError, match="no other host to be had: ip netns add"),
@@ -35,7 +35,7 @@ def test_one_that_cannot_be_had_is_told_and_nothing_is_left() -> None:
     assert str(os.getpid()) not in namespaces()
 
 
-def test_what_lacks_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_lacks_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     assert other_host.missing() == "no ip command (sudo apt-get install iproute2)"
     monkeypatch.setattr(os, "geteuid", lambda: 1000)

@@ -11,7 +11,7 @@ def latency(said: list[Timed], seen: list[Timed]) -> Latency:
     return Latency.of(Where.OTHER_PROCESS, "immediately", 0.01, said, seen)
 
 
-def test_the_first_frame_of_each_set_point_after_it_was_said_counts() -> None:
+def test_the_first_frame_of_each_set_point_after_its_publication_counts() -> None:
     said = [Timed(1, 100 * MS), Timed(2, 200 * MS), Timed(3, 300 * MS)]
     seen = [Timed(2, 150 * MS), Timed(1, 104 * MS), Timed(1, 114 * MS), Timed(2, 207 * MS), Timed(0, 301 * MS)]
     assert took_s(said, sorted(seen, key=lambda frame: frame.at_ns)) == pytest.approx([0.004, 0.007])
@@ -36,7 +36,7 @@ def test_a_period_and_a_millisecond_is_the_limit() -> None:
     assert latency(said, once).is_within
 
 
-def test_one_line_says_all() -> None:
+def test_the_text_is_one_line() -> None:
     found = latency([Timed(1, 0)], [Timed(1, 5 * MS)])
     assert found.text() == (
         "other process, actuate immediately: p50 5.00 ms, p99 5.00 ms, max 5.00 ms (0.50 periods at p99) of 1 "

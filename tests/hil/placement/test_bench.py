@@ -79,7 +79,7 @@ def test_a_lost_stop_is_asked_for_again() -> None:
     assert 0.14 < seen.zero_s - pressed_s < 0.25
 
 
-def test_a_station_that_is_not_heard_any_more_is_lost_after_its_second() -> None:
+def test_a_station_without_heartbeats_is_lost_after_its_second() -> None:
     watched, cut_s = PLACEMENTS[1], START_S + 0.05
     seen = run(job(watched, Network(partitions=(Partition(cut_s, 9.0),)), until_s=START_S + 1.3))
     assert (seen.changes[-1].mode, seen.changes[-1].reason) == (Mode.HOLD, "the base station is lost")

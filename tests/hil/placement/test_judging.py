@@ -73,7 +73,7 @@ def test_the_reason_is_the_first_one_the_guard_s_among_them() -> None:
     assert reason_of(seen(ARMED, fault(5.0), guard_s=4.9)) == "the guard stopped the drives: commands stopped"
 
 
-def test_a_story_tells_what_came_when() -> None:
+def test_a_story_shows_what_came_when() -> None:
     run = seen(ARMED, hold(4.0), fault(4.2), fallen_s=4.75, zero_s=4.25, guard_s=4.3)
     assert story(run, 4.0) == (
         "+0.00 s HOLD (no set-point arrives any more); +0.20 s FAULT (a is too old, and 2 more); "

@@ -125,7 +125,7 @@ def test_in_a_partition_nothing_passes_that_is_sent_or_would_arrive_in_it() -> N
     assert set(range(200)) - passed == set(range(90, 150))
 
 
-def test_in_order_what_was_said_in_a_partition_comes_after_it() -> None:
+def test_in_order_what_was_sent_in_a_partition_comes_after_it() -> None:
     network = Network(latency_s=0.01, partitions=(Partition(0.1, 0.05),))
     found = arrivals(network, Delivery.IN_ORDER, count=200)
     assert [number for number, _, _ in found] == list(range(200))

@@ -25,7 +25,7 @@ def said(program: Program, until_ms: int, heard: Sequence[NodeReport] = ()) -> l
     return [(ms, message) for ms in range(0, until_ms, 5) for message in program.step(ms * MS, heard)]
 
 
-def test_unstamped_set_points_are_said_by_the_sender_s_own_clock_and_renewed() -> None:
+def test_unstamped_set_points_are_sent_by_the_senders_own_clock_and_renewed() -> None:
     found = said(UnstampedSequence(single_segment(1.0, 0.5, 0.25), 1 * S), 2000)
     assert found == [
         (1000, StampedSetpoint(AHEAD, None)),
@@ -35,7 +35,7 @@ def test_unstamped_set_points_are_said_by_the_sender_s_own_clock_and_renewed() -
     ]
 
 
-def test_stamped_set_points_are_said_half_a_second_ahead_of_what_the_robot_said_last() -> None:
+def test_stamped_set_points_are_sent_half_a_second_ahead_of_the_robots_last_stamp() -> None:
     program = StampedSequence(single_segment(1.0, 0.5, 0.25), 10 * S)
     assert program.step(0, [NodeReport(10 * S - 501 * MS, Mode.ARMED)]) == []
     assert program.step(0, [NodeReport(10 * S - 500 * MS, Mode.ARMED)]) == [StampedSetpoint(AHEAD, 10 * S)]
@@ -53,7 +53,7 @@ def test_a_supervisor_beats_ten_times_a_second() -> None:
     assert {type(message) for _, message in found} == {Heartbeat}
 
 
-def test_a_stop_is_asked_for_again_until_the_node_is_heard_to_have_stopped() -> None:
+def test_a_stop_is_requested_again_until_the_node_reports_that_it_has_stopped() -> None:
     supervisor = Supervisor(300 * MS)
     asked = [ms for ms, message in said(supervisor, 700, [NodeReport(0, Mode.ARMED)]) if message is Action.STOP]
     assert asked == [300, 400, 500, 600]

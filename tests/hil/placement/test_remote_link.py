@@ -22,7 +22,7 @@ def parted(latency_s: float, loss: float = 0.0) -> tuple[EventRig, RemoteLink, C
     return rig, link, down
 
 
-def test_what_the_bus_says_arrives_later_and_bears_the_time_of_its_arrival() -> None:
+def test_frames_of_the_bus_arrive_later_and_carry_the_time_of_their_arrival() -> None:
     rig, link, _ = parted(0.010)
     sensors, straight = rig.bus.attach("sensors"), rig.bus.attach("straight")
     sensors.send(Frame(0x120, b"angle"))

@@ -19,7 +19,7 @@ def test_the_whole_grid_holds_every_placement_on_every_network() -> None:
     assert len(tasks(plan)) == len(plan.searches) + 12 * len(PARTITIONS_S) + (12 + 8) * len(NETWORKS)
 
 
-def test_the_delay_is_searched_on_both_robots_with_what_theory_says() -> None:
+def test_the_delay_is_searched_on_both_robots_with_what_theory_gives() -> None:
     delays = {kind.robot: kind.theory for kind in whole(MARGINS_S).searches if kind.size is Size.DELAY}
     assert delays == MARGINS_S
 
@@ -37,7 +37,7 @@ def test_partitions_are_made_on_a_network_of_the_grid() -> None:
     assert CUT_NETWORK in NETWORKS
 
 
-def test_the_search_closes_in_on_what_is_borne() -> None:
+def test_the_search_closes_in_on_the_limit() -> None:
     bound = find(LimitSearch(robot="segway", size=Size.PARTITION, theory=0.5), (1,), 0.2)
     assert (bound.tolerated, bound.lost, bound.theory, bound.unit) == (0.0, 0.128, 0.5, "s")
     assert "too old" in bound.lost_by
@@ -55,6 +55,6 @@ def test_one_process_finds_the_same_bits_as_two() -> None:
     assert alone.drives[0].max_position_m > 0.0
 
 
-def test_a_robot_that_does_not_arm_over_the_network_is_told_from_one_that_shakes() -> None:
+def test_a_robot_that_does_not_arm_over_the_network_differs_from_one_that_shakes() -> None:
     bound = find(LimitSearch(robot="segway-odrive", size=Size.STANDING), (1,), 0.064)
     assert (bound.tolerated, bound.lost, bound.lost_by) == (0.0, 0.064, "it never arms")

@@ -47,14 +47,14 @@ def test_the_longest_stop_counts_and_one_that_did_not_come_is_none() -> None:
     ]
 
 
-def test_bounds_are_told_in_their_unit_with_what_theory_says() -> None:
+def test_bounds_are_reported_in_their_unit_with_what_theory_gives() -> None:
     assert rows_of("Limits of balance control on the station")[1:] == [
         ("segway", "delay", "57.5 ms", "58 ms", "31.9 ms", "it <shakes>"),
         ("segway", "loss", "64 %", "more than was tried", "-", ""),
     ]
 
 
-def test_the_recommendation_is_told_for_each_network_and_for_all() -> None:
+def test_the_recommendation_is_reported_for_each_network_and_for_all() -> None:
     assert rows_of("Recommended placement") == [
         ("network", "placement"),
         ("near", "sequence and supervision on the station, cmd_vel"),

@@ -72,6 +72,6 @@ def test_overall_is_what_is_fit_on_the_most_networks() -> None:
     assert overall(found(drive(ALL_AWAY, outcome=RunOutcome.FELL))) is None
 
 
-def test_a_choice_is_told_in_words() -> None:
+def test_a_choice_is_reported_in_words() -> None:
     assert str(choice_of(drive(ALL_ON_ROBOT))) == "all on the robot"
     assert str(choice_of(drive(COMMANDED, setpoints="cmd_vel"))) == "sequence and supervision on the station, cmd_vel"

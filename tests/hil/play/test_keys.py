@@ -27,5 +27,5 @@ def test_keys(data: bytes, keys: list[Key]) -> None:
     assert keys_in(data) == keys
 
 
-def test_no_key_of_a_person_says_that_the_terminal_is_alive() -> None:
+def test_no_key_of_a_person_stands_for_a_live_terminal() -> None:
     assert Key.ALIVE not in {key for number in range(256) for key in keys_in(bytes((number,)))}

@@ -37,7 +37,7 @@ def posture(phase: Phase) -> Posture:
         (Phase.GIVEN_UP, [0.0, 1.0]),
     ],
 )
-def test_one_that_is_up_is_told_to_sit_and_one_that_is_down_to_sit_and_then_to_stand(
+def test_one_that_is_up_has_to_sit_and_one_that_is_down_to_sit_and_then_to_stand(
     phase: Phase, requested: list[float]
 ) -> None:
     robot = posture(phase)
@@ -56,7 +56,7 @@ def test_the_last_word_counts() -> None:
     assert [robot.take_requests() for _ in range(3)] == [[SetValue(0, 0.0)], [SetValue(0, 1.0)], []]
 
 
-def test_the_phase_is_told_in_words() -> None:
+def test_the_phase_is_reported_in_words() -> None:
     assert posture(Phase.GIVEN_UP).doing == "given up"
 
 

@@ -163,7 +163,7 @@ def test_what_was_wanted_is_forgotten_when_the_motors_go_off(game: Game, mode: M
         (Key.CLEAR_FAULT, Action.CLEAR_FAULT),
     ],
 )
-def test_requests_are_made_and_their_answers_told(
+def test_requests_are_made_and_their_answers_reported(
     game: Game, caplog: pytest.LogCaptureFixture, key: Key, action: Action
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -174,7 +174,7 @@ def test_requests_are_made_and_their_answers_told(
     assert caplog.messages == ["done", "refused: not now"]
 
 
-def test_a_change_of_mode_is_told_by_the_loop_and_not_again_here(game: Game, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_change_of_mode_is_reported_by_the_loop_alone(game: Game, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     modes = Modes()
     game.stage.watch(modes)
@@ -273,7 +273,7 @@ def test_what_is_not_measured_is_not_shown(game: Game) -> None:
     assert game.shown(reported(game, linear_velocity=math.nan)).linear is None
 
 
-def test_the_tilt_is_shown_where_the_model_tells_it(game: Game) -> None:
+def test_the_tilt_is_shown_where_the_model_shows_it(game: Game) -> None:
     class Leaning:
         step_size = 0.01
         outputs = (Variable("Pitch", "rad"),)
@@ -289,13 +289,13 @@ def test_the_tilt_is_shown_where_the_model_tells_it(game: Game) -> None:
     assert game._replace(stage=stage, robot=robot).shown(reported(game)).pitch == 0.125
 
 
-def test_a_robot_with_one_line_tells_its_state_as_that_of_the_bus(game: Game) -> None:
+def test_a_robot_with_one_line_shows_its_state_as_that_of_the_bus(game: Game) -> None:
     game.stage.publish_diagnostics(3, [DiagnosticStatus(Level.OK, "cart: hardware", "", {"link.state": "active"})])
     shown = game.shown(reported(game))
     assert (shown.links, shown.line) == ({"can": "active"}, None)
 
 
-def test_a_robot_that_cannot_stand_up_is_not_told_to(game: Game) -> None:
+def test_a_robot_that_cannot_stand_up_gets_no_request_to(game: Game) -> None:
     modes = Modes()
     game.stage.watch(modes)
     modes.ask(Action.ARM)

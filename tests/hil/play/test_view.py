@@ -36,7 +36,7 @@ def shown(snapshot: Snapshot | None) -> list[str]:
     return [line.strip("│ ") for line in console.export_text().splitlines()]
 
 
-def test_everything_is_told_in_the_units_that_people_use() -> None:
+def test_everything_is_reported_in_the_units_that_people_use() -> None:
     lines = shown(WELL)
 
     assert "segway-ecc play segway" in lines[0]
@@ -60,7 +60,7 @@ def test_everything_is_told_in_the_units_that_people_use() -> None:
     ]
 
 
-def test_what_there_is_not_is_not_told() -> None:
+def test_what_is_absent_is_not_shown() -> None:
     bare = msgspec.structs.replace(
         WELL,
         pitch=None,

@@ -25,7 +25,7 @@ def test_every_ten_simulated_seconds_all_is_looked_at(tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(60)
-def test_a_robot_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_robot_that_is_not_there_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ProcessFailedError, match="no-such-robot"):
         soak(
             SimulatedSoak("no-such-robot", 30.0, 0.0, str(tmp_path / "soak.mcap")),

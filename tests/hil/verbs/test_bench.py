@@ -115,7 +115,7 @@ def test_a_full_run_is_long(segway_ecc: Run, asked: list[tuple[float, float, int
 
 
 @pytest.mark.usefixtures("asked")
-def test_without_ros_the_users_loop_is_left_out_and_that_is_said(
+def test_without_ros_the_users_loop_is_left_out_and_that_is_reported(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
@@ -159,7 +159,7 @@ def test_a_set_point_is_followed_to_the_motor_frame(
 
 
 @pytest.mark.parametrize("part", ["loops", "held", "model"])
-def test_without_a_compiler_the_cure_is_told(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, part: str) -> None:
+def test_without_a_compiler_the_remedy_is_reported(segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, part: str) -> None:
     monkeypatch.setattr(bench, "missing", lambda: "no C compiler here (sudo apt-get install gcc)")
     outcome = segway_ecc("bench", "--only", part)
     assert outcome.code == 0

@@ -11,7 +11,7 @@ import pytest
 
 from segway_ecc.hil.case_study.study import Cell, Seat, Study, thesis_cells
 
-SeatRun = Callable[..., Any]
+Run = Callable[..., Any]
 THESIS_KEYS = ("linear", "angular", "offline_20sim", "standalone_ros_2019")
 RUNS = 13
 ENDS_WITHIN_S = 100.0
@@ -41,7 +41,7 @@ def test_json_holds_the_twelve_cells_of_the_thesis(
     assert by_setpoint[6.0, 4.0]["standalone_ros_2019"] == [1.45, 1.87]
 
 
-def test_every_cell_is_where_the_thesis_says_within_its_two_decimals(
+def test_every_cell_is_that_of_the_thesis_within_its_two_decimals(
     offline: "tuple[Path, subprocess.CompletedProcess[str]]",
 ) -> None:
     for cell in json.loads(offline[1].stdout)["cells"]:
@@ -84,7 +84,7 @@ def test_lock_step_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
         assert cell["can"] == pytest.approx(cell["offline_20sim"], abs=0.05), cell
 
 
-def test_an_out_folder_that_cannot_be_written_is_told(segway_ecc: SeatRun, tmp_path: Path) -> None:
+def test_an_out_folder_that_cannot_be_written_is_reported(segway_ecc: Run, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     outcome = segway_ecc("case-study", "--seat", "offline", "--out", str(tmp_path / "file"))
 
@@ -95,7 +95,7 @@ def test_an_out_folder_that_cannot_be_written_is_told(segway_ecc: SeatRun, tmp_p
 
 
 @pytest.mark.parametrize("repeat", ["0", "-1"])
-def test_a_study_cannot_be_repeated_less_than_once(segway_ecc: SeatRun, tmp_path: Path, repeat: str) -> None:
+def test_a_study_cannot_be_repeated_less_than_once(segway_ecc: Run, tmp_path: Path, repeat: str) -> None:
     outcome = segway_ecc("case-study", "--seat", "offline", "--repeat", repeat, "--out", str(tmp_path))
 
     assert outcome.code == 2
@@ -104,7 +104,7 @@ def test_a_study_cannot_be_repeated_less_than_once(segway_ecc: SeatRun, tmp_path
 
 
 def test_repeated_runs_are_compared_bit_for_bit(
-    segway_ecc: SeatRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends = iter([1.0, 1.0, 1.0 + 2**-52])
 
@@ -124,7 +124,7 @@ def test_repeated_runs_are_compared_bit_for_bit(
 
 
 def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
-    segway_ecc: SeatRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (cell, *_) = thesis_cells()
     found = Cell(cell.linear, cell.angular, cell.thesis_offline, cell.thesis_ros, {Seat.OFFLINE: (1.5, 2.25)})
@@ -138,7 +138,7 @@ def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
 
 
 def test_all_seats_are_those_that_can_run_here(
-    segway_ecc: SeatRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[list[Seat]] = []
 

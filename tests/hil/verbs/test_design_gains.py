@@ -81,7 +81,7 @@ def test_a_file_laid_out_otherwise_is_refused(text: str) -> None:
         (("segway", "--out", "/nowhere/x.yaml"), "cannot write robot file '/nowhere/x.yaml': "),
     ],
 )
-def test_what_is_no_segway_or_cannot_be_written_is_told(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
+def test_no_segway_or_an_unwritable_file_is_reported(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
     outcome = segway_ecc("design", "gains", *words)
     (line,) = outcome.errors
     assert outcome.code != 0

@@ -38,7 +38,7 @@ def test_a_robot_that_is_all_model_has_nothing_to_simulate(segway_ecc: Run) -> N
     assert one_line(outcome) == "segway-ecc: robot 'cart' has no hardware that could be simulated: it is all model"
 
 
-def test_a_robot_file_without_a_plant_is_told_what_to_add(segway_ecc: Run, tmp_path: Path) -> None:
+def test_a_robot_file_without_a_plant_is_refused_with_what_to_add(segway_ecc: Run, tmp_path: Path) -> None:
     text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
     path = tmp_path / "plantless.yaml"
     path.write_text(text.partition("simulation:")[0], "utf-8")
@@ -48,14 +48,14 @@ def test_a_robot_file_without_a_plant_is_told_what_to_add(segway_ecc: Run, tmp_p
     assert "add simulation.plant" in one_line(outcome)
 
 
-def test_a_bus_that_is_not_there_is_told(segway_ecc: Run) -> None:
+def test_a_bus_that_is_not_there_is_reported(segway_ecc: Run) -> None:
     outcome = segway_ecc("plant", "cart-can", "--interface", "socketcan", "--channel", "nosuch0")
 
     assert outcome.code == 4
     assert one_line(outcome).startswith("segway-ecc: no CAN interface is called 'nosuch0'; ")
 
 
-def test_a_truth_file_that_cannot_be_written_is_told(segway_ecc: Run, tmp_path: Path) -> None:
+def test_a_truth_file_that_cannot_be_written_is_reported(segway_ecc: Run, tmp_path: Path) -> None:
     outcome = segway_ecc("plant", "cart-can", "--truth", str(tmp_path / "no" / "truth.csv"))
 
     assert outcome.code == 2
@@ -63,7 +63,7 @@ def test_a_truth_file_that_cannot_be_written_is_told(segway_ecc: Run, tmp_path: 
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_plant_talks_until_it_is_stopped_and_tells_its_counts(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_plant_sends_until_it_is_stopped_and_prints_its_counts(tmp_path: Path, number: signal.Signals) -> None:
     channel, truth = f"plant_{os.getpid()}", tmp_path / "truth.csv"
     words = ["plant", "cart-can", "--interface", "local", "--channel", channel, "--truth", str(truth), "--json"]
     with LocalBus(channel) as bus:

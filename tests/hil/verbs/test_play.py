@@ -26,7 +26,7 @@ COMMAND, LEFT_WHEEL = 0x110, 0x120
 UP, LEFT = b"\x1b[A", b"\x1b[D"
 
 
-def test_where_there_is_no_terminal_it_says_so_in_one_line(segway_ecc: Run) -> None:
+def test_without_a_terminal_it_fails_with_one_line(segway_ecc: Run) -> None:
     outcome = segway_ecc("play", "cart-can")
 
     assert (outcome.code, outcome.out) == (2, "")

@@ -54,7 +54,7 @@ def test_one_run_that_is_not_as_expected_ends_it_with_1(segway_ecc: Run, tmp_pat
         (("can-cut", "--seeds", "0"), "--seeds must be at least 1, not 0"),
     ],
 )
-def test_what_cannot_be_run_is_said_in_one_line(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
+def test_what_cannot_be_run_is_reported_in_one_line(segway_ecc: Run, words: tuple[str, ...], message: str) -> None:
     outcome = segway_ecc("prove", "campaign", *words)
     assert outcome.code == 2
     (line,) = outcome.errors

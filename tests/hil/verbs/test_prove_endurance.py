@@ -28,7 +28,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch, stretches: Sequence[Stretch]) -> li
 
 
 @pytest.mark.parametrize(("stretches", "code"), [([GOOD, GOOD], 0), ([GOOD, BAD], 1)])
-def test_a_trip_is_told_and_is_exit_code_1(
+def test_a_trip_is_reported_and_is_exit_code_1(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch, stretches: Sequence[Stretch], code: int
 ) -> None:
     asked = pretend(monkeypatch, stretches)

@@ -90,7 +90,7 @@ def test_the_packages_scenarios_are_listed(segway_ecc: Run) -> None:
         (("can-cut", "--robot", "tank"), 2, "cannot read robot file 'tank'"),
     ],
 )
-def test_what_cannot_be_run_is_said_in_one_line(
+def test_what_cannot_be_run_is_reported_in_one_line(
     segway_ecc: Run, words: tuple[str, ...], code: int, message: str
 ) -> None:
     outcome = segway_ecc("prove", "fault", *words)

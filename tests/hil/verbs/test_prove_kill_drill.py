@@ -83,7 +83,7 @@ def test_the_guard_can_be_left_out(segway_ecc: Run, trials: Trials) -> None:
     ]
 
 
-def test_of_repeats_the_worst_is_told(segway_ecc: Run, trials: Trials) -> None:
+def test_of_repeats_the_worst_is_reported(segway_ecc: Run, trials: Trials) -> None:
     trials.told["node killed"] = [Torque(0.01, 0.015, 0.0), Torque(0.045, 0.05, 0.0), Torque(0.02, 0.025, 0.0)]
     outcome = segway_ecc("prove", "kill-drill", "--fault", "node killed", "--repeat", "3")
 
@@ -142,7 +142,7 @@ def test_drives_without_a_serial_line_cannot_lose_the_cable_only(segway_ecc: Run
     ],
 )
 @pytest.mark.usefixtures("trials")
-def test_what_cannot_be_done_is_told_in_one_line(segway_ecc: Run, words: tuple[str, ...], told: str) -> None:
+def test_what_cannot_be_done_is_reported_in_one_line(segway_ecc: Run, words: tuple[str, ...], told: str) -> None:
     outcome = segway_ecc("prove", "kill-drill", *words)
 
     assert outcome.code == 2
@@ -151,7 +151,7 @@ def test_what_cannot_be_done_is_told_in_one_line(segway_ecc: Run, words: tuple[s
 
 
 @pytest.mark.usefixtures("trials")
-def test_a_robot_that_names_a_serial_line_is_told_to_leave_it_out(segway_ecc: Run, tmp_path: Path) -> None:
+def test_a_robot_that_names_a_serial_line_is_refused(segway_ecc: Run, tmp_path: Path) -> None:
     text = importlib.resources.files("segway_ecc.node").joinpath("robots/cart-can.yaml").read_text("utf-8")
     path = tmp_path / "serial.yaml"
     path.write_text(text.replace("  watchdog_s", "  serial:\n    port: /dev/ttyUSB0\n  watchdog_s"), "utf-8")
@@ -173,7 +173,7 @@ def test_an_interface_that_can_be_set_down_is(segway_ecc: Run, trials: Trials, m
 
 
 @pytest.mark.usefixtures("trials")
-def test_an_interface_that_is_not_there_is_told(segway_ecc: Run) -> None:
+def test_an_interface_that_is_not_there_is_reported(segway_ecc: Run) -> None:
     outcome = segway_ecc("prove", "kill-drill", *INTERFACE)
 
     assert outcome.out.splitlines()[-1] == "bus down: left out, vcan7 cannot be set down: No such device"

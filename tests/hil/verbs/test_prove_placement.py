@@ -48,7 +48,7 @@ def test_what_comes_of_50_ms_is_in_the_document(study: tuple[Path, dict[str, Any
     assert of(cuts, "station", "station", "station")["outcome"] == "fell"
 
 
-def test_the_delay_that_is_borne_stands_beside_the_margin_of_the_design(study: tuple[Path, dict[str, Any]]) -> None:
+def test_the_tolerated_delay_stands_beside_the_margin_of_the_design(study: tuple[Path, dict[str, Any]]) -> None:
     _, document = study
     (bound,) = document["bounds"]
     assert bound["theory"] == pytest.approx(0.032, abs=0.0005)  # docs/segway.md
@@ -77,7 +77,7 @@ def test_what_cannot_be_is_refused(words: list[str], message: str, capsys: pytes
     assert message in capsys.readouterr().err
 
 
-def test_a_folder_that_cannot_be_made_is_told_before_the_study(
+def test_a_folder_that_cannot_be_made_is_reported_before_the_study(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()

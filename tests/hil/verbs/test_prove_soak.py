@@ -71,7 +71,7 @@ def test_four_hours_and_half_an_hour_are_what_is_run(
     assert "GROWS" not in out
 
 
-def test_growth_is_exit_code_1_and_told(scripted: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
+def test_growth_is_exit_code_1_and_reported(scripted: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
     scripted["slope"] = 10.0
     assert prove_soak.run(options("--real-time", "0")) == 1
     assert scripted["asked"] == [("segway", 14_400.0)]

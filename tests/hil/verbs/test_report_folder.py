@@ -13,7 +13,7 @@ def test_a_folder_is_made_with_those_above_it_and_may_be_there(tmp_path: Path) -
     assert (tmp_path / "a" / "b").is_dir()
 
 
-def test_what_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_a_configuration_error(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(ConfigurationError, match=r"cannot write to .*: Not a directory; choose another --out"):
@@ -23,7 +23,7 @@ def test_what_cannot_be_written_is_the_users_to_mend(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_there", [True, False])
-def test_figures_need_the_library_and_its_lack_is_said(
+def test_figures_need_the_library_and_its_lack_is_reported(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *, is_there: bool
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if is_there else None)

@@ -83,7 +83,7 @@ def test_it_listens_and_sends_nothing(tmp_path: Path) -> None:
     assert heard is None
 
 
-def test_a_bus_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_bus_that_is_not_there_is_reported(tmp_path: Path) -> None:
     with CandumpLog(tmp_path / "bus.log", 10_000) as log:
         with pytest.raises(BusNotFoundError, match="cannot listen on CAN bus telepathy robot"):
             listen(("telepathy", "auto", 500_000), log, lambda: True)

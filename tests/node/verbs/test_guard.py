@@ -52,7 +52,7 @@ def test_a_limit_out_of_range_is_refused(segway_ecc: Run, limit: str) -> None:
     assert one_line(outcome) == "segway-ecc: --limit must be from 0.01 to 0.2 s"
 
 
-def test_a_bus_that_is_not_there_is_told(segway_ecc: Run) -> None:
+def test_a_bus_that_is_not_there_is_reported(segway_ecc: Run) -> None:
     outcome = segway_ecc("guard", "cart-can", "--interface", "socketcan", "--channel", "nosuch0")
 
     assert outcome.code == 4
