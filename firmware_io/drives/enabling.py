@@ -3,6 +3,8 @@
 import enum
 from typing import Final
 
+from segway_ecc.firmware_io.freshness import NowNs
+
 ENABLE_WITHIN_NS: Final = 500_000_000
 """A drive that has not confirmed by then has failed to enable."""
 
@@ -29,11 +31,6 @@ class Enabling:
         self.phase = Phase.OFF
         self._begun_ns = 0
         self._disabled_ns = -1
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether the drive was commanded to enable, and has confirmed."""
-        return self.phase is Phase.ENABLED
 
     def begin(self, now_ns: int) -> None:
         """The drive is commanded to enable."""
@@ -63,3 +60,19 @@ class Enabling:
                 of the command does not count, also where it is read later. Whether it is fresh is for the caller.
         """
         return off_ns is not None and off_ns > self._disabled_ns
+
+
+class PhasedDrive:
+    """What the drives share: the phases that they pass through, and the clock of the loop; see `Drive`."""
+
+    def __init__(self, now_ns: NowNs) -> None:
+        """Begin switched off."""
+        self._now_ns = now_ns
+        self._enabling = Enabling()
+        self._off_ns: int | None = None
+        """When the newest report arrived, if it shows the motor off; else None."""
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the drive has confirmed that its motors follow commands."""
+        return self._enabling.phase is Phase.ENABLED

@@ -9,7 +9,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, NmtState, Se
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.states import Controlword
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
-from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
 
@@ -20,7 +20,7 @@ class MissingLibraryError(HardwareError):
     """A library that only some robots need is not installed."""
 
 
-class Cia402Pair:
+class Cia402Pair(PhasedDrive):
     """Both wheels' drives; see `Drive`.
 
     In every cycle goes out, in this order: the host's heartbeat, which feeds the drives' watchdogs, a command to each
@@ -52,6 +52,7 @@ class Cia402Pair:
         Raises:
             MissingLibraryError: The canopen library is not installed.
         """
+        super().__init__(now_ns)
         if importlib.util.find_spec("canopen") is None:
             raise MissingLibraryError(
                 "hardware of type cia402 needs the canopen library, which is not installed: "
@@ -60,7 +61,6 @@ class Cia402Pair:
         self.limits: Sequence[float] = (settings.left.max_torque, settings.right.max_torque)
         self._link = link
         self._plans = [settings.plan(wheel, loop_period_s) for wheel in (settings.left, settings.right)]
-        self._now_ns = now_ns
         self._sleep_until_ns = sleep_until_ns
         self._wheels = tuple(
             Cia402Wheel(side, wheel, loop_period_s, now_ns)
@@ -69,7 +69,6 @@ class Cia402Pair:
         self._listeners = {identifier: wheel for wheel in self._wheels for identifier in wheel.listens_to}
         self.listens_to: Collection[FrameKey] = frozenset(map(FrameKey, self._listeners))
         self._heartbeat = Frame(Service.HEARTBEAT + settings.host_node_id, pack_heartbeat(NmtState.OPERATIONAL))
-        self._enabling = Enabling()
 
     def start(self) -> None:
         """Reset both drives, set them up and start their communication; blocks, up to some seconds.
@@ -94,11 +93,6 @@ class Cia402Pair:
     def arming_failures(self) -> list[str]:
         """A drive that is not there, not set up with its watchdog on, or not operational."""
         return [reason for wheel in self._wheels for reason in wheel.arming_failures(self._link.description)]
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether both drives have confirmed that their motors follow commands."""
-        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:

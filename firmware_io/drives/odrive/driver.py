@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from segway_ecc.firmware_io.devices import Readings
-from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.odrive import commands as c
 from segway_ecc.firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, Message, encode, request
@@ -21,7 +21,7 @@ _NEVER = -(1 << 62)
 _CALIBRATE = "calibrate it where it is not: stop the node, wheels in the air, FULL_CALIBRATION_SEQUENCE, save"
 
 
-class Odrive:
+class Odrive(PhasedDrive):
     """One wheel on an axis of an ODrive; see `Drive`.
 
     An axis that has not yet proved its watchdog (see `watchdog`) must receive nothing for a while. "Zero is sent, not
@@ -34,13 +34,13 @@ class Odrive:
         self, link: Link, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Drive the wheel called `name`, `left` or `right`, over `link`, exchanged with at `loop_period_s`."""
+        super().__init__(now_ns)
         self.name = name
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self._settings = settings
         self._wheel = settings.wheel(name)
         self.limits: Sequence[float] = (self._wheel.max_torque,)
         self._link = link
-        self._now_ns = now_ns
         self._axis = AxisListener(name, settings, loop_period_s, now_ns)
         self.signals: Mapping[str, str] = self._axis.signals
         self.listens_to = self._axis.listens_to
@@ -49,12 +49,10 @@ class Odrive:
         line_s = 0.0 if settings.serial is None else STEPS_BITS / settings.serial.baudrate
         self._settled_ns = round((loop_period_s + line_s) * 1e9) + IN_FLIGHT_NS
         self._resend_ns = max(RESEND_NS, self._settled_ns + round(2e9 * beat_s))
-        self._enabling = Enabling()
         self._cleared: tuple[str, ...] = ()
         self._stepped_ns = _NEVER
         self._first_step_ns: int | None = None
         self._silent_since_ns: int | None = None
-        self._off_ns: int | None = None
 
     def start(self) -> None:
         """Send zero and idle: whatever the axis was doing, it stops."""
@@ -108,11 +106,6 @@ class Odrive:
         if self._enabling.phase is Phase.OFF and axis.state != AxisState.IDLE:
             reasons.append(f"{who} is in {axis.state_name}, and is being set to idle; try again in a moment")
         return reasons + self._watchdog_failures(who)
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether the axis has confirmed that its motor follows commands."""
-        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.vesc.buffers import decode_short
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
 from segway_ecc.firmware_io.drives.vesc.frames import (
@@ -43,7 +43,7 @@ _TELEMETRY: Final = (PacketId.STATUS, PacketId.STATUS_5)
 _SETUP: Final = "in VESC Tool, App Settings > General, set Timeout to {ms:.0f} ms and Timeout Brake Current to 0 A"
 
 
-class Vesc:
+class Vesc(PhasedDrive):
     """One wheel; see `Drive`.
 
     A VESC has no state that it must be brought into: it follows every command. So zero is sent in every cycle unless
@@ -54,6 +54,7 @@ class Vesc:
         self, link: Link, name: str, settings: VescSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Drive the wheel `name`, left or right, over `link`."""
+        super().__init__(now_ns)
         wheel = settings.left if name == "left" else settings.right
         self.name = name
         self.signals: Mapping[str, str] = {
@@ -69,7 +70,6 @@ class Vesc:
         self._drivetrain = wheel.drivetrain
         self._timeout_s = settings.timeout_set_s
         self._rate_hz = settings.status_rate_hz
-        self._now_ns = now_ns
         self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, HOST_IDS[name])
         self._kinds = {arbitration_id(kind, wheel.controller_id): kind for kind in _TELEMETRY}
         self.listens_to: Collection[FrameKey] = frozenset(
@@ -86,12 +86,10 @@ class Vesc:
         self._counter = WrappedCounter(32)
         self._fault = 0
         self._asked_ns: int | None = None
-        self._enabling = Enabling()
         self._probe = TimeoutProbe(settings.timeout_set_s)
         self._zero_ns: int | None = None
         """When the first zero since `enable` was sent."""
         self._confirmed: set[PacketId] = set()
-        self._off_ns: int | None = None
         self._off_current = min(_OFF_CURRENT, max(_CURRENT_STEP, _OFF_SHARE * wheel.max_current))
 
     def start(self) -> None:
@@ -150,11 +148,6 @@ class Vesc:
         if fault:
             reasons.append(f"{self._title} reports {fault_name(fault)}; remove its cause")
         return reasons
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether telemetry of both kinds has arrived since the first zero."""
-        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Final
 from msgspec.structs import astuple
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from segway_ecc.firmware_io.drives.enabling import Enabling, Phase
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
@@ -35,7 +35,7 @@ _OFF_BY_ITSELF: Final = frozenset({BoardState.WATCHDOG, BoardState.FAULT})
 _WATCHDOG_RESOLUTION_S: Final = 0.000501  # half a step of the frame, and a margin for rounding
 
 
-class WheelBoard:
+class WheelBoard(PhasedDrive):
     """Two voltage-driven wheels, and an IMU where there is one, behind one board; see `Drive`."""
 
     name = "board"
@@ -52,6 +52,7 @@ class WheelBoard:
         imu: bool = False,
     ) -> None:
         """Drive the board at the other end of `link`, its watchdog set to `watchdog_s` (0.02 to 0.05 s)."""
+        super().__init__(now_ns)
         measured = {**_WHEELS, **_IMU} if imu else _WHEELS
         telemetry = frozenset({*measured, FrameId.BOARD_STATUS})
         self.signals: Mapping[str, str] = {
@@ -62,15 +63,12 @@ class WheelBoard:
         self._link = link
         self._endpoint = Endpoint(link, telemetry)
         self._watchdog_s = watchdog_s
-        self._now_ns = now_ns
         stale_ns: dict[int, int] = {
             frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry
         }
         self._fresh = Freshness(stale_ns, now_ns)
         self._newest: dict[int, tuple[float, ...]] = {k: (0.0,) * len(v) for k, v in measured.items()}
         self._status = BoardStatus(BoardState.DISABLED, 0.0, 0.0, 0)
-        self._enabling = Enabling()
-        self._off_ns: int | None = None
 
     def start(self) -> None:
         """Send zero, and set the watchdog."""
@@ -128,11 +126,6 @@ class WheelBoard:
         if silent:
             reasons.append(f"the board does not send {' and '.join(silent)}; has it an IMU? if not, set imu: false")
         return reasons
-
-    @property
-    def is_enabled(self) -> bool:
-        """Whether the board has confirmed that its motors follow commands."""
-        return self._enabling.is_enabled
 
     @property
     def is_off(self) -> bool:
