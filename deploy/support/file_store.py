@@ -105,17 +105,18 @@ class FileStore:
             self._is_wanted = True
         if not self._is_wanted:
             return self._worker.result(BUNDLE) or NONE
-        if self._worker.begin(BUNDLE, self._make_bundle):  # or else a log is being hashed: next time
+
+        def make() -> str:
+            path = self._make(self._work)
+            size = path.stat().st_size
+            self._made_ns = self._clock_ns()
+            return f"{path.name} {size} {_hashed(self._work, path.name, size)}"
+
+        if self._worker.begin(BUNDLE, make):  # or else a log is being hashed: next time
             self._is_wanted = False
             if old is not None:
                 (self._work / old.name).unlink(missing_ok=True)
         return BUSY
-
-    def _make_bundle(self) -> str:
-        path = self._make(self._work)
-        size = path.stat().st_size
-        self._made_ns = self._clock_ns()
-        return f"{path.name} {size} {_hashed(self._work, path.name, size)}"
 
     def _last_made(self) -> FinishedBundle | None:
         result = self._worker.result(BUNDLE)

@@ -32,10 +32,16 @@ _OFTEN: Final = 0.36
 
 def hidden(text: str) -> str:
     """A text without secrets: what is named as one, what is in a URL, PEM, and words that look made at random."""
+
+    def without_value(found: re.Match[str]) -> str:
+        # What names the secret, and nothing of it; quotes stay, so that JSON stays JSON.
+        quote = found[2][0] if found[2][0] in "\"'" else ""
+        return f"{found[1]}{quote}{HIDDEN}{quote}"
+
     text = _PEM.sub(HIDDEN, text)
     text = _IN_URL.sub(rf"\1:{HIDDEN}", text)
     text = _ROLE.sub(rf"\1{HIDDEN}", text)
-    text = _NAMED.sub(_without_value, text)
+    text = _NAMED.sub(without_value, text)
     return _WORD.sub(lambda found: HIDDEN if _is_random(found[0]) else found[0], text)
 
 
@@ -46,12 +52,6 @@ def environment(variables: Mapping[str, str]) -> dict[str, str]:
         for name, text in sorted(variables.items())
         if _KEPT_VARIABLES.fullmatch(name) and not _SECRET_NAME.search(name)
     }
-
-
-def _without_value(found: re.Match[str]) -> str:
-    """What names the secret, and nothing of it; quotes stay, so that JSON stays JSON."""
-    quote = found[2][0] if found[2][0] in "\"'" else ""
-    return f"{found[1]}{quote}{HIDDEN}{quote}"
 
 
 def _is_random(word: str) -> bool:

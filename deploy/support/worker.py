@@ -44,7 +44,20 @@ class Worker:
             return False
         self.forget(key)
         self.key = key
-        self._thread = threading.Thread(target=self._run, args=(key, task), name="archive", daemon=True)
+
+        def run() -> None:
+            with contextlib.suppress(OSError):
+                # On Linux a priority is of one thread (setpriority(2), NOTES).
+                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOWEST)
+            try:
+                result = task()
+            except Exception as error:  # noqa: BLE001 - whoever asks gets it as the result
+                result = f"failed: {getattr(error, 'strerror', None) or error or type(error).__name__}"
+            self._results[key] = result
+            while len(self._results) > _KEPT:
+                self._results.popitem(last=False)
+
+        self._thread = threading.Thread(target=run, name="archive", daemon=True)
         self._thread.start()
         return True
 
@@ -52,15 +65,3 @@ class Worker:
         """Wait a moment for the task that runs."""
         if self._thread is not None:
             self._thread.join(_ENDS_WITHIN_S)
-
-    def _run(self, key: str, task: Callable[[], str]) -> None:
-        with contextlib.suppress(OSError):
-            # On Linux a priority is of one thread (setpriority(2), NOTES).
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOWEST)
-        try:
-            result = task()
-        except Exception as error:  # noqa: BLE001 - whoever asks gets it as the result
-            result = f"failed: {getattr(error, 'strerror', None) or error or type(error).__name__}"
-        self._results[key] = result
-        while len(self._results) > _KEPT:
-            self._results.popitem(last=False)
