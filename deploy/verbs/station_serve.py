@@ -122,10 +122,10 @@ def _serve(
             folder,
             logs,
             importlib.metadata.version("segway-ecc"),
+            StationBundle(station, archive.bundle, folder, logs),
+            archive,
             access,
             tls,
-            bundle=StationBundle(station, archive.bundle, folder, logs),
-            archive=archive,
         )
         report: Mapping[str, object] = server.serve(station, sockets, settings, stopped_by_signals, log_address)
     return report

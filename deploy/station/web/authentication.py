@@ -48,7 +48,7 @@ class AuthenticationMiddleware:
             RefusedRequestError: One of them is not allowed.
         """
         now_ns = self._clock_ns()
-        if not self._requests.of(site_of(address_of(request)), now_ns).take(now_ns):
+        if not self._requests.of(site_of(address_of(request)), now_ns).take_token(now_ns):
             raise RefusedRequestError(Cause.REQUEST_RATE)
         if len(request.headers.getall("Host", [])) != 1 or not self._place.is_ours(request.headers.get("Host")):
             raise RefusedRequestError(Cause.FOREIGN_HOST)
@@ -113,8 +113,8 @@ class AuthenticationMiddleware:
             raise RefusedRequestError(Cause.LOGIN_RATE)
         role = access.role(token)
         if role is None:
-            each.take(now_ns)
-            self._all_logins.take(now_ns)
+            each.take_token(now_ns)
+            self._all_logins.take_token(now_ns)
             self._note(request, "login", outcome="refused", text="the token is wrong")
             raise RefusedRequestError(Cause.WRONG_TOKEN)
         return role

@@ -127,7 +127,7 @@ class Browser:
         except RefusedMessageError as refusal:
             self._shared.refusals[refusal.cause] += 1
             self.queue(msgspec.json.encode(ReplyView(id=refusal.number, is_accepted=False, text=str(refusal))))
-            if refusal.cause in _MISTAKES and not self._mistakes.take(now_ns):
+            if refusal.cause in _MISTAKES and not self._mistakes.take_token(now_ns):
                 self.end(WSCloseCode.POLICY_VIOLATION, f"too many messages were refused, the last: {refusal.cause}")
             return
         if isinstance(decoded, Drive):
@@ -143,7 +143,7 @@ class Browser:
     def _decode(self, message: str | bytes, now_ns: int) -> Command | Drive:
         if isinstance(message, bytes):
             raise RefusedMessageError(Cause.MALFORMED, "a message is text")
-        if not self._messages.take(now_ns):
+        if not self._messages.take_token(now_ns):
             raise RefusedMessageError(Cause.MESSAGE_RATE, "too many messages")
         limits = self._shared.robots.limits
         return decode(message, limits.linear_velocity, limits.angular_velocity)
@@ -155,14 +155,14 @@ class Browser:
         self._last_id = message.id
         session = self.session
         if session.role is not Role.OPERATOR:
-            if session.commands.take(now_ns):  # so that a viewer cannot wash everything else out of the audit log
+            if session.commands.take_token(now_ns):  # so that a viewer cannot wash everything else out of the audit log
                 self._note(message, "refused", _VIEWER)
             raise RefusedMessageError(Cause.VIEWER, _VIEWER, message.id)
         if isinstance(message, Drive):
             # Zero is what ends a movement: it is not what a limit is there for.
-            if (message.linear or message.angular) and not session.drives.take(now_ns):
+            if (message.linear or message.angular) and not session.drives.take_token(now_ns):
                 raise RefusedMessageError(Cause.DRIVE_RATE, "too many set-points", message.id)
-        elif not (session.stops if message.act is Act.STOP else session.commands).take(now_ns):
+        elif not (session.stops if message.act is Act.STOP else session.commands).take_token(now_ns):
             self._note(message, "refused", "too many commands")
             raise RefusedMessageError(Cause.COMMAND_RATE, "too many commands; wait a moment", message.id)
 

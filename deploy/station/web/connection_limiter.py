@@ -117,8 +117,8 @@ class ConnectionLimiter:
             self.sweep()
             if self._is_full(site):
                 return Cause.TOO_MANY_CONNECTIONS
-        each.take(now_ns)
-        self._all.take(now_ns)
+        each.take_token(now_ns)
+        self._all.take_token(now_ns)
         return None
 
     def _is_full(self, site: str) -> bool:

@@ -26,8 +26,8 @@ class Downloads:
     def __init__(
         self,
         folder: Path,
-        bundle: Bundle | None,
-        archive: Archive | None,
+        bundle: Bundle,
+        archive: Archive,
         fleet: Callable[[], FleetView],
         clock_ns: Callable[[], int],
     ) -> None:
@@ -88,13 +88,9 @@ class Downloads:
 
     async def bundle(self, request: web.Request) -> web.StreamResponse:
         """The support bundle of a robot that is known; one is made at a time."""
-        make = self._bundle
-        if make is None:
-            text = "this station makes no support bundles; on the robot: segway-ecc log bundle"
-            return json_response({"error": text}, 501)
         robot = self._known(request)
         async with self._making:
-            stream = await asyncio.to_thread(make, robot)
+            stream = await asyncio.to_thread(self._bundle, robot)
         with stream:
             file = os.dup(stream.fileno())
         os.lseek(file, 0, os.SEEK_SET)

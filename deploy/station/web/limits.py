@@ -78,7 +78,7 @@ class Bucket:
         self._at_ns = max(now_ns, self._at_ns)
         return self._tokens >= 1.0
 
-    def take(self, now_ns: int) -> bool:
+    def take_token(self, now_ns: int) -> bool:
         """Take a token; False where there is none."""
         if not self.has_token(now_ns):
             return False

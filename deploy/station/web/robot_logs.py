@@ -16,14 +16,13 @@ from segway_ecc.node.errors import NodeError
 _AT_ONCE: Final = 8
 _MOST_LISTED: Final = 20
 _FRESH_NS: Final = 2_000_000_000
-NO_ARCHIVE: Final = "this station fetches no logs from robots"
 
 
 class RobotArchives:
     """Lists the logs of robots, each at most once at a time and every two seconds, however many browsers ask."""
 
-    def __init__(self, archive: Archive | None, clock_ns: Callable[[], int]) -> None:
-        """List by an archive, if there is one."""
+    def __init__(self, archive: Archive, clock_ns: Callable[[], int]) -> None:
+        """List by an archive."""
         self._archive = archive
         self._clock_ns = clock_ns
         # Of its own: what waits for robots must not delay what reads files.
@@ -33,20 +32,16 @@ class RobotArchives:
 
     async def of_all(self, fleet: FleetView) -> Sequence[RobotLogs]:
         """The logs of every living robot."""
-        if self._archive is None:
-            return ()
         names = [robot.robot for robot in fleet.robots if robot.is_alive][:_MOST_LISTED]
         return await asyncio.gather(*(self.of(name) for name in names))
 
     async def of(self, robot: str) -> RobotLogs:
         """The logs of one robot."""
-        if self._archive is None:
-            return RobotLogs(robot, error=NO_ARCHIVE)
         asked = self._asked.get(robot)
         if asked is None or self._clock_ns() - asked[0] > _FRESH_NS:
             task = self._asking.get(robot)
             if task is None:
-                task = self._asking[robot] = asyncio.create_task(self._ask(robot, self._archive))
+                task = self._asking[robot] = asyncio.create_task(self._ask(robot))
             await asyncio.shield(task)
             asked = self._asked[robot]
         logs = asked[1]
@@ -55,8 +50,6 @@ class RobotArchives:
 
     async def begin(self, robot: str, name: str) -> str:
         """Begin to fetch a log; return why it cannot be fetched, or an empty text."""
-        if self._archive is None:
-            return NO_ARCHIVE
         try:
             await asyncio.to_thread(self._archive.begin, robot, name)
         except NodeError as error:
@@ -69,13 +62,11 @@ class RobotArchives:
         Raises:
             FileNotFoundError: It was not fetched.
         """
-        if self._archive is None:
-            raise FileNotFoundError
         return await asyncio.to_thread(self._archive.open, robot, name)
 
-    async def _ask(self, robot: str, archive: Archive) -> RobotLogs:
+    async def _ask(self, robot: str) -> RobotLogs:
         try:
-            logs = await asyncio.get_running_loop().run_in_executor(self._pool, archive.logs, robot)
+            logs = await asyncio.get_running_loop().run_in_executor(self._pool, self._archive.logs, robot)
             found = RobotLogs(robot, logs)
         except NodeError as error:
             found = RobotLogs(robot, error=str(error))

@@ -44,11 +44,11 @@ class ServerSettings(NamedTuple):
         folder: Where the audit log goes.
         logs: Where recorded logs lie.
         version: Of segway-ecc.
+        bundle: Makes support bundles.
+        archive: Fetches logs from robots.
         access: Who has a token; None where none is needed.
         tls: The certificate, or None for plain HTTP.
         limits: Its limits.
-        bundle: Makes support bundles.
-        archive: Fetches logs from robots.
         clock_ns: Monotonic, ns.
         wall_ns: ns since the Unix epoch.
     """
@@ -57,11 +57,11 @@ class ServerSettings(NamedTuple):
     folder: Path
     logs: Path
     version: str
+    bundle: Bundle
+    archive: Archive
     access: Access | None = None
     tls: ssl.SSLContext | None = None
     limits: Limits = Limits()
-    bundle: Bundle | None = None
-    archive: Archive | None = None
     clock_ns: Callable[[], int] = time.monotonic_ns
     wall_ns: Callable[[], int] = time.time_ns
 
@@ -127,9 +127,8 @@ class Server:
             async with asyncio.timeout(_ENDS_WITHIN_S):
                 await self.hub.is_empty.wait()
         self._broadcasting.cancel()
-        if self._settings.archive is not None:
-            # Before the threads that wait for robots are waited for.
-            await asyncio.to_thread(self._settings.archive.close)
+        # Before the threads that wait for robots are waited for.
+        await asyncio.to_thread(self._settings.archive.close)
         await self._runner.cleanup()
         _http_logger.removeFilter(self._count_bad_http)
         self.audit.add(AuditEntry(act="ends", outcome="done"))

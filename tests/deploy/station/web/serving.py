@@ -2,20 +2,46 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import aiohttp
 import msgspec
 
+from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.web.access import Access, Role, new_access
 from segway_ecc.deploy.station.web.interfaces import Bundle
 from segway_ecc.deploy.station.web.listening import bind, site_address_of
 from segway_ecc.deploy.station.web.server import Server, ServerSettings
+from segway_ecc.deploy.support.log_folder import LogFile
+from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
 
 HEARTBEAT_S = 0.05
+
+
+class NoArchive:
+    """Of robots that offer no logs."""
+
+    def logs(self, robot: str) -> Sequence[LogFile]:
+        raise NobodyListensError(robot)
+
+    def begin(self, robot: str, name: str) -> None:
+        raise NobodyListensError(f"{robot} {name}")
+
+    def progress(self, _robot: str) -> Mapping[str, Progress]:
+        return {}
+
+    def open(self, robot: str, name: str) -> tuple[int, int]:
+        raise FileNotFoundError(robot, name)
+
+    def close(self) -> None:
+        pass
+
+
+def _no_bundle(robot: str) -> IO[bytes]:
+    raise NobodyListensError(robot)
 
 
 class Served(NamedTuple):
@@ -46,7 +72,7 @@ async def served(
     folder: Path,
     *,
     tokens: bool = False,
-    bundle: Bundle | None = None,
+    bundle: Bundle = _no_bundle,
     station: ScriptedStation | None = None,
     **more: Any,
 ) -> AsyncIterator[Served]:
@@ -61,9 +87,9 @@ async def served(
         access, shown = new_access()
     logs = folder / "logs"
     logs.mkdir(exist_ok=True)
-    settings = ServerSettings(
-        place._replace(port=sockets[0].getsockname()[1]), folder, logs, "0", access, bundle=bundle, **more
-    )
+    place = place._replace(port=sockets[0].getsockname()[1])
+    archive = more.pop("archive", None) or NoArchive()
+    settings = ServerSettings(place, folder, logs, "0", bundle, archive, access, **more)
     async with Server(station, sockets, settings) as server:
         ticking = asyncio.create_task(_tick(station))
         try:

@@ -302,16 +302,6 @@ def test_a_large_bundle_is_streamed_from_its_file_and_leaves_nothing_open(tmp_pa
     asyncio.run(scenario())
 
 
-def test_without_an_archive_the_station_shows_its_own_logs(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with served(tmp_path, station=alice_and_others()) as here, browser(here, "ann") as client:
-            assert (await _json(client, "/logs"))["robots"] == []
-            async with client.get("/robots/%2Falice/logs") as answer:
-                assert answer.status == 503
-
-    asyncio.run(scenario())
-
-
 def _open_files() -> list[str]:
     found = []
     for link in Path("/proc/self/fd").iterdir():

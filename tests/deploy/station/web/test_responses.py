@@ -65,19 +65,6 @@ def test_a_log_with_a_name_that_is_markup_is_shown_as_text(tmp_path: Path) -> No
     asyncio.run(scenario())
 
 
-def test_missing_bundle_maker_returns_501(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with (
-            served(tmp_path) as here,
-            browser(here, "ann") as client,
-            client.get("/robots/%2Falice/bundle") as answer,
-        ):
-            assert answer.status == 501
-            assert "log bundle" in (await answer.json())["error"]
-
-    asyncio.run(scenario())
-
-
 def test_a_defect_of_ours_ends_one_request_and_not_the_station(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
