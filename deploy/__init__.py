@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """What takes the robot's software onto a robot."""

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: MIT
 # Installs this checkout, compiled, into an environment that has what it needs: deploy/compile.sh ENVIRONMENT
 # It is built in build/compiled, from a copy of the sources, since the build leaves its results among them.
 set -eu

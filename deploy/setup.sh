@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: MIT
 # Makes a virtual environment with this checkout and all it needs: deploy/setup.sh FOLDER
 # A sourced ROS installation is used where there is one; else ROS comes from PyPI where it has it (Linux on x86_64).
 set -eu

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The robot's hardware as typed signals: links, drives, health."""

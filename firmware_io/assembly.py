@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drives and sensors on one link, made into the robot's `Hardware`."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The settings of a robot's hardware made into its parts.
 
 The parts of a family are imported where one is built: a robot starts without those of the others, in half the time.

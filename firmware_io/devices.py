@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is at the other end of a link: sensors, and drives, which are sensors that also move something."""
 
 from collections.abc import Collection, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Between a motor and its wheel: gear ratio and direction, and counters that wrap."""
 
 from dataclasses import dataclass

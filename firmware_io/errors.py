@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The root of all our errors, and the errors of the hardware layer."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How old the newest frame of each kind is, and whether that is fresh enough."""
 
 import math

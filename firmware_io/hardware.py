@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The interface between the robot's hardware and what controls it."""
 
 from collections.abc import Mapping, Sequence

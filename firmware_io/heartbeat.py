@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop's heartbeat to the guard, for when its commands do not go over the bus: a datagram that never blocks."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """End-to-end protection of our own frames: a message counter and a CRC over data and identifier.
 
 CRC-8H2F and the data identifier follow AUTOSAR E2E profile 2 ("Specification of CRC Routines" and "E2E Protocol

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What every part of a robot file is made of."""
 
 import msgspec

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings in a robot file for its hardware: the parts that every drive family shares."""
 
 from typing import Annotated, Literal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When a redundant link passes from one line to the other, and how long that took."""
 
 from collections import deque

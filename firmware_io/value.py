@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a value is that passes through a cycle."""
 
 import msgspec

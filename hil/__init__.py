@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Hardware in the loop: simulated plants and devices, and kernels to run them in."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A module in a process that does not outlive its parent: arguments PARENT MODULE [ARGUMENT ...].
 
 Not even a parent that is killed, which can end nothing any more.

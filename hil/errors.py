@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The errors of the rig."""
 
 from segway_ecc.firmware_io.errors import SegwayEccError

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A figure as an image inside a page, whose ids and styles touch no other."""
 
 import base64

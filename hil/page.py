@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A report as a web page of its own, which loads nothing from elsewhere."""
 
 import importlib.resources

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Simulated runs in processes side by side, and without the node's messages."""
 
 import contextlib

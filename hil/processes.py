@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our own command in processes of their own, none of which outlives the one that starts it."""
 
 import contextlib

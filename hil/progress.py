@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How far something long has come: bars on a terminal; elsewhere nothing, or a line for each step."""
 
 import contextlib

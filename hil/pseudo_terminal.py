@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A serial line in real time without hardware: a pseudo-terminal that the robot opens by a name of our choice."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Worker processes that begin anew: what this process has open or locked is not theirs."""
 
 import contextlib

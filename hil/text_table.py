@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Tables of plain text, for terminals."""
 
 from collections.abc import Sequence

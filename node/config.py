@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot file: one YAML document, decoded into typed structures in one go."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """YAML documents decoded into typed structures in one go; errors name the place, what was found and what is allowed."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The errors of the node; each ends a command with its own exit code and one line of text."""
 
 from collections.abc import Iterable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Processes of our own that help the loop: started, given their task in one line of JSON, and ended.
 
 Only who starts them needs this: the processes themselves import neither it nor `subprocess`.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Messages for people.
 
 On standard error they are written by a thread of their own, so that no terminal can hold up the loop.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Messages from one process to another, through memory that both have mapped.
 
 Neither side makes a system call, takes a lock or waits, so that a loop may write or read in each cycle. The memory

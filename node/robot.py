@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot file made into the parts that run."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From a control model that works on the bench to the software of a real robot.
 
 What other code may import is what `__all__` lists here and in `segway_ecc.testing`; it stays as it is from one version

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stand-ins to test a model or a robot with: scripted time, hardware that records, a scripted world.
 
 Everything runs in one thread and in simulated time, so a test takes no longer than its arithmetic:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Running the command line in this process."""
 
 from collections.abc import Callable

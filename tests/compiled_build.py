@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is installed is compiled. Run by `make test-compiled` only, and so not called test_something."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which modules a compiled wheel compiles, as pyproject.toml lists them."""
 
 import tomllib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the whole test run shares: tests that need more than Python say so, and are never silently left out."""
 
 import importlib.util

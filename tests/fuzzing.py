@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How many examples a test of arbitrary input tries: as many as a quick run allows, or more where asked for."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A machine that stands still, as a virtual one does for its neighbours, decides a test in real time: it is run again.
 
 Once, only where the test failed, and only where witnesses say so: a process on each processor, above everything else of

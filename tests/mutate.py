@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Breaks modules in every small way there is, and lists what no test notices: `python tests/mutate.py [MODULE...]`.
 
 A module is named as `node/safety/tilt.py` or `tilt`, several as `node/safety`; all of them without a name. Each mutant

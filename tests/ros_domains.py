@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ROS domains of a test run's own, so that tests side by side never hear each other."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Processes of these tests: each module has a ROS domain of its own, which never leaves this machine."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The arrows between rooms, packages and files, read from the source: every import, at the head of a file or within."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The modules that a compiled wheel compiles, by what can be read from the source; `make test-compiled` runs them."""
 
 import ast

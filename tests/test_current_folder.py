@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """No process of ours imports what lies in the folder that the user is in."""
 
 import ast

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The documentation: links, anchors, pages of the site, and the names that it gives to code."""
 
 import ast

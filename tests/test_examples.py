@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The examples work as they stand, and import only what is public."""
 
 import ast

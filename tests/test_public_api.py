@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What other code may import."""
 
 import subprocess

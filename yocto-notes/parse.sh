@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: MIT
 # Parses the layer with bitbake, then resolves every dependency of the image; builds nothing.
 #   yocto-notes/parse.sh [MACHINE]      qemux86-64 (default) or raspberrypi4-64; fetches the layers it needs with kas
 # KAS_WORK_DIR is where to (default: yocto-build next to the checkout; about 1 GB of git repositories).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The computer itself: memory, temperature, power, and the disk of the logs.
 
 A full or slow disk loses logs; it never delays the loop.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN interface that the robot's drives are on."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """All checks, one after another; none can end the others."""
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The drives as the robot file has them: their watchdogs, and the serial line that the robot falls back on."""
 
 import errno

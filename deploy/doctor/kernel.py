@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the loop runs on: the kernel, for real time and CAN, and Python."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the kernel lets us do: real-time scheduling, locked memory, and keeping processors out of deep idle states."""
 
 import os

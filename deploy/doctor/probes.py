@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What has to be tried on the real machine."""
 
 import math

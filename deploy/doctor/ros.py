@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ROS 2, and the settings by which robot and base station find each other."""
 
 import sys

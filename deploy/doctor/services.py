@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The services that systemd starts, and what their units allow them."""
 
 from collections.abc import Iterator, Mapping, Sequence

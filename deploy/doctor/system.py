@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The machine as the checks see it, and what is to run on it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Clocks, processors, and how late a loop wakes up."""
 
 from collections.abc import Iterator

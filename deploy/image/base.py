@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The Debian part of an image, made once and kept."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From a recipe to an image: a folder, a manifest, file systems, and a disk."""
 
 import hashlib

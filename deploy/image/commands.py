@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Programs that the builder runs, and the error where one fails."""
 
 import os

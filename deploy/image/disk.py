@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """File systems and disks made of a folder, without mounting anything."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What an image was made of, so that it can be made again, and what differs between two."""
 
 import dataclasses

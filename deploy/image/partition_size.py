@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How large the data partition must be: for logs, for releases that are pushed, and for what the system keeps."""
 
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What an image consists of."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our release in the image: wheels, installed in a virtual environment of its own."""
 
 import dataclasses

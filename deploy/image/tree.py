@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The root file system as a folder: packages, our release, services, and what makes it a robot's."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's side as one file that its `python3` runs: sent with each request, and kept there for the next boot."""
 
 import importlib.resources

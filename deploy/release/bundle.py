@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is pushed: our wheel, the wheels of all it needs on that robot, pip itself, and the robot file."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The errors of an update; each ends `segway-ecc deploy` with its own exit code and one line of text."""
 
 from segway_ecc.node.errors import NobodyListensError, NodeError, RobotLostError

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The connection to a robot: the system's own ssh, so that the user's configuration, keys and jump hosts hold."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Push, rollback and status: what the verbs request of a robot."""
 
 import dataclasses

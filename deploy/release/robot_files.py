@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot file that goes onto the robot, with the models that stand beside it."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which wheels fit a robot, from what it reports of itself; the names are those of PEP 425, 600 and 656."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wheels of a release: ours, and by pip all that it needs on the robot."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The logs of robots, fetched into the station's folder by threads of their own.
 
 The station's ROS thread has no part in it, and what a robot claims decides neither where a file goes nor how much

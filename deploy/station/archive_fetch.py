@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fetches a file from a robot's archive, piece by piece: checked by size and SHA-256, resumed where it broke off."""
 
 import contextlib

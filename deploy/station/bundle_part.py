@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The support bundle's part on the robots of the ROS network, as `segway-ecc station status --json` shows them."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Carries out operators' commands: the station without its threads and without ROS. Pure: time is given."""
 
 from collections import Counter

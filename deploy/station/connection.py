@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the station needs of its connection to one robot."""
 
 import logging

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which operator has control of which robot. Pure."""
 
 from typing import Final

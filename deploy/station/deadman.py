@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Driving by hand: a set-point that is not renewed becomes zeros, then silence. Pure: time is given."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which robots the ROS graph shows: every namespace with a topic `mode` of the type that ours has."""
 
 from collections.abc import Iterable, Sequence

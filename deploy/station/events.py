@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The station's event log: a ring that any thread may read."""
 
 import threading

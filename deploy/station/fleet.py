@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What was received of each robot, and the picture that it makes. Pure: time is given."""
 
 from typing import Final, TypeVar

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Heartbeats to the robots, and the round trip by their echo. Pure: time is given."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A nav_msgs/Odometry read from its bytes: rclpy takes 0.2 ms to make one into objects, most of it for covariances."""
 
 import math

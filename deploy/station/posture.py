@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests to stand up or to sit down, repeated until the robot reports the value in force. Pure: time is given."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests to a robot's services, each with a time-out. Pure: time is given."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's messages, decoded from their plain values; what is not valid is None."""
 
 import math

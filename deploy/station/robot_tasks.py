@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is in progress with one robot, and a command as an operator submitted it."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """All robots over ROS: discovers them, receives their messages, and sends them heartbeats."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS side of one robot: its topics and services, taken straight from their handles; no executor runs.
 
 Measured on rclpy 7.1: an idle take costs 3 us, one that makes an Odometry 200 us. So of what arrives at the loop's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Plays a sequence to one robot through its stamped set-points. Pure: time is given."""
 
 import enum

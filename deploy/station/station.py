@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The base station's connection to the robots: one ROS thread, and methods for every other thread."""
 
 import logging

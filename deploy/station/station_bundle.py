@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The support bundle of a robot as the station makes it: the robot's own, and what the station knows of the robot."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The stop of one robot: sent until the drives confirm it, and latched until the fault is cleared.
 
 Pure: time is given.

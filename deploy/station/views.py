@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the station sends to the page and prints with `status`, and what the page sends; every struct is JSON."""
 
 import enum

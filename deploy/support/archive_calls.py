@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Asking the archives of robots, from a thread and a ROS context of its own: apart from the robots' connections."""
 
 import contextlib

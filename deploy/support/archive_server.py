@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS side of a robot's archive: hands out pieces when they are asked for, and no faster than is good for others.
 
 The parameters are described in `segway_ecc.deploy.support.pieces`.

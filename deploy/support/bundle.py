@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A support bundle: a zip of parts. One that fails is named in the manifest, and never costs the others."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a robot hands out, by the names of `segway_ecc.deploy.support.pieces`; knows no ROS."""
 
 import functools

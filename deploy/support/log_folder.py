@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A folder of logs: regular files only, by name, and nothing beyond it whatever name is asked for."""
 
 import contextlib

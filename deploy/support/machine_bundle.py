@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which parts a machine's support bundle has."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How a robot's files travel over ROS 2: as the read-only parameters of a node named `archive`.
 
 The service is the standard `rcl_interfaces/srv/GetParameters`, which every ROS 2 installation has because rclpy itself

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Keeps secrets out of what is handed to others: by their names, and by what tokens and keys look like."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One task at a time, in the background and at the lowest priority, so that nothing else on the machine is slowed."""
 
 import contextlib

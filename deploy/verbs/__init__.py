@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The verbs that put a robot into operation, one module each."""
 
 from typing import Final

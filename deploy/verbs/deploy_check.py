@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc deploy check ROBOT`: whether a robot file loads here, with its model; no bus is opened."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc deploy doctor [ROBOT]`: is this machine fit to run the robot, and how to fix what is not.
 
 Exit codes besides the general ones: 0 fit, warnings or not; 1 not fit.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc deploy image FOLDER`: builds an image for the robot from Debian packages and our release."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the verbs that update a robot over ssh share: options, progress, and how an update ended."""
 
 import argparse

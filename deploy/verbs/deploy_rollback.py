@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc deploy rollback HOST`: take a robot back to an older release.
 
 Exit codes besides the general ones: 6 no connection; 7 the connection was lost, and `deploy status` shows how it ended;

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc deploy status HOST`: the releases on a robot, and how the last update ended."""
 
 import argparse

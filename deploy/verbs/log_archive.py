@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log archive ROBOT`: hands out the robot's logs and support bundles over ROS 2; runs beside the robot."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log bundle`: what a maintainer needs to find out what went wrong, in one zip."""
 
 import argparse

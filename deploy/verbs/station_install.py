@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc station install`: make this machine a base station, with one command.
 
 It makes the service's user, settings, tokens and service, starts it, and waits until it serves. Run again it changes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the verbs that serve the base station and install it share."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc station serve`: the base station, one page in the browser for every robot on the ROS network."""
 
 import argparse

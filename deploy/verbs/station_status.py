@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc station status`: how the robots on the ROS network are, on one screen.
 
 Exit codes besides the general ones: 0 a robot was found and none is in FAULT; 6 none was found; 7 one fell silent while

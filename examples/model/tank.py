@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A water tank with an outlet: a model of one's own, in its sections."""
 
 from collections.abc import Sequence

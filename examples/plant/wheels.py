@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two wheels on a stand, each with a motor: a plant of one's own, for robots on a wheel board.
 
 A plant is a model like any other. Its inputs have the names of the drive's commands, its outputs those of its signals.

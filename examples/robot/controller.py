@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Each wheel's velocity held by a proportional controller, for a robot with two wheels 0.3 m apart."""
 
 from collections.abc import Sequence

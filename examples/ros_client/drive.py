@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drive a robot for a moment and print where it went: rclpy and standard messages, nothing of segway-ecc.
 
 Start a robot with `segway-ecc run cart --ros`, then this: `python drive.py`. For a robot in a namespace, add

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The phases that every drive passes through on the way to torque, and its disable feedback."""
 
 import enum

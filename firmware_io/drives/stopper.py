@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the guard must know of a drive family: what its frames mean to it, and which frames stop the drives."""
 
 import enum

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The guard: disables the drives when commands stop, whatever became of the node."""

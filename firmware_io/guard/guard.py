@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The guard at work: two links to the bus, the heartbeats, and a small loop around the watch."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the guard decides: given the frames on the bus, the node's heartbeats and the time, which frames to send."""
 
 import enum

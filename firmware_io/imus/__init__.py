@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Inertial measurement units, one folder each."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How an IMU is turned in the robot it is mounted on."""
 
 from collections.abc import Sequence

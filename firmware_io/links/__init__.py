@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Ways for frames to reach the hardware."""

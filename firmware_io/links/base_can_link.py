@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What every CAN link does, whatever it is open on: counting, stamps, the state of the bus, coming back."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the kernel's CAN error frames report of a bus: its state, its error counters and what went wrong.
 
 Source: linux/can/error.h. An error frame's identifier is a set of class bits; its eight bytes carry details.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which CAN bus a configuration means, and whether it is there."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A CAN bus through python-can, on any interface it offers, and the choice of link for a bus.
 
 python-can itself is imported where a bus goes through it: it takes a fifth of the time in which a robot starts.

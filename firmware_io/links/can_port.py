@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The interface between a CAN link and what it is open on."""
 
 import errno

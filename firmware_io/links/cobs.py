@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Consistent Overhead Byte Stuffing: packets without a zero byte, so that zero can stand between them.
 
 Source: Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7 (1999). Each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the kernel knows of a CAN interface: one RTM_GETLINK over a netlink socket.
 
 Sources: linux/netlink.h, linux/rtnetlink.h, linux/if_link.h, linux/can/netlink.h. Netlink speaks the machine's own byte

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the kernel knows of a network interface, asked off the loop."""
 
 from collections.abc import Mapping

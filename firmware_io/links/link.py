@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The interface between a device and the wire, and what is counted there."""
 
 import enum

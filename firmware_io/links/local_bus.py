@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A virtual CAN bus between the processes of one machine, as a python-can interface named `local`.
 
 Every process that opens `can.Bus(interface="local", channel="robot")` sees the frames of all the others, as on vcan,

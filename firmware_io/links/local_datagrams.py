@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What passes on the virtual bus of one machine: a datagram for each frame."""
 
 import os

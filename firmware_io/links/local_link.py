@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The virtual bus of one machine, without python-can in between: what `local` means to a robot that runs on it."""
 
 import time

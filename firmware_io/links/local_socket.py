@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The sockets of the virtual bus of one machine: a multicast group of its loopback device."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rates of a link from its counts."""
 
 from collections.abc import Callable, Mapping

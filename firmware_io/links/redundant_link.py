@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A link made of two: a bus first, and a serial line to fall back on."""
 
 from collections.abc import Callable, Mapping

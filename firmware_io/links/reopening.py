@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Work that may take its time, done off the loop."""
 
 import _thread

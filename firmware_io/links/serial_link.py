@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A serial line through pyserial, on any URL it offers, which carries the frames of one drive family."""
 
 import operator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A serial port through pyserial, on any URL that it takes, made so that nothing waits."""
 
 import contextlib

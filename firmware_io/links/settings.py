@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a robot file defines of its lines."""
 
 from typing import Annotated

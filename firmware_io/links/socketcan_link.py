@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A CAN bus through the kernel's own CAN, without python-can in between: the link for short cycles."""
 
 import socket

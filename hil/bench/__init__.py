@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """How fast this machine runs the loop, beside what else could be run in its place; one module per measurement."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the loop is to be, as ratios of figures from one run: a machine that is twice as slow changes none of them."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a loop records of each of its cycles; its users need nothing else of the bench."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our loop beside the one a user would write and the least that does the work, in turns, in one run."""
 
 import contextlib

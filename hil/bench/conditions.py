@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Under which conditions the programs run: the same for all of them, and reported."""
 
 import contextlib

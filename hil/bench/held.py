@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The highest rate that each program holds: no cycle late, no deadline lost."""
 
 from collections.abc import Callable, Sequence

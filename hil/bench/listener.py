@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`python -P -m segway_ecc.hil.bench.listener NAMESPACE`: subscribes to what a program publishes of each cycle.
 
 It takes none of it, so that what is measured beside it is what publishing costs, and not what receiving does.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our own command, with a clock that keeps what it shows at each wake-up: arguments SAMPLES WORD ...
 
 Nothing else is changed: the loop asks its clock to sleep once a cycle, and there the samples are taken.

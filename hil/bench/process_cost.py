@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a process and its children take of the machine, from /proc (proc(5))."""
 
 import contextlib

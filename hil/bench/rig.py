@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What one rate is measured with: the bus, the robot, its model, and the C programs, compiled."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The user's loop, its thread set as our own loop's thread is: arguments WORD ..."""
 
 from segway_ecc.hil.bench.programs import user_loop

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The samples of a loop's cycles, and their statistics: the same for every program."""
 
 from dataclasses import dataclass

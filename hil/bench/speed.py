@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The speed of what runs without a clock: robots in lock step, the campaign, and a step of a native model."""
 
 import dataclasses

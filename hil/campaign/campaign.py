@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Every scenario with each of its seeds and sets of parameters, side by side on the cores."""
 
 import tempfile

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The base station in lock step: it sends set-points as they come due, over a link that may fail."""
 
 import math

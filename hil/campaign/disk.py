@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A recorder on a disk that fails as the scenario declares."""
 
 from collections.abc import Sequence

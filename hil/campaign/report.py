@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A campaign as a web page of its own, which loads nothing from elsewhere."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What came of one run, and whether it is what was expected."""
 
 import shlex

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One run of a scenario in lock step: node, bus, drives and plant in this process, on a simulated clock."""
 
 import functools

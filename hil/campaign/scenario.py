@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A scenario: a robot, what it is to do, what fails, and what must come of it."""
 
 import importlib.resources

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is observed of one run: the node's modes and lines, what the drives give, and where the robot really is."""
 
 import hashlib

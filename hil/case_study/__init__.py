@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The case study of the thesis, run in every seat and compared."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN seat: the controller at one end of a bus, the plant at the other, whose truth is where the cart went."""
 
 import contextlib

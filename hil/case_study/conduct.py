@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Conducting the study: every cell and figure through every seat, side by side where a seat allows it."""
 
 import dataclasses

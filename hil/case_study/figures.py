@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The case study's figures, each as an SVG element to put inside a page."""
 
 import html

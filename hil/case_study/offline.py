@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The offline seats: a model alone, stepped in this process."""
 
 import shutil

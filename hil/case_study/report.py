@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The case study as a web page of its own, which loads nothing from elsewhere."""
 
 import math

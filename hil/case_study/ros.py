@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS seat: the model node and sequence control as processes of their own, DDS between them."""
 
 import csv

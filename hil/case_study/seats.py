@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The seats of the case study: a seat is an environment that runs the model and returns where the cart went."""
 
 from collections.abc import Sequence

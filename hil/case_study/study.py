@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the case study is and what a run of it yields."""
 
 import enum

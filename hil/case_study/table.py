@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The case study's table as plain text, for a terminal."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A balancing robot in lock step, disturbed by a script: bit-identical every time, faster than real time."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The disturbance limits of a balancing robot: the largest of each from which it recovers, found by bisection."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Linear models in state space, from continuous to sampled to sampled with a delay of whole periods.
 
 Sources: Franklin, Powell, Workman, "Digital Control of Dynamic Systems" (3rd ed.), 4.3.3 for the zero-order hold and

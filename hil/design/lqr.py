@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The linear-quadratic regulator for sampled models.
 
 Source: Anderson, Moore, "Optimal Filtering" (1979), 6.7, for the doubling iteration of the Riccati equation; Franklin,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How far a sampled loop of one input is from instability, from its frequency response.
 
 The loop is broken at the input of the robot, where gain and delay are uncertain: the controller knows the inputs that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The gains of a segway's controller, designed from what the robot is made of.
 
 The linear models are those of `segway_ecc.hil.plants.segway_body` about standing upright and still, friction left out:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The object dictionary of a simulated CANopen node, and the SDO server in front of it (CiA 301)."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A CANopen node as CiA 301 defines it: object dictionary, SDO server, NMT, heartbeats, PDOs on SYNC."""
 
 from collections.abc import Callable, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The serial port of a simulated ODrive board with firmware 0.5: the ASCII protocol."""
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One axis of a simulated ODrive: its states, errors, watchdog and torque."""
 
 from typing import Final

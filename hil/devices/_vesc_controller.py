@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One VESC controller with its motor, as its firmware behaves.
 
 Simplified: the current follows its target with a lag, whatever the supply voltage; the modes that the driver does not

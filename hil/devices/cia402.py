@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two CiA 402 drives as their firmware behaves: CANopen nodes with the profile's state machine, in torque mode."""
 
 from collections.abc import Collection, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What stands at the other end of a link in simulation."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ODrives as their firmware behaves: one board with two axes (0.5), or a board for each wheel (0.6)."""
 
 from collections.abc import Callable, Mapping, Sequence

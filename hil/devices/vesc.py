@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two VESC controllers on one bus, one of them with its UART connected; packets between the two take no time."""
 
 from collections.abc import Mapping, Sequence

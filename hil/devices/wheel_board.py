@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A wheel board as its firmware behaves; docs/drives/wheel_board.md is the same for firmware authors."""
 
 from collections.abc import Mapping, Sequence

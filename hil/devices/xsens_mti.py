@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An MTi as it behaves on the bus: it sends a set of measurements each period, unasked, and obeys nobody."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The bus lost in every way there is, while the cart drives: how long until the serial line carries it on."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The faults of the drill, and the outcome that is expected of each."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A network interface of this machine, set down and up again; see netdevice(7)."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The processes of a robot that drives: plant, guard, node and the node's recorder."""
 
 import contextlib

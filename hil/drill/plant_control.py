@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Faults of a running plant, requested line by line; each line is answered with when it took effect.
 
     mute                the drives receive, and what they send is lost

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our command, with a wall clock that steps by an hour: `python -P -m segway_ecc.hil.drill.stepped_clock VERB ...`.
 
 CLOCK_REALTIME belongs to the whole machine and no namespace covers it, so it is not set: what is stepped is what this

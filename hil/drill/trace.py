@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the motors gave, tick by tick, as `segway-ecc plant --trace` writes it."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One fault, done to a robot that drives, and its outcome."""
 
 import contextlib

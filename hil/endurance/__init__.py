@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Hours of normal driving in lock step, with lost frames."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A normal driving programme, made from a seed: cruising, turning, creeping, reversing, stopping; steps and ramps."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Hours of normal driving in lock step, with sensor errors and lost frames: what the robot takes for a fault there.
 
 Nothing is kept but counts, extremes and the first few trips, however long it lasts.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many hours of driving, divided over seeds and cores; a robot that has tripped is started anew."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is observed of a robot that is driven for hours: extremes, and why it stopped driving."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The node's clock in lock step, which steps, and on which the node stalls or dies, as faults make it."""
 
 from collections.abc import Callable

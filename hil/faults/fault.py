@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a fault is: which part fails, how, when, and by how much."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When faults are there, in lock step with the robot."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Links and lines that lose, spoil, repeat and delay what passes, as faults make them."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A plant whose sensors measure, and whose motors push, as faults make them."""
 
 from collections import deque

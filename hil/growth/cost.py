@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the cycles cost at one size, and the clock that measures it."""
 
 import enum

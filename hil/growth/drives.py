@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop with many drives on one bus, in lock step: each drive an ODrive axis with its own simulated firmware."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Subscribers to the odometry, each a ROS participant of its own: arguments NAMESPACE COUNT.
 
 For the first line on its standard input it answers how many of them have received from the robot, once all have; then

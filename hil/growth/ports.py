@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop with models of many ports, in lock step: recorder on, no hardware, no ROS."""
 
 import functools

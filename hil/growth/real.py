@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop in real time with ROS and its recorder: subscribers in another process, and robots side by side."""
 
 import contextlib

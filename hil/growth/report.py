@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The growth study as a web page of its own, with its figures."""
 
 from collections.abc import Mapping, Sequence

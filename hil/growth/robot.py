@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot in real time, with ROS, that measures what it costs: arguments ROBOT --log FILE [OPTIONS].
 
 It reads commands from its standard input and answers each with a line: `ready` once it runs; `begin`, from which on

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The growth study: sizes on four axes, each measured, and for each axis where it stops being linear."""
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the growth study found, as text."""
 
 from collections.abc import Sequence

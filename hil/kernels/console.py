@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The console of a guest, on which the command's output is kept apart from the kernel's."""
 
 import codecs

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the guests have in common: the task that one is given, the time it has, and how its command ended."""
 
 import argparse

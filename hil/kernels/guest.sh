@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 # What the first processes of the guests share; each reads this from beside itself, with the settings in settings.sh.
 # root is where the command runs: over the host's files, with all that is written kept in memory.
 root=/run/root

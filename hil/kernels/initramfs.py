@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The first file system of a Linux guest: a cpio archive with a shell and the modules that reach the next one."""
 
 import lzma

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A machine that boots an image of the robot: user-mode Linux, with a root shell on one of its consoles."""
 
 import contextlib

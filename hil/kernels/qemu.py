@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs a command in QEMU, on Debian's PREEMPT_RT kernel with two CAN controllers on one bus.
 
 The machine is emulated, so nothing is asked of the host's processor or kernel. The controllers are SJA1000, on Kvaser

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: MIT
 # First process of the guest that hil/kernels/qemu.py boots, in an initramfs with busybox and the modules to load.
 # settings.sh (settings) and guest.sh (what the guests share) stand beside this file.
 set -eu

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs a command in user-mode Linux, whose kernel has SocketCAN with virtual interfaces.
 
 The guest sees the host's files, so the same virtual environment and checkout run inside, but what it writes stays in

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: MIT
 # First process of the user-mode Linux guest that hil/kernels/uml.py boots. The root is the host's, read-only.
 # settings.sh (settings), guest.sh (what the guests share) and command.sh (what to run) stand beside this file.
 set -eu

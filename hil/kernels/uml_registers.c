@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* Lets user-mode Linux 6.1 run on a processor whose register state is larger than it has room for (AMX: 11,008 bytes).
  *
  * It restores the first 2,696 bytes of a process' extended state. Since Linux 5.14 the host refuses to restore less

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What user-mode Linux 6.1 needs to run on a processor with more register state than it has room for."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A model that gives its set-point to a motor, so that a motor frame shows which set-point it was made from."""
 
 from collections.abc import Sequence

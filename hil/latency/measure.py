@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Measures the latency here: node, plant and publisher in processes of their own, and this process on the bus."""
 
 import contextlib

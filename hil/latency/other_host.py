@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Another host for as long as a measurement lasts: a network namespace at the other end of a wire of its own."""
 
 import contextlib

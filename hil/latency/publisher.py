@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Publishes set-points on cmd_vel, and prints when, as JSON: arguments NAMESPACE COUNT PERIOD."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What came of the set-points that were published."""
 
 import enum

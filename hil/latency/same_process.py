@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot and its publisher in one process: arguments ROBOT COUNT [CHANNEL OPTIONS].
 
 A thread puts the set-points into the loop's own stage; prints when each was put there, as JSON.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Publishes set-points at random phases of the loop: each another number, its time noted before it is published."""
 
 import random

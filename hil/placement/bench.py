@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One run in lock step: plant, drives, guard and gateway on the robot's bus, and the three parts where they belong."""
 
 from collections.abc import Sequence

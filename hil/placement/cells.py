@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cells of the grid: each is a run or a few, and what is made of them."""
 
 import functools

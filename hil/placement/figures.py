@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The placement study's figures, each as an image inside the page."""
 
 from collections.abc import Sequence

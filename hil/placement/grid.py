@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The placement study: networks, placements, what is run on each, and all of it side by side on the cores."""
 
 from collections.abc import Callable, Iterator, Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What was seen of one run (truth of the plant, node and guard), its errors against a reference, and its outcome."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A network in simulated time: what is sent over it arrives later, in another order, or never; equal seeds agree."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the three parts of control run, and which flows then cross the network."""
 
 import enum

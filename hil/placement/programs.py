@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The programs around the model node, sequence control and supervision, and the stage that joins them to it.
 
 Each is reached over channels of its own, and time is given.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Balance control away from the robot: its link to the bus goes through a gateway and over the network."""
 
 from collections.abc import Sequence

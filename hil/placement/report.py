@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The placement study as a web page of its own, which loads nothing from elsewhere."""
 
 from collections.abc import Mapping

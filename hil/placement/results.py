@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the placement study finds."""
 
 import msgspec

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rig in lock step with what happens at times of its own, between the ticks of the devices; and the guard."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How bad a network balance control on the station tolerates, by bisection."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the placement study found, as tables of text."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which placements are fit for a network, and which one is recommended."""
 
 from typing import Final, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cart of the case study as a plant: motors, wheels and the way they roll, without its controller.
 
 The equations are those of `segway_ecc.node.models.cart`, where they are derived; the frames are its frames.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The outputs that the plants of two-wheeled robots have in common: encoders, IMU, and how the robot really is."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway as a plant: a body that balances on two wheels, behind drives of torque or of voltage.
 
 The equations of motion, and what they leave out, are in `segway_ecc.hil.plants.segway_body`; motors and battery in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the segway moves: a body on two wheels that roll without slipping, by Lagrange's method.
 
 Coordinates: way s along the ground (rate v), lean b of the body against the ground's normal (rate q), heading (rate w,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's motors behind their drives, and the battery they share.
 
 A motor is the equivalent DC motor (any text on electric drives): L di/dt = u - R i - K w at a shaft speed w, and torque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the segway measures: wheels by encoders with steps, and motion by an IMU with the errors of a MEMS.
 
 An IMU's errors, per axis: measured = (1 + scale) true + bias + noise. Scale and bias are drawn once, normally

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Between the loop's process and the terminal's: keys one way, snapshots the other; neither end ever waits."""
 
 import contextlib

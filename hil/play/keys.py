@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The keys that drive a robot, and how a terminal sends them."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot that stands up and sits down on request: its phase, and the requests."""
 
 from collections import deque

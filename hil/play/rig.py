@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a person can do to the plant: push it, and break its bus."""
 
 import os

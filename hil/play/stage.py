@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The keyboard as a stage of the loop, in front of ROS or of nobody."""
 
 import logging

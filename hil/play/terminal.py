@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The process at the terminal: argument DESCRIPTOR, the other end of the loop's socket.
 
 It is a process of its own so that neither drawing nor a terminal that hangs can delay the loop.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A snapshot as a picture of text."""
 
 import math

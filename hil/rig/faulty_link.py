@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A link that fails on request, in front of one that works."""
 
 import enum

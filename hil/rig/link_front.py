@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A link in front of another: what passes is the other's, but for what a kind of front changes."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rig on a simulated clock: the node and the devices take turns, and the same seed gives the same bits."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Lock step over a real bus: simulated time stops until everything that was sent has arrived."""
 
 import time

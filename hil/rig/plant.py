@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a rig asks of a plant beside one step: several at once, where nobody looks between them."""
 
 from collections.abc import Callable, Sequence

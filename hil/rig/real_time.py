@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rig in real time: the devices and their plant as a process of their own at the other end of a real bus."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A recorder in front of another: what is written is passed on, but for what a kind of front changes."""
 
 from collections.abc import Sequence

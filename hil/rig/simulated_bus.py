@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A CAN bus in simulated time: frames take their time on the wire, and the lowest identifier wins it."""
 
 from collections.abc import Callable, Mapping

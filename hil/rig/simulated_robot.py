@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """All devices on one bus with the plant they share, one tick at a time."""
 
 from collections.abc import Sequence

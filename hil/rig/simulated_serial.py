@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A serial line in simulated time: each byte arrives when its ten bits have passed."""
 
 import errno

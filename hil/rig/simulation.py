@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulation that a robot file describes: its bus, its serial line, its plant and its devices."""
 
 from collections.abc import Callable, Sequence

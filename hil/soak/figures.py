@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The figure of a soak: how each quantity went over time, from its value at the end of the warm-up."""
 
 from collections.abc import Sequence

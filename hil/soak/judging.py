@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whether a quantity grew while it was watched."""
 
 import statistics

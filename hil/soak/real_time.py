@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot in real time: the node with ROS and its recorder, a plant, and a station that drives it."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Hours of driving in lock step with the recorder on, in a process of its own, which is watched from outside.
 
 It receives what to drive in one line of JSON on its standard input, writes one line of JSON

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drives a robot over ROS during a soak, in a process of its own: arguments NAMESPACE DURATION.
 
 Publishes set-points and heartbeats as a base station does, and subscribes to what the robot publishes: a robot without

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a process takes of the machine, read from outside it in /proc (proc(5))."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Watches processes while they run, and keeps what they take as series."""
 
 import contextlib

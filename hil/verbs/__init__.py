@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The verbs that simulate, prove and measure, one module each."""
 
 from typing import Final

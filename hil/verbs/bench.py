@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc bench`: how fast this machine runs the loop, beside what else could be run in its place."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the two ways to the kernel's CAN cost in a cycle: `python -P -m segway_ecc.hil.verbs.bench_links`."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc case-study`: the thesis' tables and figures through each seat."""
 
 import argparse

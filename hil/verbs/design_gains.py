@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc design gains`: the gains of a balancing robot from what it is made of, with poles and margins."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc design margins`: the disturbance limits of the balancing robot, against what is required."""
 
 import argparse

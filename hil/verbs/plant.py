@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc plant ROBOT`: the other end of the robot's bus, simulated in real time."""
 
 import argparse

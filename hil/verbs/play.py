@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc play [ROBOT]`: plant, node and guard on this machine, driven with the arrow keys."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove campaign`: all scenarios with all their seeds and parameters, side by side, and a report."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove endurance`: hours of normal driving in lock step with lost frames: any trip is a false one."""
 
 import argparse

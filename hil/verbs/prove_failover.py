@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove failover`: lose the bus in every way there is, and measure when the serial line takes over."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove fault`: run one declared scenario in lock step, and see whether it comes as expected."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove growth`: what a cycle costs as the robot grows, and where that stops being linear."""
 
 import argparse

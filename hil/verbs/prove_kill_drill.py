@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove kill-drill`: kill, stop and cut every part of a driving robot; time to zero torque."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove placement`: sequence, balance and supervision, each on the robot or on the base station."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove soak`: long runs, in lock step and in real time; memory, files and threads must not grow."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The folder of `--out`, into which a verb writes its report."""
 
 import contextlib

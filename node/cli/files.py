@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Files that several verbs write: CSV and drawings."""
 
 import csv

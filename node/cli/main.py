@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From a control model that works on the bench to the software of a real robot.
 
 Data on standard output, messages on standard error. Exit codes: 0 done; 1 another error of ours; 2 arguments, robot

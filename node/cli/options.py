@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Options and habits that several verbs share."""
 
 import argparse

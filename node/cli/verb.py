@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the command line knows of a verb before it is used; each room lists its own in `verbs/__init__.py`."""
 
 import enum

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The cycle: deadlines, set-points, equations, commands, and how long each took."""

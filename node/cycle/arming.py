@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The arming manager: the modes, joined to the drives' arming and to the set-points."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Best-effort recording: a recorder that fails never ends control."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Time, injected: the same cycle runs on the robot's clock and on a simulated one."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One cycle of the robot: exchange, ROS stage, decide, equations, limit."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cycle's interfaces to the ROS stage and the recorder, so that it depends on neither."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop: one thread that waits for nothing but its next deadline."""
 
 import contextlib

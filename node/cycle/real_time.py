@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop's real-time requirements of the kernel and of Python."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's diagnostics, gathered in pieces small enough for the slack of a cycle."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The node as the service manager sees it: readiness, status, and the watchdog's keep-alive while deadlines are met.
 
 The protocol is that of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. Nothing here waits or raises,

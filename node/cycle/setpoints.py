@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Set-points: which one is in force, which ones wait for their time, and which were refused."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What people read while the loop runs: changes of mode, refusals to arm, and events."""
 
 import logging

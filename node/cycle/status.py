@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One diagnostic status, as diagnostic_msgs/DiagnosticStatus has it (REP-107)."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The base station as the robot sees it: its heartbeats, and what the robot does by itself when they end."""
 
 from collections.abc import MutableSequence, Sequence

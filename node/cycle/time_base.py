@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wall-clock stamp of each cycle.
 
 Set-points are stamped ahead and durations counted in model time, so while any is scheduled the stamps of consecutive

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How long things take, in bounded memory: a histogram with logarithmic buckets."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Model ports and states joined to the robot's signals, by name, once, before the first cycle."""
 
 import enum

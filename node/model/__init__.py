@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """The model runtime: sections, integration methods, named variables."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fixed-step integration methods, under the names 20-sim gives them.
 
 Sources: the 20-sim reference manual, "Integration Methods"; Hairer, Norsett, Wanner, "Solving Ordinary Differential

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The interface of every model, whatever it is written in."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Models written in Python as the six sections of a 20-sim model."""
 
 from collections.abc import Mapping, Sequence

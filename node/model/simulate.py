@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A model alone, stepped through time."""
 
 from collections.abc import Iterator, Mapping, Sequence

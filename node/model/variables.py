@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Named variables with units, and what a write to each one does."""
 
 import enum

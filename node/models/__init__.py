@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Models that ship with the package."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cart of the case study: two wheels in the plane, each speed-controlled by feedforward plus feedback.
 
 Equations of a wheel (a brushed motor with its load; any text on electric drives):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One call that loads a model, whatever it is written in."""
 
 import importlib

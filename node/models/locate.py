@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the model lies that a robot file or a command names: beside the file, in the current folder, or installed.
 
 A source that lies in a folder carries it: `/home/me/robots/tank:Tank` is the class Tank of tank.py, or of the package

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller of a segway: a body on two wheels that it keeps upright, still or on its way.
 
 In each step it estimates how the robot leans and moves (`segway_estimate`), decides what it is doing (`segway_phases`)

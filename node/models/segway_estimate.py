@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where a segway is and how it leans, from its IMU and its encoders.
 
 Pitch is the integral of the gyro, drawn slowly to where the accelerometer feels "up" (a complementary filter: Mahony,

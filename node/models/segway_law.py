@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How a segway is kept up and moved: set-points that its body can follow, and the torques that follow them.
 
 The balance is state feedback with the gains that `segway-ecc design gains` finds, around a moving reference:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the robot that balances is made of: one table for its plant and for whoever designs its controller.
 
 Source of `PUBLISHED`: Upkie, an open-source wheeled biped (Apache 2.0), from the file urdf/upkie.urdf of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a segway is doing: resting on a stop, standing up, balancing, sitting down, or resting because it gave up."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where what was compiled or unpacked is kept, by content, so that it is done once.
 
 The place follows the XDG Base Directory Specification 0.8: `$XDG_CACHE_HOME`, or `~/.cache` where that is unset or

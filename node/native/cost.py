@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a step costs through our interface, beside the same step called from C."""
 
 import importlib.resources

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A compiled model: one shared object with our own C interface, loaded once per instance.
 
 The interface is the same for every flavour; a shim of ours, compiled with the model or before an FMU, provides it:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Loading a model that arrives as generated code or as an FMU."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* Times a compiled model's step from C: the cost that no interface can be under. Prints the median, ns.
    Usage: native_cost LIBRARY INPUTS OUTPUTS STEPS */
 #define _GNU_SOURCE

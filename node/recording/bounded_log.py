@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A log that goes on through everything a disk can do: in files of a size, within a quota, and past a full disk."""
 
 import contextlib

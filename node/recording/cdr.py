@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ROS 2 messages as bytes, from plain values and without ROS.
 
 The format is the plain CDR of OMG CORBA 3.3 part 2 chapter 9.3 in the encapsulation of OMG

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A cycle as bytes, on its way from the loop to the process that writes the log.
 
 It passes as MessagePack of the whole record, made in one call: in a loop that sleeps between its cycles the caches are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cycles as messages: what each topic of a run's log holds."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The message on `/cycle`: everything of one cycle that is a number, in one message of one size.
 
 The definition is made from the robot's layout, in the `ros2msg` form of the MCAP format registry; the bytes are plain

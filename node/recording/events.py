@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What happened in a cycle beyond its numbers: what arrived, what the hardware answered, faults and events.
 
 Each piece is one JSON array whose first word is its kind. Numbers are written as Python does: all digits, and NaN

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the cycles of one robot hold: the names, and the names of the fields that bear them in the log."""
 
 import math

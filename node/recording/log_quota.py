@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How much disk space the logs of a robot take: the oldest is removed first, and never one that is being written."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The log of a run: an MCAP file that Foxglove, PlotJuggler and `rosbags` open without ROS.
 
 The container is MCAP (https://mcap.dev/spec) with profile `ros2`, schema encoding `ros2msg` and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the run in a log comes from; the software and the machine are added by the process that writes the log."""
 
 import importlib

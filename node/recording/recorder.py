@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop's side of the recorder: hands each cycle to a process of its own and never waits for it."""
 
 import logging

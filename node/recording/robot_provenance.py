@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where a run comes from: the robot, the model by its content, and the wire's description."""
 
 import hashlib

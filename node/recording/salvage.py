@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reading a log as far as it goes: also one that a power cut or a full disk has cut off anywhere."""
 
 import struct

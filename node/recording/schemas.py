@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS 2 message definitions that a log carries, so that readers need no ROS.
 
 The texts follow the `ros2msg` schema encoding of the MCAP format registry

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The raw traffic on a bus, as a candump log: what can-utils, SavvyCAN and cantools read."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The process that writes a run's log: its settings come through its standard input, the cycles through a ring."""
 
 import ctypes

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """A recorded run, through the same model and safety code again."""

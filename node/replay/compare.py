@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two cycles compared, to the last bit."""
 
 import struct

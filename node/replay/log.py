@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A run as it was recorded: the robot, and its cycles in their order."""
 
 import struct

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The hardware, the stage and the clock of a run, which answer as they did when it was recorded."""
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A log fed to the same model and safety code; every command, port and mode compared."""
 
 from collections import deque

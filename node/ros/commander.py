@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The other end of the model node's topics: sends stamped set-points and receives the odometry."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS graph: which nodes a topic connects, and which it cannot because types or QoS differ."""
 
 from dataclasses import dataclass

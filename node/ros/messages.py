@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Filling standard messages from plain values."""
 
 import importlib

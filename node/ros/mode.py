@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The topic `mode`: what the robot may do and why, and the echo of the base station's heartbeat."""
 
 from typing import Final

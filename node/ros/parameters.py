@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model's parameters as ROS parameters; it is the loop that writes them, between two steps."""
 
 import importlib

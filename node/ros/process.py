@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The process that runs ROS for a loop. Its settings come through standard input.
 
 One thread publishes what the loop hands over, another waits in DDS for what arrives. Neither side waits for the other:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What passes between the loop and the ROS process: its settings as JSON, then MessagePack in two rings."""
 
 import enum

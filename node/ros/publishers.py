@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The topics that publish each cycle."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop's side of ROS, which runs in a process of its own: nothing of DDS can delay or end the loop."""
 
 import contextlib

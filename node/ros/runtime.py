@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Starting and leaving ROS 2, and reporting where it is not there."""
 
 import contextlib

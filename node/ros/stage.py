@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot in ROS: takes messages from its own handles and publishes; no executor runs."""
 
 import logging

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What arrives from ROS on its way to the loop: a thread waits for it in DDS and puts it where the loop looks."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Messages as DDS carries them, of which only some numbers change from one to the next.
 
 Publishing a message object makes rclpy convert it field by field: for an Odometry 17 us where its bytes take 3. So a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How DDS carries messages between processes of one machine: not through shared memory.
 
 Where Fast DDS meets another participant on its machine, it looks after the health of the shared-memory port between

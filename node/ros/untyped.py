@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A name for what rclpy hands out: its classes and messages carry no type information."""
 
 from typing import Any, TypeAlias

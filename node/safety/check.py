@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What every check of the sensors is."""
 
 from abc import ABC, abstractmethod

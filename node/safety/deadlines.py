@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When the deadlines that were missed are too many to control a robot with."""
 
 from collections import deque

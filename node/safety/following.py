@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot that does not follow its set-points."""
 
 from collections import deque

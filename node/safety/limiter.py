@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The last look at commands before they leave: finite, within their limits, and no faster than their slew rate."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The modes of the robot and what leads from one to another."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Everything that is watched of one robot, brought together."""
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Values that cannot be what the robot does: frozen, or against each other."""
 
 from collections import deque

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Pre-arm checks: what must pass before the robot arms, what was measured, and the remedy where it fails."""
 
 from collections.abc import Iterator, Sequence

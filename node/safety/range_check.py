@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Single values beyond what they may be."""
 
 from segway_ecc.node.safety.check import Check, Signal, View

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The rate that the loop really achieves, and for how long the IMU has been still."""
 
 from collections import deque

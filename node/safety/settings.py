@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The safety section of a robot file."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The base station that watches over the robot: what its silence means, by the robot's own decision."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How far the body leans, from the IMU alone and independent of the robot's control model."""
 
 from collections.abc import Sequence

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """Sequence control: set-points that follow one another in model time."""

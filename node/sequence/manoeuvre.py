@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A manoeuvre: segments of constant set-points, and when each of them has to be sent."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Plays a manoeuvre to a robot that it follows only through what the robot publishes; knows no ROS and no clock."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequence control without ROS: the player sits in the loop's own stage."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The verbs that a robot needs, one module each."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc guard ROBOT`: disables the drives when commands stop, whatever became of the node."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log replay LOG`: a recorded run through the same model and safety code again, compared to the last bit.
 
 Exit codes: 0 every cycle in the log is identical; 1 one differs; 2 arguments; 3 the model cannot be loaded; 9 the log

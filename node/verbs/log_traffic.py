@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log traffic ROBOT --out FILE`: the raw traffic on a robot's bus, as a candump log."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc model inspect MODEL`: what a model is."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc model simulate MODEL`: a model alone, under given inputs, to a table, CSV, MCAP or a plot."""
 
 import argparse

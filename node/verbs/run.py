@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc run ROBOT`: the model node."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc sequence`: sequence control, a node of its own."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The units as systemd itself reads them, and what they must contain."""
 
 import configparser

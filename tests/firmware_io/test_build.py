@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ways to a robot's drives, made of its settings."""
 
 import pytest

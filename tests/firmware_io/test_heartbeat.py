@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Heartbeats from the loop to the guard."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When a redundant link changes lines, on the time line of a cycle of 10 ms."""
 
 from dataclasses import dataclass, field

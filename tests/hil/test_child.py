@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """No process outlives the one that started it, even one that is killed."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.hil.page import page, pairs, section, wide
 
 SCRIPT = "<script>'&\"</script>"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Commands as processes: what is told when one fails, and that none is left behind."""
 
 import os

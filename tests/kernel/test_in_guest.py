@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs the files of tests/kernel/guest in user-mode Linux, all in one boot, and tells their results one by one."""
 
 from collections.abc import Callable, Sequence

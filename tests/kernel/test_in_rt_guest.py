@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs the files of tests/kernel/rt_guest in QEMU, on a PREEMPT_RT kernel with two CAN controllers, in one boot."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Processes that help the loop; that they start, are told and end is shown where each is."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Messages through memory that two processes share: taken whole, in order, once, or not at all."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A slow network: what passes arrives a fixed time later, in both directions, however much it is."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Run in a guest as root: a robot and a station in network namespaces of their own, netem on the wire between them.
 
 `python netem_points.py FILE` writes what came of each point as JSON.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequence control by somebody else, at the far end of a network: says set-points and hears when each came into force.
 
 For each line on standard input, `{"seconds": S, "stamped": bool}`, it says ten set-points a second for so long, each of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Nothing but a stop: `python stop_button.py URL ROBOT` presses it for each line on standard input, and prints when.
 
 A process of its own, since playwright has the test's event loop. Prints `[sent, answered]`, monotonic ns.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The longer proofs of the case study, run by `make prove`; figures that depend on the machine are printed."""
 
 import json

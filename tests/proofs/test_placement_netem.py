@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequence control at the far end of a real network: netem between namespaces, in a kernel that has it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From pressing stop to zero torque at the simulated drive, with and without a slow network before the station."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A hundred viewers and twenty robots on one station: do the viewers see enough, and are the robots disturbed?
 
 Five robots are real (`segway-ecc run cart`), fifteen speak as robots do and compute nothing; all on this machine.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The layer's files, read as plain text: no bitbake is needed for that."""
 
 import re

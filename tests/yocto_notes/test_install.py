@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The recipe's own install commands, run by the shell with bitbake's variables filled in."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kas files, checked by kas' own schema; nothing is fetched."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What can be known of the layer without bitbake: that it is consistent with the product and with itself."""
 
 import hashlib

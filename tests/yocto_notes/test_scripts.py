@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The shell scripts: clean by shellcheck, and parse.sh refuses in one line what it cannot do."""
 
 import os

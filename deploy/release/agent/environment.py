@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a release needs of its environment: variables that its services are started with."""
 
 from pathlib import Path

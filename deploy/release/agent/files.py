@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Files that are whole or not there, whatever moment the power goes."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whether a node that was just restarted is healthy."""
 
 import time

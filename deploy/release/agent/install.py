@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A release received, verified, and installed into its own virtual environment; nothing that runs is touched."""
 
 import dataclasses

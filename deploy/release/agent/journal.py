@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where an update stands: a file while it is under way, so that whoever comes after a power cut knows."""
 
 import dataclasses

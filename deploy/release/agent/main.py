@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's side of `segway-ecc deploy`, and what settles an interrupted update at boot."""
 
 import json

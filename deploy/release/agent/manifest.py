@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a release consists of, and what became of it: `manifest.json`, written last; what has one is complete."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the robot reports to the machine that asked: one JSON object a line."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot file becomes part of the release: `robot.yaml` of the configuration leads to that of the release in use."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's services as systemd shows them, and whether the node is healthy."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is on the robot: looked at only, nothing is changed."""
 
 import dataclasses

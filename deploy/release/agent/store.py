@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The releases on a robot, and which of them is in use."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The change from one release to another: switch, restart, trial, and back where the new one is not healthy."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whether a machine can be a base station, checked before anything is written."""
 
 import re

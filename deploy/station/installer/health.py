@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The health check of the service that was started."""
 
 import ssl

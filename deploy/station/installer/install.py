@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Makes a machine a base station; doing it again changes what is different, and nothing else."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The machine that becomes a base station: this one, or a root file system in a folder."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The program that the service runs, and whether the service's user can reach it."""
 
 import contextlib

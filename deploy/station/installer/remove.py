@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Takes a base station away, but for its logs."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The files of a base station, made from those that are shipped."""
 
 import importlib.metadata

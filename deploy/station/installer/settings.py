@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The settings of a base station: checked, and as the file that its service reads."""
 
 import ipaddress

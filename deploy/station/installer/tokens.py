@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The tokens of a base station, kept as `segway-ecc station serve` keeps them: as hashes, in the station's folder."""
 
 import os

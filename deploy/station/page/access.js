@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The session, and the form that begins one.
 
 import { byId, text, visible } from "./dom.js";

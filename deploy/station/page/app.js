@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The page of the base station. The station's messages arrive here, and are drawn at most once per frame.
 
 import { LoginForm, session, signOut } from "./access.js";

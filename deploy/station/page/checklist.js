@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The pre-arm checks: those that fail first, each with its fix.
 
 import { attribute, byId, keep, make, text } from "./dom.js";

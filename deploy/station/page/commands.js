@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Commands: each waits for its reply where it can be seen, and a failure gives its reason.
 
 import { attribute, byId, make, text, visible } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The socket to the base station: it opens itself again, and it knows whether what is shown is still true.
 
 /** A picture older than this is no longer one of the present, ms. */

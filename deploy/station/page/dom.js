@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Small helpers. Text goes in as text, never as HTML, and only where it has changed.
 
 /** The element with this id. */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Driving by hand is dead-man: whatever ends the operator's hold sends zero at once, and then nothing more.
 
 const LINEAR = { ArrowUp: 1, KeyW: 1, ArrowDown: -1, KeyS: -1 };

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // What happened, the newest first.
 
 import { byId, make } from "./dom.js";

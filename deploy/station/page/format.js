@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Numbers as an operator reads them. A value that the robot does not report is a dash.
 
 const MINUS = "\u2212";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The links to the drives, and the timing of the robot's loop.
 
 import { attribute, byId, keep, make, text, visible } from "./dom.js";

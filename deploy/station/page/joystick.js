@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The joystick for touch and mouse: it drives as long as one pointer holds it.
 
 import { byId } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The selected robot at a glance: its mode and why, its tilt drawn, and its figures.
 
 import { attribute, byId, make, text, visible } from "./dom.js";

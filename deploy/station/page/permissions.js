@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Which commands are allowed now, and why not. The robot and the station decide; this predicts their decision.
 
 const ACTIVE = ["ARMED", "HOLD"];

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // Tilt, speed and turning over the last 20 s, as they arrive; they stop and turn grey when nothing arrives.
 
 import uPlot from "./vendor/uplot.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // The list of robots: each with its mode as a colour and a word, or how long it has been lost.
 
 import { attribute, byId, keep, make, text, visible } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // A sequence: loaded from a file or typed, played by the station, shown with its progress.
 
 import { byId, text } from "./dom.js";

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT
 // STOP: always there, one key, latched until it is cleared, and confirmed by the drives.
 //
 // Both Esc and Space stop. Esc works everywhere, in a text field too. Space works everywhere but in a text field, where it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The tokens: made once, shown once, and kept as salted hashes.
 
 A token is 160 random bits, so a plain SHA-256 of it cannot be searched through; a slow hash, as the passwords of people

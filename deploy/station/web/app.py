@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The routes."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Who did what, and what came of it: lines of JSON that are only ever appended.
 
 A thread of its own writes them, so that a slow disk blocks nothing; a full one stops nothing and is logged once.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Checks every request before anything is done for it, and begins and ends sessions."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One browser: sends it pictures, events and replies, and checks what it sends."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Accepts connections, or closes them at once: a flood is refused here, before anything is read or decrypted."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs and support bundles for download."""
 
 import asyncio

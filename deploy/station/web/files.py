@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The page's files."""
 
 import importlib.resources

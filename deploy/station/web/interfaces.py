@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the web side needs of a station."""
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Rate limits: token buckets on a clock that is given. Pure."""
 
 import ipaddress

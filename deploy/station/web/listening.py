@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The sockets that the station listens on, and its address."""
 
 import ipaddress

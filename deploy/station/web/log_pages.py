@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs as a page; every text in it may be a stranger's."""
 
 import datetime as dt

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Decodes what a browser sends: nothing of it is trusted. Pure."""
 
 import math

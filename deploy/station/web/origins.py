@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which pages may send us requests, by the headers that browsers add. Pure.
 
 A page of another site can make a browser send us requests, and its name server can make its name point at us (DNS

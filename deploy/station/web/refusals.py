@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Why requests and messages are refused, and the response to a refused request."""
 
 import enum

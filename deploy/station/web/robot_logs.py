@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The logs of robots: listed, fetched into the station's folder, and then downloaded from there."""
 
 import asyncio

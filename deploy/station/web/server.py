@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The web server of the base station, from its sockets to its end."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Who is logged in. Pure: time is given, and nothing outlives the process."""
 
 import dataclasses

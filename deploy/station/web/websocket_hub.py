@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """All browsers: each picture is encoded once for all of them."""
 
 import asyncio

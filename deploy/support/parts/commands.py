@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Asking other programs, for a bounded time and a bounded answer."""
 
 import shutil

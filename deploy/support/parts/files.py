@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot file, the newest logs, and a station's audit log."""
 
 import functools

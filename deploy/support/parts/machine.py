@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the machine is and how fit it is: software, real-time limits, disk space, load, CAN interfaces, messages."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The objects of a CiA 402 drive that the host uses, as the canopen library wants them."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two CiA 402 drives, one a wheel, as one `Drive`: they share SYNC, the host's heartbeat and their enabling."""
 
 import importlib.util

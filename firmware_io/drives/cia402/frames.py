@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CANopen frames that a CiA 402 drive is run with: bytes to SI and back.
 
 Layouts follow CiA 301 (object identifiers, NMT, SYNC, EMCY, heartbeat, expedited SDO) and, in the PDOs, the objects of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the host asks of a CiA 402 drive, and how long it waits."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The canopen library on one of our links: its waiting calls pump the link, on the loop's clock, without any thread."""
 
 import contextlib

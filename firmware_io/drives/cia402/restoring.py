@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Setting up again a drive that has restarted: in the loop, one request a cycle, without waiting."""
 
 from collections.abc import Callable, Sequence

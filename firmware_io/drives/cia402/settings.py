@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings in a robot file for CiA 402 drives."""
 
 from typing import Annotated, Final, NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Getting the drives ready before the loop starts: reset, set up with every value read back, communication started."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The state machine of CiA 402, as the host sees and drives it."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the guard reads and stops CiA 402 drives."""
 
 from collections.abc import Sequence

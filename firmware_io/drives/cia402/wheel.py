@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One drive with its wheel, as the loop knows it: what it reports, and the next command for its state machine."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Commands of the host to an axis in ODrive's CANSimple frames, firmware 0.5 and 0.6.
 
 Every value is in the unit of the wire, which its name carries: turns of the motor, not radians. A message that only one

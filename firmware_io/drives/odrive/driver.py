@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One axis of an ODrive, which moves one wheel, as a `Drive`: enable, command, disable."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The names of ODrive's axis errors.
 
 Sources: `Axis.Error` of the ODrive v3 firmware 0.5.6; the value table of Axis_Error in the DBC of 0.6.10.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which firmware a drive has: as configured in the robot file, or as the drive answers."""
 
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ODrive's CANSimple frames: bytes to messages and back, for firmware 0.5 and 0.6.
 
 An 11-bit identifier is the node's number and a command of five bits; the same command can mean different things to the

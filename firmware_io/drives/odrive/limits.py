@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The times that the driver keeps, what it tolerates, and whom it can address."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Telemetry of one axis: its frames decoded, checked, time-stamped and kept."""
 
 from collections import Counter

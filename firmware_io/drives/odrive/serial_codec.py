@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ASCII protocol of ODrive firmware 0.5, checksums on every line both ways, as a `SerialCodec`.
 
 A line is text, a star and the XOR of the text's bytes in decimal, ended by a line feed. Replies do not name what they

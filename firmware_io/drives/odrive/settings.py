@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings in a robot file for ODrives."""
 
 from typing import Annotated, Final, Literal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the guard reads and stops ODrives; what it uses is the same in firmware 0.5 and 0.6."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Proof, by what it does, that an axis' own watchdog is on and short enough.
 
 CANSimple of firmware 0.5 cannot read the watchdog's configuration. But the watchdog is checked in every state: an idle

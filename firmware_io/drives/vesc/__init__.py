@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: MIT
 """VESC motor controllers, one for each wheel, on CAN and on the UART of one of them."""

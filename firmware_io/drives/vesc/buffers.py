@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Packets of the VESC's serial protocol carried in CAN frames: a short one in one frame, a longer one in several.
 
 A controller that processes such a packet sends its reply, in the same way, to the identifier of the sender.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a controller reports only when asked: its fault, and whether its time-out has acted.
 
 Both are values of the serial protocol, asked for one at a time so that question and answer each fit one CAN frame; see

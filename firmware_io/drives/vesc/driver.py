@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One wheel behind a VESC as a `Drive`: motor current in, speed, angle and torque out."""
 
 import math

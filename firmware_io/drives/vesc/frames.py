@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The VESC's CAN frames and the packets of its serial protocol: bytes to SI and back.
 
 The 29-bit identifier carries the command in bits 8 to 15 and the controller in bits 0 to 7; the bits above are zero.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the VESC can take."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The framing of the VESC's serial protocol, and a receiver that finds good packets among anything.
 
 A packet of up to 255 bytes is 0x02, its length in one byte, the packet, its CRC-16/XMODEM, 0x03; a longer one begins

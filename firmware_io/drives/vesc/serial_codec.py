@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The UART of one VESC as a line that carries the frames of both.
 
 Commands for the controller at the UART go to it; those for the other one are handed on by it over CAN. So the line

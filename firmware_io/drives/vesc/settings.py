@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings in a robot file for VESC controllers."""
 
 from typing import Annotated, Literal

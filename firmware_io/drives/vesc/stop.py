@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the guard reads and stops VESC controllers."""
 
 from collections.abc import Sequence

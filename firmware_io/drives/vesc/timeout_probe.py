@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Does a controller's time-out act? Measured while the motors are off, without moving anything.
 
 The time-out cannot be read, but a controller reports, when asked, whether it acts. So commands stop for as long as the

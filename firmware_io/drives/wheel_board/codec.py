@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The frames in C, for the firmware: `python -P -m segway_ecc.firmware_io.drives.wheel_board.codec FOLDER`.
 
 cantools makes the packing from wheel_board.dbc; counter and CRC, which it does not know, are our own files beside it.

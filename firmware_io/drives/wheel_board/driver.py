@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wheel board as a `Drive`: enable, command, disable."""
 
 import time

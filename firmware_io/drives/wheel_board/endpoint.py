@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Both ends of the wheel board's conversation: counters put on and checked, everything refused counted."""
 
 from collections import Counter

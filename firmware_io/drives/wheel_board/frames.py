@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wheel board's frames: bytes to SI and back, as wheel_board.dbc describes them."""
 
 import enum

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the wheel board can take."""
 
 from typing import Final

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The wheel board's serial line: each CAN frame as a packet of its own.
 
 A packet, COBS-stuffed, with a zero byte before and after it, so that noise before it is not taken for a part of it:

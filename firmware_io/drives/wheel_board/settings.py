@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Settings in a robot file for a wheel board."""
 
 from segway_ecc.firmware_io.links.settings import SerialSettings

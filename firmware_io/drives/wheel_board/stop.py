@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the guard reads and stops a wheel board."""
 
 from collections.abc import Sequence

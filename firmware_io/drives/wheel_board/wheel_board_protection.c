@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 #include "wheel_board_protection.h"
 
 #define COUNTER_BYTE (6u)

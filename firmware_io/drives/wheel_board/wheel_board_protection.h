@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /*
  * End-to-end protection of the wheel board's frames: a message counter and a CRC in their last two bytes.
  *

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The MTi as a `Sensor`: it is only listened to, and never spoken to."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN messages of the MTi 600 series: bytes to SI and back.
 
 Source: Xsens, "MTi 600-series MT CAN Protocol Documentation", MT1604P revision A (2019), section 6, and the page "CAN

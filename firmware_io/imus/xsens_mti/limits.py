@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the MTi 600 series can measure."""
 
 from typing import Final

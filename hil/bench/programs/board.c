@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* A wheel board with an IMU and the cart it moves, at any rate: the other end of the bus for every program of the bench.
 
    Usage: board INTERFACE CHANNEL PERIOD_NS PRIORITY

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* A CAN bus for the programs beside this file: the kernel's own, or the local bus of firmware_io/links/local_bus.py. */
 #ifndef BUS_H
 #define BUS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The least that does the work: sleeps to the deadline, takes the frames, steps the model, sends. The limit of the bench.
 
    Usage: loop INTERFACE CHANNEL GUARD PERIOD_NS CYCLES PRIORITY SAMPLES

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop that a user would write: rclpy's timer and executor, python-can, the model through ctypes.
 
 It stands alone: nothing of this package is used, so that it can be read, run and changed by itself.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """An FMU's zip file: checked, and unpacked once into the cache. The user's file is only read."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The machine code of an FMU: the library for this machine, or its sources compiled; and what a library exports.
 
 Sources: FMI 2.0.4, section 2.3 and FMI 3.0.1, section 2.5 (the folders); System V ABI, chapters 4 and 5 (ELF).

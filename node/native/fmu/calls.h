@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* What the shim knows of an FMU: the plan that the loader made, the functions of its library, what it says.
  *
  * Part of shim.c, which alone includes it. The few types and functions needed are declared here from the text of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compiling for FMUs: our shim, and the sources of an FMU that has no library for this machine.
 
 Sources: FMI 2.0.4, sections 2.1.1 and 2.3; FMI 3.0.1, section 2.5.1.4 (buildDescription.xml).

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From an FMU's own description to the one that the runtime shows and the places that the shim uses."""
 
 import math

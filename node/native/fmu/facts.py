@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What an FMU's modelDescription.xml holds, in one shape for FMI 2.0 and 3.0.
 
 Sources: FMI 2.0.4, sections 2.2 and 4.3.1; FMI 3.0.1, sections 2.4 and 4.4.

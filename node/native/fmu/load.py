@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """FMUs in the runtime: FMI 2.0 and 3.0 for co-simulation, from 20-sim and from any other tool."""
 
 import ctypes

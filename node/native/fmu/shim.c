@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The seat of an FMU: the interface of node/native/library.py over the functions of the FMI standard.
  *
  * Compiled once; each instance loads its own copy, so the state below and in calls.h belongs to one FMU.

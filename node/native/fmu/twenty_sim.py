@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 r"""What 20-sim puts into its FMUs beyond the standard: model configuration, tokens, static equations.
 
 Sources: the open export template of Controllab (fmi-export-20sim), which shows that the model description is made from

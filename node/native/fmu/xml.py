@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The XML files of an FMU, read with care: they come from anywhere."""
 
 import math

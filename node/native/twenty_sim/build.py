@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compiling a 20-sim model into a shared object with our interface, once per content.
 
 Every file that goes in is written out under its own name below a folder of the cache, and compiled there: the user's

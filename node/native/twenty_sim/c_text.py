@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Reading C and C++ as text: enough to find what generated code declares, without a compiler.
 
 Everything works on code whose comments and strings are blanked, so that offsets still point into the original.

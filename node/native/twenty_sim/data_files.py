@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Data files that a model's code reads: found before it is compiled, and compiled in.
 
 Generated code names them as 20-sim did, often with a path of the Windows machine that generated it, and opens them

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Headers that a folder lacks, made on our side of the include path.
 
 Folders come from file systems that ignore case, are moved about, and are copied in part. What

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The description of a 20-sim model, put together from its code, its comments and its XML."""
 
 import re

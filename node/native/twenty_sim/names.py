@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 r"""Names and units of a 20-sim model: from the comments in its code, and from the XML beside it.
 
 Formats: a comment `PID1\kp {V}` behind the line that sets an array's element; `<token name="PARAMETER_NAMES3">` in

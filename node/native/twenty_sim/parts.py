@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What code that 20-sim generated is made of, found by reading it: nothing here knows a prefix or a file name.
 
 Sources: the code itself, as 20-sim 4.5 to 5.1 generates it from its C and C++ templates. Entry points are found by what

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 r"""The input and output ports of a 20-sim model: where u and y go, and what they are called.
 
 Generated code copies them itself (`xx_V[7] = u[0]; /* in */`). A partial copy lacks those lines; `tokens.xml` repeats

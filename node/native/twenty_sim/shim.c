@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: MIT */
 /* The interface of node/native/library.py over code that 20-sim generated.
 
    Compiled with the model, as C or as C++, together with an ecc_model.h that is written for it (node/native/twenty_sim/shim.py). */

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The C (or C++) that joins a 20-sim model to our interface: what differs from model to model, as one header.
 
 `shim.c` is the same for all and includes the header written here. Three habits of the generated code are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When a write to a parameter or a state of a 20-sim model takes effect, read from the equations themselves.
 
 20-sim sorts its equations: initial and static ones run once, input, dynamic and output ones at every step. A parameter

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Machines made of a folder of files and of answers, for the doctor to look at."""
 
 import errno

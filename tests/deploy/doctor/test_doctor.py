@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """All checks on whole machines."""
 
 import dataclasses

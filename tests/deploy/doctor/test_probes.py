@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """On the real machine; nothing is asserted about its speed."""
 
 from pathlib import Path

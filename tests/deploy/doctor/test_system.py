@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from pathlib import Path
 
 from tests.deploy.doctor.fake_machine import FakeMachine, workload

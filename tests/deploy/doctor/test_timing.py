@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.deploy.doctor.finding import Finding, Verdict

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where the time of a boot goes, from the kernel, systemd and the journal."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One image for all tests of a run, built anew only where it has changed."""
 
 import hashlib

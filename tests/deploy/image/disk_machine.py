@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The disk that `segway-ecc deploy image --disk` makes, in QEMU with a real-time kernel and a network.
 
 The machine is emulated, with no help of the host's processor: ten to fifty times slower than a real one. Its network is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot in a booted image, as an operator sees it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The image on a real init system: it comes up by itself, and comes back whatever happens to it.
 
 Times are printed and none is asserted: a guest is as fast as the machine that it runs on. What takes a plant

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the booted image is held to, with figures: torque, restart, watchdog, power. For a machine that is not busy."""
 
 from pathlib import Path

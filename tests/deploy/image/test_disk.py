@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The bootable disk with ROS in QEMU: it comes up by itself, and takes updates from this host over the network.
 
 Nothing here is a real time: the machine is emulated. The robot's loop runs at 5 Hz, which it can keep.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc station install` under a real systemd: in user-mode Linux, and its firewall on a kernel that has one."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The size of the data partition."""
 
 from pathlib import Path

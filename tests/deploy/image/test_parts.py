@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The parts of the builder that take no image: recipe, manifest, disk, and the configuration folder."""
 
 import json

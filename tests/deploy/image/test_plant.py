@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's own software against its plant over the guest's own CAN: the case study, and the segway that balances.
 
 In lock step, so that the guest's slow processor disturbs nothing: what is proven is the way over the kernel's bus.

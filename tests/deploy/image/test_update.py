@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Updates on a real init system: an unhealthy one goes back, a good one stays, and a power cut undoes a trial."""
 
 import sys

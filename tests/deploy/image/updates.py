@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Updates of a booted robot by the image's own `segway-ecc deploy push`, over its own ssh."""
 
 import json

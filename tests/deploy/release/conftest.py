@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot to deploy to: a real sshd on loopback where a test asks for it, and a stand-in for systemd."""
 
 import getpass

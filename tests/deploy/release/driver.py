@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's side as a program that kills itself when a step begins, or before its nth change of the disk."""
 
 import os

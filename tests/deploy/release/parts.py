@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Stand-ins: a wheel of ours, a pip, and systemctl; as small as can be, so that a push takes a moment."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot that lies in a folder of this machine, and ways to reach it."""
 
 import contextlib

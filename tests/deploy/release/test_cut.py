@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The connection cut at every step, by the death of sshd's end of it."""
 
 import contextlib

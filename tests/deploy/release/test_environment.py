@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The variables that a release's services are started with."""
 
 from pathlib import Path

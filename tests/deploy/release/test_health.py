@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whether a node is healthy, from what systemd shows of it."""
 
 import dataclasses

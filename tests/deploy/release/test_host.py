@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What goes wrong with a connection, and what it is called."""
 
 import argparse

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What settles an update that a power cut interrupted."""
 
 import json

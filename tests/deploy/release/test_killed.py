@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot's side killed at every step, as when the power goes, and at every change that it makes to the disk."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The life of a robot's software over a real ssh connection, by the command line, with the real pip."""
 
 import ensurepip

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """This project itself, with all it needs, onto a robot that has no internet: wheel, numpy and the rest, over ssh."""
 
 import os

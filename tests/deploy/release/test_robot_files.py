@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robot file, and the models that stand beside it."""
 
 from pathlib import Path

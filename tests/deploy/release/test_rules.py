@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the robot's side refuses, keeps and removes."""
 
 import json

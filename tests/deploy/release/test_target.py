@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which wheels a robot takes."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What pip collects, with a pip that answers as the real one does."""
 
 import subprocess

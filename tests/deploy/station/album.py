@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Writes the screenshots of a test run as one page: `python tests/deploy/station/album.py FOLDER`."""
 
 import base64

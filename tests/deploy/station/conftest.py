@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A connection that records what is sent, replies that record outcomes, and robots in a process."""
 
 import contextlib

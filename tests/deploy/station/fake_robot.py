@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Robots that are not there: they speak as the model node does, and do what they are reported on standard input.
 
 Started with namespaces; each robot is a ROS participant of its own. Reads one JSON object per line, answers each with

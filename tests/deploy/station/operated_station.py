@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A station that a test operates."""
 
 import threading

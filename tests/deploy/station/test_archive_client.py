@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Fetching from robots, against an archive as a robot has it, without ROS between them."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What operators ask for, on robots that only a test speaks for."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequences at the desk: what begins them, and what ends them."""
 
 from collections.abc import Callable

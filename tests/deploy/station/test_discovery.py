@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.deploy.station.discovery import MODE_TYPE, robots_in, topic
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.deploy.station.events import EventLog
 
 

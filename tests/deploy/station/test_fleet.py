@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot is what it output lately; a lost one is shown as lost within a second."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The packaged segways lose their base station, in lock step, on simulated time: what their robot files promise."""
 
 from typing import NamedTuple

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Against rclpy's own serialization, and against bytes that are none."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Standing up and sitting down are confirmed by what the robot says is in force."""
 
 from typing import Any

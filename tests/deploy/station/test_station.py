@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The station and robots in a process of their own, over real DDS that never leaves this machine."""
 
 import signal

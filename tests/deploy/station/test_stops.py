@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A stop is confirmed by what the drive does, and by nothing else."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The page in a browser, the station, a segway and its plant: each a process of its own, as an operator has them."""
 
 import os

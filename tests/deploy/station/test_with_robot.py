@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The station and the real robot: processes of their own over real DDS that never leaves this machine."""
 
 import contextlib

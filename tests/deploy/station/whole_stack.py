@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot, the plant at the other end of its bus, the station and its page, each in a process of its own."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot's archive over real DDS: listed, fetched, a bundle, by the station's client and by ROS' own tools."""
 
 import contextlib

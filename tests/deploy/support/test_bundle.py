@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A bundle is whole whatever fails in it, and lists what it has and lacks."""
 
 import errno

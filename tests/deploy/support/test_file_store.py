@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a robot's archive answers."""
 
 import hashlib

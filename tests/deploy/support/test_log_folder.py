@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Only regular files of the folder are logs, whatever name is asked for."""
 
 import os

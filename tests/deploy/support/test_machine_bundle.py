@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The parts of a machine, each on its own."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What travels between a robot's archive and the station."""
 
 import array

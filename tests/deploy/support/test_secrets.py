@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """No secret leaves; what helps stays."""
 
 import base64

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The verb on the real machine, whatever that is fit for."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The robots on one screen; the exit code is by their state."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot, its simulated drives and its guard on one simulated bus, in lock step."""
 
 from collections.abc import Callable, Iterator

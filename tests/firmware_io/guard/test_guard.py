@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The guard at work on links that do what a test says."""
 
 import logging

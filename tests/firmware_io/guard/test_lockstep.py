@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The guard with each family's simulated drives, in lock step: when it acts, and when it does not."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A healthy robot that loses one frame in a hundred is never stopped by its guard."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the guard reads in each family's frames, and its stop frames, against bytes written by hand."""
 
 import random

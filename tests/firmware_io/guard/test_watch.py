@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the guard decides, with drives made of single letters."""
 
 from collections.abc import Sequence

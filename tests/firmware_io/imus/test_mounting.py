@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import itertools
 from typing import get_args
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.firmware_io.links.link import LinkCounters
 from segway_ecc.firmware_io.links.meter import Meter
 

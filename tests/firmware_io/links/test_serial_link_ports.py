@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The link on ports of every kind: pseudo-terminals, sockets, RFC 2217, a loop, and none."""
 
 import contextlib

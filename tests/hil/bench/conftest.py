@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Results of programs that were never run."""
 
 from collections.abc import Callable

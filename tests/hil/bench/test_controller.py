@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model of the bench: what its files were made from, and that it is the cart's controller."""
 
 import math

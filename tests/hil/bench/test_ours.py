@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import array
 
 from segway_ecc.hil.bench.columns import COLUMNS

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Against a /proc of our own (proc(5) says what stands where)."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The programs in C over the local bus, against the codec of the robot's own software."""
 
 import contextlib

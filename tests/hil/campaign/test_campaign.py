@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many runs side by side are the runs one by one, to the bit; and what is shown of them."""
 
 from html.parser import HTMLParser

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What arrives at the robot over a command link that fails."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A run is judged by what was expected, and by nothing else."""
 
 import msgspec

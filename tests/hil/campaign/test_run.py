@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scenarios run in lock step: what is detected, when the motors are off, and the same bits every time."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Scenarios are read whole or refused; those of the package cover every fault there is."""
 
 from pathlib import Path

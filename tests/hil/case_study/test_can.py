@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN seat: in lock step, and in real time over the virtual bus."""
 
 from pathlib import Path

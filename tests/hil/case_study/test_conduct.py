@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Conducting a study with seats that only pretend to run."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 import re
 import xml.etree.ElementTree as ET

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame

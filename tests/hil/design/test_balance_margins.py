@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is tolerated and followed: every requirement is in the table, and a step is judged as it should be."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How soon each fault of a driving segway is noticed, in lock step, on simulated time."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sampling against closed forms."""
 
 import math

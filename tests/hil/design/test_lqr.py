@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The regulator against a closed form, and against the equation that it solves."""
 
 import math

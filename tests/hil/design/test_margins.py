@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Margins against closed forms, and against the poles of the loop with as much more gain or delay."""
 
 import math

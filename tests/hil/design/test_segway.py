@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The design against the plant's own equations of motion, which are derived and tested on their own."""
 
 import numpy as np

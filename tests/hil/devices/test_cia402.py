@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated drives, frame by frame."""
 
 import itertools

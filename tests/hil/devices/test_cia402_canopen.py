@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated drives as the canopen library finds them: its own client, PDOs and state machine, without a thread."""
 
 from typing import Any

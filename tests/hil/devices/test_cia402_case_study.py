@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cart of the case study on CiA 402 drives, in lock step with its plant."""
 
 from pathlib import Path

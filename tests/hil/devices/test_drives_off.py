@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the drives themselves say of being off, in lock step: never before they are, and soon after."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The simulated ODrives against what is known of their firmware, with raw frames and lines."""
 
 import math

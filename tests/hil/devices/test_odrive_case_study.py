@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cart of the case study on ODrives, in lock step: the whole node, the bus, the drives and the plant."""
 
 from pathlib import Path

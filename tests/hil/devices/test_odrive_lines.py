@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """ODrive 0.5 between two lines: the robot goes on over the ASCII protocol when the bus is lost."""
 
 from collections.abc import Sequence

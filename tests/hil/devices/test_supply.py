@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The voltage of the supply, from the plant through each drive family to the robot's signal, in lock step."""
 
 from typing import Any

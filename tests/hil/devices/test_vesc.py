@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Two simulated controllers; expected values are those of the firmware's documents."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The case study on two simulated controllers, in lock step with the node."""
 
 from pathlib import Path

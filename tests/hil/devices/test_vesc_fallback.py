@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The bus is lost on this computer's side, and the UART of one controller takes over for both."""
 
 from collections.abc import Mapping

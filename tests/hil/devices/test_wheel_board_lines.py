@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The board between two lines: the robot goes on over the serial line when the bus is lost, and nobody falls."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import struct
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The bus lost under the driving cart: every cause with every drive that has a serial line, in lock step."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Setting an interface down: what the kernel is requested; with a real interface in tests/kernel/guest."""
 
 import errno

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A drill that is killed leaves none of its processes behind, not even one that it had stopped."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Faults that are asked for line by line, and the link that loses frames."""
 
 import itertools

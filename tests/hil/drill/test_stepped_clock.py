@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A wall clock that steps, as one process reads it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From what the motors gave to when the torque ended."""
 
 from pathlib import Path

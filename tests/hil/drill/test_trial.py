@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Verdicts, and one fault with real processes."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A watchdog of 40 ms ends the torque 10 ms before it must, and outlasts a loop that is preempted for a moment."""
 
 import importlib.resources

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Short drives: what is counted, what trips, and the same figures every time."""
 
 import itertools

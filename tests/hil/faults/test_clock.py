@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A wall clock that steps, and a node that stalls or dies; monotonic time is never wrong."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A fault that makes no sense is refused, with those that do."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """When a fault is there: counted from arming, for as long as declared, shifted by the seed."""
 
 import pytest

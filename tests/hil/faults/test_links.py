@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What becomes of frames and bytes on links that fail."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What sensors measure and what motors push when they fail; the truth stays true."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is made of the CPU time of cycles."""
 
 import pytest

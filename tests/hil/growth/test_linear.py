@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where a cost stops being linear."""
 
 import pytest

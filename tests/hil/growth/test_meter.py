@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The clock that measures CPU time between waits."""
 
 import time

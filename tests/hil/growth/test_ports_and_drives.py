@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ports and drives in lock step: counts and limits, which hold on any machine; no times."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Real robots and subscribers, over real DDS: that they run and are counted; no times."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The study on scripted measurements: rounds, lines, tables, report."""
 
 import json

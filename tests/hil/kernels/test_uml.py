@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import os
 from dataclasses import dataclass
 from pathlib import Path

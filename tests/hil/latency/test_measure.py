@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The measurement itself, on a real bus between processes; what is asserted holds on any machine."""
 
 import itertools

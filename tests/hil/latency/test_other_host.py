@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Another host, made by the kernel, and set-points that come from it."""
 
 import os

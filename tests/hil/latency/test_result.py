@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """From what was said and seen to how long it took."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a study might have found, made by hand."""
 
 from segway_ecc.hil.placement.judging import RunOutcome

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs over a network in lock step: the same bits without one, and the physics of one with."""
 
 import msgspec

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is made of what was seen."""
 
 import math

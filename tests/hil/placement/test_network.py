@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A simulated network: when what is sent arrives, in which order, and what never does."""
 
 import pytest

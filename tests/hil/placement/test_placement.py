@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which flows cross the network, for every placement."""
 
 import pytest

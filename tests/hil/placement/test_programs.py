@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What sequence control and supervision say, and when."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A bus at the other end of a network."""
 
 from collections.abc import Sequence

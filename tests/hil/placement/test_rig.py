@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Time in lock step stops where a source is to act."""
 
 from segway_ecc.hil.placement.rig import EventRig

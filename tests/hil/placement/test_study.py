@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The study as a whole: the plan, the search, and the same bits in one process or in two."""
 
 import msgspec

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What was found, as text and as a page."""
 
 from segway_ecc.hil.placement.judging import RunOutcome

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Which placements are fit, and which one is recommended."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The plant of the cart, against its equations solved by hand and against the whole cart in one model."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's plants as a rig uses them."""
 
 import math

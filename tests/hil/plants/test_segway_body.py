@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's mechanics, against what can be worked out by hand; see test_segway_lagrangian.py for the equations."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's equations of motion against its Lagrangian, differentiated by numbers.
 
 The Lagrangian of six coordinates (x, y, heading, lean, and each wheel's turn against the ground) knows positions and

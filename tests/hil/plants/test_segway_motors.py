@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's motors and battery, against a motor integrated in tiny steps and against what hands can work out."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's plant against MuJoCo, which knows nothing of its equations: the same robot of three rigid bodies.
 
 MuJoCo's wheels roll on contacts with friction, ours by a constraint: contacts are stiff here, steps short. Upright, an

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The segway's sensors: steps, noise, bias, latency, and accelerations against a path differentiated by numbers."""
 
 import dataclasses

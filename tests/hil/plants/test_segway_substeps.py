@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Several steps at once, against tiny ones: how far substeps are off, and that they change nothing but that."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Keys and snapshots between two ends that never wait."""
 
 import socket

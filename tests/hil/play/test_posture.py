@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Standing up and sitting down: what is requested, in which cycle."""
 
 import pytest

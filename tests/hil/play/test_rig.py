@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is told to the plant's process."""
 
 import os

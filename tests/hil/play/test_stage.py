@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The keyboard as a stage: set-points, requests, who drives, and what is shown."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 from segway_ecc.hil.rig.link_front import LinkFront
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState

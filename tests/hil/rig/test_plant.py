@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Several steps of a plant, whether it knows how to make them at once or not."""
 
 from collections.abc import Sequence

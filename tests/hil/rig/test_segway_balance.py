@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The packaged segways in lock step over their buses, with sensor errors on: what they do, by the plant's truth."""
 
 import pytest

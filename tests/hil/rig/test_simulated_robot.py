@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What counts as growth."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot, its recorder, plant and station in real time, over real DDS: that all of them are watched; no times."""
 
 import json

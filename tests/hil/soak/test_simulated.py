@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A short drive in lock step with the recorder on, watched from outside."""
 
 import time

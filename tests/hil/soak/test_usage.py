@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a process takes, against what it surely does."""
 
 import mmap

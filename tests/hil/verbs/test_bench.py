@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command line of the bench, with measurements that are made up; tests/hil/bench tests what is measured."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc case-study`: its output, and that lock step repeats itself."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The verb: designs anew what the packaged files have, and writes a robot file without harm to the rest of it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The search, over a robot that is made up; and one real run to either side of a limit."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc plant`: the other end of the bus."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc play`: a person at a pseudo-terminal, and what reaches the bus."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove campaign`: many scenarios, one report and one exit code."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove endurance`: what it prints, and how it ends."""
 
 import json

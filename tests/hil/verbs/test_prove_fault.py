@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove fault`: one scenario, its result and its exit code."""
 
 import json

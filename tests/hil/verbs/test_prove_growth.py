@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove growth`: what it prints and writes."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove kill-drill`: which faults, the table and the exit code, with a stand-in for the trials."""
 
 import importlib.resources

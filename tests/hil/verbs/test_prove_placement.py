@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove placement`: tables or JSON, a page, and what is refused."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc prove soak`: what it prints, writes and refuses, on scripted runs."""
 
 import argparse

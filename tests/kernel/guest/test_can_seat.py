@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """CanLink and the CAN seat on the kernel's own CAN: python-can's socketcan interface over vcan0."""
 
 import contextlib

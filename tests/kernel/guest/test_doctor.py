@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The doctor where the kernel has CAN: a virtual interface is found, and told from a real one."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kernel's serial-line CAN on a pseudo-terminal: what a frame is on the line, byte for byte, both ways."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """SocketCanLink, and CanLink beside it, on the kernel's own CAN: vcan0, and vcan1, which goes and comes back."""
 
 import contextlib

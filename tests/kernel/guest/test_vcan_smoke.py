@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The kernel's own CAN works in the guest: every other test here stands on that."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The cart's node on can0 and its simulated plant on can1: each with a controller of its own, as on a robot."""
 
 import json

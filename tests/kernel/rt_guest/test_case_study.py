@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN seat on every drive family, through the kernel's driver of two real controllers."""
 
 import pytest

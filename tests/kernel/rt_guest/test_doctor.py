@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The doctor on a PREEMPT_RT kernel with real controllers: bit rate, restart, queue and state as the driver tells."""
 
 import subprocess

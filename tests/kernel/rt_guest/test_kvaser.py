@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The guest's kernel is PREEMPT_RT, and frames pass between its two CAN controllers through the real driver."""
 
 import errno

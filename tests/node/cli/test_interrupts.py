@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ctrl-C while a command starts is never lost."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What every verb shares: one line per error, the documented exit codes, and standard streams that may be pipes."""
 
 import importlib.metadata

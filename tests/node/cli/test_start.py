@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot starts without what it does not need: each module costs time between a crash and the loop's return."""
 
 import hashlib

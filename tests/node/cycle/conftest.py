@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A bench with a model that does as a script says, for the tests of cycle and loop."""
 
 from collections.abc import Callable, Sequence

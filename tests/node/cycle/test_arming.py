@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Drives that take a while to arm: who asked has the answer once they have, or have failed."""
 
 from collections.abc import Callable

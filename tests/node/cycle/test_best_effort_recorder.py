@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A recorder that fails, in whatever it is called for, neither ends nor stops the robot."""
 
 import logging

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 from collections.abc import Callable
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a cycle does where something is wrong; the rest is in test_cycle.py."""
 
 import math

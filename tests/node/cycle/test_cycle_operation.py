@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whatever happens in whatever order, on the real cycle: commands, faults, time and recovery."""
 
 import math

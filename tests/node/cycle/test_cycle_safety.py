@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the safety section does to the real cycle; the checks themselves are tested in tests/node/safety."""
 
 import itertools

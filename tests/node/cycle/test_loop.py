@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import gc
 from collections import Counter
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """How the loop ends, and what it leaves behind; the rest is in test_loop.py."""
 
 from collections.abc import Callable

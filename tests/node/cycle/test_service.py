@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The node as a service: real datagram sockets, simulated time."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A base station that watches over a robot, and is lost: what the robot does by itself, cycle by cycle."""
 
 from collections.abc import Sequence

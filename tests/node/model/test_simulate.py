@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from collections.abc import Sequence
 from typing import ClassVar
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Models that the user names: beside the robot file or the log, in the current folder, or installed, in this order."""
 
 import ast

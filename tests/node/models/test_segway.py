@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The controller alone: what it sends for what it is told it measures, by hand-made numbers."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The law alone, with gains that are easy to reckon with."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The published robot: its numbers against what any solid body obeys, and their names as a model's parameters."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import multiprocessing
 from multiprocessing.synchronize import Barrier
 from pathlib import Path

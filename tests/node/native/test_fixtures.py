@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The fixtures themselves: that they run, and that they behave as the code of 20-sim does."""
 
 import ctypes

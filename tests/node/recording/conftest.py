@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot with a wheel board, whose cycles hold something of everything."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A log in files of a size, within bounds, and past a full disk."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A cycle on its way to the writer: nothing is lost."""
 
 import math

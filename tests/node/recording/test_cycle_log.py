@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path

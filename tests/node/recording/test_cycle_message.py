@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The message on /cycle, read by others from its definition alone."""
 
 from collections.abc import Callable

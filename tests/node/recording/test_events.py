@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What happened in a cycle, as text and back."""
 
 import math

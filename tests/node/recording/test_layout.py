@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Names of ports and signals as fields of a ROS 2 message."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs within their bounds: the oldest goes first, and never one that is being written."""
 
 import fcntl

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The recorder's process: what the loop sees of it while it works, stalls, or is gone."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Where a run comes from, as its log says it."""
 
 import importlib.metadata

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A log that was cut off anywhere is readable up to what was last put onto the disk."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Raw bus traffic as a candump log."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Recorded runs, of a robot that is all model and from the campaign's bench in lock step."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Runs of all kinds of the campaign, recorded and replayed: identical to the last bit.
 
 All of them at once: `segway-ecc prove campaign --replay`.

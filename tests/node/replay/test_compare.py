@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Cycles compared to the last bit."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The hardware of a run says again what it said."""
 
 from collections.abc import Callable, Sequence

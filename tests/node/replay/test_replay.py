@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A recorded run through the same model and safety code again."""
 
 import math

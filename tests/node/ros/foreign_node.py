@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A ROS node by somebody who knows this project only from its table of topics: rclpy and message packages, no more.
 
 Reads one JSON object per line from standard input, answers each with one JSON value per line on standard output.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model node as other people's ROS tools see it: a process with none of our code looks, drives and asks."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot with an IMU as other people's ROS tools see it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is told on the topic `mode`: message by message, in a node that only remembers."""
 
 from types import SimpleNamespace

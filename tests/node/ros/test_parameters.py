@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The model's parameters and opened variables, as anybody's ROS tools see and set them."""
 
 import subprocess

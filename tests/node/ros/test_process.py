@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The ROS process ends by itself, whatever DDS does. No ROS is needed here: it is DDS that is replaced."""
 
 import os

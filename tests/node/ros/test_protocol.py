@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What passes between the loop and the process that speaks ROS: it comes as it was, in order, or is told as lost."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What each publisher says, message by message, in a node that only remembers."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The loop's side of ROS, with the process that speaks it: it never waits, and tells what was lost."""
 
 import os

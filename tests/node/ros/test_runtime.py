@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Starting ROS, in a process of its own."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequence control against a running model node, each a process of its own."""
 
 import csv

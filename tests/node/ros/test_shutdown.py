@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """However the model node ends, the last command on the bus is zero with the motors off."""
 
 import importlib.resources

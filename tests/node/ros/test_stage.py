@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the stage publishes of a cycle and when, with a node that only remembers."""
 
 from types import SimpleNamespace

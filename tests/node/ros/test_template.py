@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Bytes that ROS itself must read as what was filled in."""
 
 import importlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our processes keep out of shared memory, and the user's own settings stay what they were."""
 
 import os

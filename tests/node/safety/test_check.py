@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a check sees of a cycle, and durations in periods."""
 
 import pytest

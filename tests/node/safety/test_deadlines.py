@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.node.safety.deadlines import LATE_FRACTION, DeadlineWatch

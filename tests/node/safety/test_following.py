@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A robot that does not go as it was told is found in its time, and one that does is left alone."""
 
 import math

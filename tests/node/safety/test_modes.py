@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes, Transition

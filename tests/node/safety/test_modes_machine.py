@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Whatever is asked and observed in whatever order: the mode, its reason and every transition are as they should be."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The checks joined to a robot's signals: each fault is found, by name and in its time, and nothing else is."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the silence of a base station leads to, cycle by cycle."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Motions whose true tilt is known in closed form; g is 9.80665 m/s2 (CGPM 1901)."""
 
 import math

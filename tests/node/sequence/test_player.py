@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint

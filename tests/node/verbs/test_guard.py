@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc guard`: the guard as a process of its own, with real processes to guard."""
 
 import contextlib

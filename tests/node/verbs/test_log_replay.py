@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log replay`: identical, or what differs first."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc log traffic`: the raw traffic on a robot's bus."""
 
 import json

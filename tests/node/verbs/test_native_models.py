@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Generated code named on the command line and in a robot file."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """`segway-ecc run`, without ROS."""
 
 import importlib.resources

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The arguments of `segway-ecc sequence`; what it does with them is in tests/node/ros."""
 
 from collections.abc import Callable

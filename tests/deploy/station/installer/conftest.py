@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A machine in a folder, whose commands write down that they were called."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import subprocess
 import threading
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The command, with a systemctl that starts what the rendered unit says, as this user."""
 
 import json

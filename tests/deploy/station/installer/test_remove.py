@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.deploy.station.installer.install import install, plan

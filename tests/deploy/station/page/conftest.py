@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A browser, a fake station and the page in it; anything the page complains of fails the test."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A base station that a test controls: it serves the page and speaks the socket, in a thread of its own."""
 
 import asyncio

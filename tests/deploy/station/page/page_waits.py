@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Waiting for what the page shows; nothing here sleeps as a proof."""
 
 from typing import TYPE_CHECKING

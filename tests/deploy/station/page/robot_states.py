@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a station tells of a robot, in the forms that the robot's diagnostics have."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Who is at the page: the form where the station wants one."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Usable by keyboard and screen reader: names, headings, landmarks, focus, and targets that a finger hits."""
 
 import itertools

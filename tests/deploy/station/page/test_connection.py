@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Never a frozen picture that looks alive; and the page comes back by itself."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Driving is dead-man: each way in which the hold can end sends zero at once, and nothing after it."""
 
 from collections.abc import Callable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The main states at both sizes and in both themes; nothing hangs over the edge, and nothing is too small to hit."""
 
 import math

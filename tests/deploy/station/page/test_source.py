@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the page's source must not hold: ways for text to become HTML, inline code, other machines, size."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the page shows of what the station tells."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """STOP: from anywhere, at once, latched, and confirmed."""
 
 from typing import TYPE_CHECKING

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Both themes can be read: the contrast of each pair of colours, computed (WCAG 2.2, 1.4.3 and 1.4.11)."""
 
 import re

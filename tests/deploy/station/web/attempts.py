@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests that do not belong, one by one."""
 
 from collections.abc import Mapping

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What was tried against the station and what came of it is a table, which a run can keep."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sends requests: `python flood.py PORT REQUESTS_PER_S SECONDS ADDRESS`; prints requests, connections and seconds."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Asking the server, byte for byte where it matters."""
 
 import asyncio

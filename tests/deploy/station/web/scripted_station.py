@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A station that a test controls, and remembers what it was asked."""
 
 import threading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A server of a scripted station in this process, and browsers that are rude."""
 
 import asyncio

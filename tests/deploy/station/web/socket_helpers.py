@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Talking to the server over a socket."""
 
 import asyncio

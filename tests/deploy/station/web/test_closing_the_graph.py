@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The settings that are shipped for closing the ROS graph: each can be parsed, and they agree with each other."""
 
 import configparser

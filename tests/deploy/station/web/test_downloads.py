@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Logs of robots and support bundles, over HTTP."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What a browser makes of the page of logs: its form is ours by its origin, and works without any script."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Ten thousand requests a second: refused and counted, while who sits there goes on seeing and commanding."""
 
 import asyncio

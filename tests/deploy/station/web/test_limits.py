@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 
 from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Rate, site_of

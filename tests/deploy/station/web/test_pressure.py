@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Too much of anything, from one or from many: refused and counted, while others are answered."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Requests that do not belong: each is refused and counted, and the station goes on."""
 
 import asyncio

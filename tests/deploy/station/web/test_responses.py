@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is right is answered, with what keeps other pages out."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.limits import Limits
 from segway_ecc.deploy.station.web.sessions import Sessions, named

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What browsers see and what they may do, over a real socket."""
 
 import asyncio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Browsers that ask too much, or take nothing."""
 
 import asyncio

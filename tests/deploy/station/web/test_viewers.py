@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A hundred browsers' worth of viewers of twenty robots."""
 
 import asyncio

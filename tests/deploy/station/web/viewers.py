@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Many browsers that look: `python viewers.py PORT COUNT SECONDS`; prints the pictures per second of each, as JSON."""
 
 import asyncio

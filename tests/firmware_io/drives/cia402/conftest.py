@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """A CANopen node of the canopen library's own making, at the other end of a link in memory."""
 
 import io

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The pair of drives as the loop uses it, against nodes of the canopen library and frame by frame."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Our set-up against a node of the canopen library."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import pytest
 from canopen.profiles.p402 import State402
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Names and numbers against the DBC files that ship beside the code; test_frames.py does so for the bytes."""
 
 from importlib.resources import as_file, files

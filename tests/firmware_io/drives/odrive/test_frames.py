@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The codec against cantools on the DBC files, whose known errors are listed here."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 import struct
 from collections.abc import Callable, Sequence

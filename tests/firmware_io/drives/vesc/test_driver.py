@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """One wheel: 7 pole pairs, 0.1 N m/A, geared 2 to 1 and turned around; values worked out by hand."""
 
 import math

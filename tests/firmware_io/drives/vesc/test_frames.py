@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The CAN codec; expected bytes are worked out by hand from the scales of VESC's protocol description."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The serial packets; expected bytes are those of VESC's protocol, the values worked out by hand."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The framing and its receiver; the published packets are those of VESC's UART."""
 
 import itertools

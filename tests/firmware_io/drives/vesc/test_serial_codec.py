@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The line between the frames of two controllers and the UART of one; packets as VESC publishes them."""
 
 import random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The C code that firmware authors are given, compiled, against the Python that the robot runs."""
 
 import itertools

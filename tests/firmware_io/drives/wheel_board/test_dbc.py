@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The constants in the code against the DBC that ships with it; test_frames.py does so for the bytes and ranges."""
 
 from importlib.resources import as_file, files

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 from collections.abc import Callable, Mapping
 from importlib.resources import as_file, files

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 import math
 from types import SimpleNamespace
 from typing import Any

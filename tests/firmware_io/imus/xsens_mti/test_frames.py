@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The reference is a DBC, read by cantools, with layouts and factors as section 6 of MT1604P prints them."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """FMUs as 20-sim exports them, against their own binary driven in C and against exports with other numbers."""
 
 from collections.abc import Sequence

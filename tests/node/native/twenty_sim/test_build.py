@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Compiling: once per content, never in the user's folder, and every failure in one line."""
 
 import hashlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What is found out about generated code by reading it; nothing is compiled here."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """What the compiled model computes, against the same code called by its own entry points, to the last bit."""
 
 import shutil

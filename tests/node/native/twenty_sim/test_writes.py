@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """The effect of writes, told from the equations alone; `test_shim.py` shows that they really take effect so."""
 
 from pathlib import Path
