@@ -33,7 +33,7 @@ class Conditions:
         isolated: Those that were set aside for them; empty where none were.
         kernel: Its release and kind.
         is_compiled: Whether our own loop is, which the others have no choice in.
-        is_subscribed: Whether somebody subscribes to what they publish.
+        is_subscribed: Whether a subscriber receives what they publish.
     """
 
     priority: int
@@ -59,7 +59,7 @@ class Conditions:
             f"{self.cores} cores",
             f"isolated {self.isolated}" if self.isolated else "none isolated",
             f"Linux {self.kernel}",
-            "somebody subscribes" if self.is_subscribed else "nobody subscribes",
+            "with a subscriber" if self.is_subscribed else "without subscribers",
         ]
         ours = "compiled" if self.is_compiled else "not compiled"
         return f"{', '.join(facts)}; the same for all programs; ours is {ours}"
@@ -70,7 +70,7 @@ def held_conditions(*, is_subscribed: bool = False) -> Iterator[Conditions]:
     """Hold while the programs run what is held for all of them: no processor may go to sleep.
 
     Args:
-        is_subscribed: Whether somebody is to subscribe to what they publish; whoever runs them sees to it.
+        is_subscribed: Whether what they publish has a subscriber, which the caller starts.
     """
     with contextlib.ExitStack() as stack:
         with real_time_priority() as refusal:

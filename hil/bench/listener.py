@@ -16,7 +16,7 @@ from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
 
 TOPICS: Final = {"odom": "nav_msgs/msg/Odometry", "joint_states": "sensor_msgs/msg/JointState"}
-"""What any ROS 2 system has somebody for, and the types."""
+"""Topics that any ROS 2 system subscribes to, and their types."""
 _DEPTH: Final = 10
 
 

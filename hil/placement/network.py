@@ -25,7 +25,7 @@ class Delivery(enum.StrEnum):
     ANY_ORDER = "any order"
     """As UDP: what is lost stays lost, and one may overtake another."""
     NEWEST = "newest"
-    """As best effort in DDS: what is lost stays lost, and what was overtaken is dropped."""
+    """As best effort in DDS: what is lost stays lost, and what was overtaken is discarded."""
     IN_ORDER = "in order"
     """As reliable in DDS, or TCP: what is lost is sent again, and what follows waits for it."""
 

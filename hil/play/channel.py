@@ -97,7 +97,7 @@ class LoopEnd:
                 yield Key(message.decode("ascii", "replace"))
 
     def show(self, snapshot: Snapshot) -> None:
-        """Hand over a snapshot; one that finds no room is dropped: a newer one follows."""
+        """Hand over a snapshot; one that finds no room is discarded and counted: a newer one follows."""
         try:
             self._end.send(msgspec.msgpack.encode(snapshot))
         except OSError:

@@ -64,7 +64,7 @@ def test_the_loops_are_compared_at_each_rate_and_judged(segway_ecc: Run, asked: 
     assert outcome.code == 0
     assert asked == [(100.0, 2.0, 3), (500.0, 2.0, 3)]
     assert "SCHED_FIFO 50, idle states off" in outcome.out
-    assert "6.1 PREEMPT_RT, nobody subscribes; the same for all programs" in outcome.out
+    assert "6.1 PREEMPT_RT, without subscribers; the same for all programs" in outcome.out
     assert outcome.out.count("ours to the user's loop: 0.10, at most 0.25 wanted: met") == 2
 
 
@@ -86,7 +86,7 @@ def test_somebody_subscribes_where_that_is_asked_for_and_ros_is_there(
     segway_ecc: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ("bench", "--only", "loops", "--rate", "100", "--subscribed")
-    assert "somebody subscribes; the same for all programs" in segway_ecc(*words).out
+    assert "with a subscriber; the same for all programs" in segway_ecc(*words).out
     monkeypatch.setattr(bench, "missing_packages", lambda: ["rclpy"])
     outcome = segway_ecc(*words)
     assert outcome.code == 2
