@@ -35,6 +35,7 @@ TESTED_BY: Final = {
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/modes": ["modes", "modes_machine"],
     "firmware_io/drives/stopper": ["stoppers", "watch"],
+    "firmware_io/guard/guard": ["guard", "stoppers"],
     "firmware_io/guard/watch": ["watch", "guard"],
 }
 AT_A_TIME: Final = 2
