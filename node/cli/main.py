@@ -63,7 +63,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0
     finally:
-        _flush()
+        try:  # here, where a reader that has gone is expected, and not when the interpreter ends
+            sys.stdout.flush()
+        except BrokenPipeError:  # the reader of our output has closed it: nothing is lost by sending the rest nowhere
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def find_verbs() -> dict[str, Verb]:
@@ -171,15 +174,6 @@ class _Completion(argparse.Action):
             raise ConfigurationError("completion needs shtab: pip install 'segway-ecc[completion]'") from error
         sys.stdout.write(shtab.complete(command_line(find_verbs()), shell=shell) + "\n")
         parser.exit()
-
-
-def _flush() -> None:
-    """Flush here, where a reader that has gone is expected, and not when the interpreter ends."""
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader of our output has closed it: nothing is lost by sending the rest nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

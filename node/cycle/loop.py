@@ -85,7 +85,7 @@ class Loop:
         """
         with contextlib.ExitStack() as exits:
             # Left in reverse: zero first, then the final equations, then everything is closed.
-            exits.callback(self._log_events)
+            exits.callback(self._state_log.log_events, self._cycle.events)
             exits.callback(self._recorder.close)
             exits.callback(self._stage.close)
             exits.callback(self._cycle.hardware.close)
@@ -98,11 +98,6 @@ class Loop:
             exits.callback(self._cycle.disarm)
             with _garbage_collected_in_the_slack():
                 self._run(cycles)
-
-    def _log_events(self) -> None:
-        """Log what happened too late for the slack of a cycle."""
-        while self._cycle.events:
-            self._state_log.log_event(self._cycle.events)
 
     def _run(self, cycles: int | None) -> None:
         clock, counters, period_ns = self._clock, self.counters, self._period_ns

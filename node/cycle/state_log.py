@@ -37,3 +37,8 @@ class StateLog:
         """Log the oldest event, if there is any."""
         if events:
             _logger.warning(events.popleft())
+
+    def log_events(self, events: deque[str]) -> None:
+        """Log all events, the oldest first."""
+        while events:
+            self.log_event(events)

@@ -25,14 +25,6 @@ class Method(enum.StrEnum):
     RUNGE_KUTTA_4 = "RungeKutta4"
 
 
-def _discrete(dynamic: Dynamic, t: float, s: Sequence[float], _h: float) -> list[float]:
-    return list(dynamic(t, s))
-
-
-def _euler(dynamic: Dynamic, t: float, s: Sequence[float], h: float) -> list[float]:
-    return [x + h * r for x, r in zip(s, dynamic(t, s), strict=True)]
-
-
 def _runge_kutta_2(dynamic: Dynamic, t: float, s: Sequence[float], h: float) -> list[float]:
     half = 0.5 * h
     middle = [x + half * r for x, r in zip(s, dynamic(t, s), strict=True)]
@@ -50,8 +42,8 @@ def _runge_kutta_4(dynamic: Dynamic, t: float, s: Sequence[float], h: float) -> 
 
 
 ADVANCE: dict[Method, Advance] = {
-    Method.DISCRETE: _discrete,
-    Method.EULER: _euler,
+    Method.DISCRETE: lambda dynamic, t, s, _h: list(dynamic(t, s)),
+    Method.EULER: lambda dynamic, t, s, h: [x + h * r for x, r in zip(s, dynamic(t, s), strict=True)],
     Method.RUNGE_KUTTA_2: _runge_kutta_2,
     Method.RUNGE_KUTTA_4: _runge_kutta_4,
 }

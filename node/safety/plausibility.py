@@ -42,20 +42,14 @@ class Frozen(Check):
             self._last, self._held = None, 0
             return None
         values: object = self._pick(view.values)
-        repeats = values == self._last and self._must_change(view.values)
+        repeats = values == self._last
+        if repeats and self._wheels is not None:  # it may, unless one of them moves
+            repeats = True in [abs(view.values[wheel]) > MOVING for wheel in self._wheels]  # any() takes longer
         self._held = self._held + view.periods if repeats else 0
         self._last = values
         if self._held < self._allowed:
             return None
         return f"{self._name} is frozen: {self._held} periods without a change"
-
-    def _must_change(self, values: Sequence[float]) -> bool:
-        if self._wheels is None:
-            return True
-        for wheel in self._wheels:  # noqa: SIM110 - a generator in any() takes three times as long
-            if abs(values[wheel]) > MOVING:
-                return True
-        return False
 
 
 class YawAgreement(Check):

@@ -127,12 +127,6 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     if options.no_log:
         return NoRecorder()
     path = options.log or default_log(robot.file.name)
-    bounds = _bounds(options)
-    _logger.info("log: %s", path)
-    return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), bounds)
-
-
-def _bounds(options: argparse.Namespace) -> LogQuota:
     total, one = options.log_limit, options.log_file_size
     if one is None:  # so that removing the oldest file never takes nearly all there is
         one = max(min(LogQuota().file_bytes / MB, total / _FILES_AT_LEAST), _SMALLEST_LOG_MB)
@@ -142,7 +136,9 @@ def _bounds(options: argparse.Namespace) -> LogQuota:
             f"not {one:g} MB and {total:g} MB"
         )
     # Every log in the folder that is ours may go; beside a file that the user named, only parts of this run may.
-    return LogQuota(round(total * MB), round(one * MB), is_own_folder=options.log is None)
+    quota = LogQuota(round(total * MB), round(one * MB), is_own_folder=options.log is None)
+    _logger.info("log: %s", path)
+    return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), quota)
 
 
 def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
