@@ -25,7 +25,7 @@ def listen(namespace: str, count: int) -> None:
     kind = message_type("nav_msgs/msg/Odometry")
     with contextlib.ExitStack() as stack:
         nodes = [stack.enter_context(ros_node(f"listener{i}", namespace)) for i in range(count)]
-        everyone = [node.create_subscription(kind, "odom", _never_called, _DEPTH) for node in nodes]
+        everyone = [node.create_subscription(kind, "odom", lambda _message: None, _DEPTH) for node in nodes]
         sys.stdin.readline()
         waiting, give_up_s = everyone, time.monotonic() + _FOUND_WITHIN_S
         while waiting and time.monotonic() < give_up_s:
@@ -42,10 +42,6 @@ def listen(namespace: str, count: int) -> None:
 def _take_message(subscription: RosObject) -> bool:
     """Take a message, if there is one."""
     return subscription.handle.take_message(subscription.msg_type, False) is not None  # noqa: FBT003 - not raw
-
-
-def _never_called(_message: object) -> None:
-    """Stand in for the callback that only an executor would call."""
 
 
 if __name__ == "__main__":

@@ -132,8 +132,10 @@ class PlayStage:
     def _press(self, key: Key, inbox: Inbox) -> None:
         match key:
             case Key.REST | Key.UP | Key.DOWN | Key.LEFT | Key.RIGHT:
-                self._wanted = self._steered(*_STEPS[key]) if key in _STEPS else REST
-                self._is_driving = True
+                start, step = self._wanted if self._is_driving else REST, _STEPS.get(key, (0.0, 0.0))
+                linear = _within(start.linear_velocity + step[0], MAX_LINEAR)
+                angular = _within(start.angular_velocity + step[1], MAX_ANGULAR)
+                self._is_driving, self._wanted = True, REST if key is Key.REST else Setpoint(linear, angular)
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
@@ -149,12 +151,6 @@ class PlayStage:
                 self._over = "q was pressed"
             case _ if key in _ACTIONS:
                 inbox.requests.append(Request(_ACTIONS[key], self._log_answer))
-
-    def _steered(self, linear: float, angular: float) -> Setpoint:
-        start = self._wanted if self._is_driving else REST
-        return Setpoint(
-            _within(start.linear_velocity + linear, MAX_LINEAR), _within(start.angular_velocity + angular, MAX_ANGULAR)
-        )
 
     def _log_answer(self, answer: Answer) -> None:
         """Log an answer; a change of mode is logged by the loop already."""
