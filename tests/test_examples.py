@@ -74,6 +74,13 @@ def test_a_campaign_reports_a_plant_that_does_not_say_where_the_robot_is(segway_
     assert (outcome.code, outcome.errors) == (8, [text])
 
 
+def test_failover_reports_a_robot_without_a_position(segway_ecc: Run) -> None:
+    outcome = segway_ecc("prove", "failover", ROBOT, "--interface", "local", "--channel", f"examples{os.getpid()}")
+    text = "segway-ecc: robot 'stand' has no odometry.x and odometry.y: wire its model's position"
+
+    assert (outcome.code, outcome.errors[-1]) == (2, text)
+
+
 @pytest.mark.ros
 def test_the_ros_client_drives_a_robot(ros_environment: dict[str, str]) -> None:
     words = [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", "run", "cart", "--ros", "--no-log"]

@@ -125,12 +125,15 @@ class _Drive(NoRecorder):
 
     def __init__(self, file: RobotFile, clock: RealClock, link: Link, break_bus: Callable[[], None]) -> None:
         robot = build_robot(file, clock, link)
-        self.stage = ManoeuvreStage(Player(MANOEUVRE), list(robot.wiring.published), clock)
+        names = list(robot.wiring.published)
+        self.stage = ManoeuvreStage(Player(MANOEUVRE), names, clock)
         self._hardware = robot.hardware
         self._loop = robot.loop(self.stage, self)
         self._break_bus = break_bus
         self._break_at = round(FAULT_AFTER_S * 1e9 / robot.period_ns)
-        self._places = [list(robot.wiring.published).index(f"odometry.{part}") for part in ("x", "y")]
+        if not {"odometry.x", "odometry.y"} <= set(names):
+            raise ConfigurationError(f"robot '{file.name}' has no odometry.x and odometry.y: wire its model's position")
+        self._places = [names.index(f"odometry.{part}") for part in ("x", "y")]
         self._active = 0
         self._way: list[tuple[float, float]] = []
 
