@@ -1,5 +1,4 @@
-# SPDX-License-Identifier: MIT
-"""Sequences at the desk: what begins them, and what ends them."""
+"""Sequences in the command handler: what begins them, and what ends them."""
 
 from collections.abc import Callable
 from typing import Any
