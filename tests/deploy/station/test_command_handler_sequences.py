@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Sequences in the command handler: what begins them, and what ends them."""
 
 from collections.abc import Callable
