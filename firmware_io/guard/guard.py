@@ -2,6 +2,7 @@
 """The guard at work: two links to the bus, the heartbeats, and a small loop around the watch."""
 
 import contextlib
+import itertools
 import logging
 from collections.abc import Iterator
 from typing import Final, Protocol
@@ -101,10 +102,7 @@ class Guard:
             self._sending.receive()  # nobody needs it, but a link that is lost comes back only where it is read
         frames: list[Frame] = []
         try:
-            for _ in range(_DRAINS):
-                found = self._receiving.receive()
-                if not found:
-                    break
+            for found in itertools.takewhile(len, (self._receiving.receive() for _ in range(_DRAINS))):
                 frames += found
         except LinkLostError as error:
             if not self._is_bus_lost:
