@@ -28,7 +28,8 @@ from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.errors import ConfigurationError, NodeError
-from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import Mode

@@ -20,7 +20,8 @@ from segway_ecc.hil.rig.paced_link import kernel_ends
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
-from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 from segway_ecc.node.sequence.player import Odometry, Player

@@ -38,17 +38,13 @@ def step_cost(model: NativeModel) -> StepCost:
         start = time.perf_counter_ns()
         model.step(u)
         durations.append(time.perf_counter_ns() - start)
-    return StepCost(statistics.median(durations) * 1e-9, _native_ns(model) * 1e-9)
-
-
-def _native_ns(model: NativeModel) -> int:
     source = importlib.resources.files("segway_ecc.node.native").joinpath("native_cost.c").read_bytes()
     with tempfile.TemporaryDirectory(prefix="segway-ecc-cost-") as name:
-        program = Path(name) / "native_cost"
+        program = str(Path(name) / "native_cost")
+        _run(["gcc", "-O2", "-x", "c", "-", "-o", program, "-ldl"], model, source)
         ports = (str(len(model.inputs)), str(len(model.outputs)), str(_STEPS))
-        compiler = ["gcc", "-O2", "-x", "c", "-", "-o", str(program), "-ldl"]
-        _run(compiler, model, source)
-        return int(_run([str(program), str(model.library_path), *ports], model))
+        native_ns = int(_run([program, str(model.library_path), *ports], model))
+    return StepCost(statistics.median(durations) * 1e-9, native_ns * 1e-9)
 
 
 def _run(command: Sequence[str], model: NativeModel, source: bytes | None = None) -> bytes:

@@ -75,8 +75,8 @@ class Twist(NamedTuple):
     covariance: Sequence[float] = UNKNOWN_COVARIANCE
 
 
-class DiagnosticStatus(NamedTuple):
-    """One diagnostic_msgs/DiagnosticStatus.
+class StatusFields(NamedTuple):
+    """The fields of one diagnostic_msgs/DiagnosticStatus.
 
     Attributes:
         level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
@@ -193,7 +193,7 @@ def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_accelerat
     )
 
 
-def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[DiagnosticStatus]) -> bytes:
+def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFields]) -> bytes:
     """Returns a diagnostic_msgs/DiagnosticArray; time in ns."""
     listed = tuple(statuses)
     body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))

@@ -5,25 +5,25 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
+
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from segway_ecc.node.recording.layout import CycleLayout, layout_of
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
 from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
-
-__all__ = ["EVENTS_TOPIC", "LAYOUT_FILE", "CycleLayout", "CycleLog", "layout_of"]
 
 EVENTS_TOPIC = "/cycle_events"
 LAYOUT_FILE = "layout.json"
 """The attachment that holds the exact names behind the fields of `/cycle`."""
 
 
-class CycleLog:
+class CycleLog(McapLog):
     """An MCAP log of cycles, written where it is called.
 
     `/cycle` holds everything of a cycle that is a number, `/cycle_events` what else happened in it: from these two a
@@ -37,25 +37,21 @@ class CycleLog:
         Raises:
             RecordingError: The file cannot be written.
         """
-        self._log = McapLog(
+        super().__init__(
             path, frame_id=layout.odometry_frame, child_frame_id=layout.base_frame, joint_names=layout.joints
         )
         self._codec = CycleCodec(layout)
-        self._log.metadata("robot", {"name": layout.robot})
+        self.metadata("robot", {"name": layout.robot})
         for name, values in provenance.metadata.items():
-            self._log.metadata(name, values)
-        for name, text in {LAYOUT_FILE: layout.as_json(), **provenance.attachments}.items():
-            self._log.attach(name, "text/plain", text.encode())
+            self.metadata(name, values)
+        layout_text = msgspec.json.format(msgspec.json.encode(layout)).decode()
+        for name, text in {LAYOUT_FILE: layout_text, **provenance.attachments}.items():
+            self.attach(name, "text/plain", text.encode())
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, ODOMETRY_SIGNALS)
         self._joints = _indices(published, JOINT_SIGNALS)
         self._imu = _indices(published, IMU_SIGNALS)
         self._imu_frame = layout.imu_frame
-
-    @property
-    def size(self) -> int:
-        """Of the file when it was flushed last, bytes."""
-        return self._log.size
 
     def write(self, record: CycleRecord) -> None:
         """Log one cycle."""
@@ -66,41 +62,29 @@ class CycleLog:
 
     def write_cycle(self, message: bytes) -> None:
         """Log a cycle that is a message already; what happened in it has been logged before."""
-        log, stamp_ns = self._log, stamp_of(message)
-        log.add(CYCLE_TOPIC, CYCLE_TYPE, stamp_ns, message, self._codec.message.schema)
-        log.twist("/setpoint", stamp_ns, *self._codec.message.setpoint(message))
+        stamp_ns = stamp_of(message)
+        self.add(CYCLE_TOPIC, CYCLE_TYPE, stamp_ns, message, self._codec.message.schema)
+        self.twist("/setpoint", stamp_ns, *self._codec.message.setpoint(message))
         published = self._codec.message.published(message)
         if self._odometry is not None:
-            log.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
+            self.odometry("/odom", stamp_ns, *(published[index] for index in self._odometry))
         if self._joints is not None:
             left, right, left_velocity, right_velocity = measured = [published[index] for index in self._joints]
             if all(map(math.isfinite, measured)):
-                log.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
+                self.joint_state("/joint_states", stamp_ns, (left, right), (left_velocity, right_velocity))
         if self._imu is not None:
             wx, wy, wz, ax, ay, az = measured = [published[index] for index in self._imu]
             if all(map(math.isfinite, measured)):
-                log.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
+                self.imu("/imu/data", stamp_ns, self._imu_frame, (wx, wy, wz), (ax, ay, az))
 
     def write_events(self, message: bytes) -> None:
         """Log what happened in a cycle."""
-        self._log.add(EVENTS_TOPIC, CYCLE_EVENTS, stamp_of(message), message, CYCLE_EVENTS_SCHEMA)
+        self.add(EVENTS_TOPIC, CYCLE_EVENTS, stamp_of(message), message, CYCLE_EVENTS_SCHEMA)
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Log a set of diagnostics."""
-        listed = [cdr.DiagnosticStatus(int(s.level), s.name, s.message, "", s.values) for s in statuses]
-        self._log.diagnostics("/diagnostics", stamp_ns, listed)
-
-    def flush(self) -> None:
-        """Put all of it onto the disk.
-
-        Raises:
-            RecordingError: The disk is full or gone.
-        """
-        self._log.flush()
-
-    def close(self) -> None:
-        """Finish the log."""
-        self._log.close()
+        listed = [cdr.StatusFields(int(s.level), s.name, s.message, "", s.values) for s in statuses]
+        self.diagnostics("/diagnostics", stamp_ns, listed)
 
 
 def _indices(published: dict[str, int], wanted: Sequence[str]) -> list[int] | None:

@@ -8,7 +8,7 @@ CDR as in `segway_ecc.node.recording.cdr`. What is eight bytes wide comes first,
 import struct
 from collections.abc import Sequence
 from itertools import islice
-from typing import Final, NamedTuple
+from typing import Final
 
 from msgspec.structs import astuple
 
@@ -30,13 +30,6 @@ _NO_FRAME: Final = b"\x01\x00\x00\x00\x00\x00\x00\x00"
 _NS_PER_S: Final = 1_000_000_000
 # The last phase is the recording itself, which is not over when it is written.
 _PHASES: Final = PHASES[:-1]
-
-
-class LoggedCycle(NamedTuple):
-    """A cycle as it is in the log: what came as text is apart, so many pieces of it."""
-
-    record: CycleRecord
-    events: int
 
 
 class CycleMessage:
@@ -100,8 +93,8 @@ class CycleMessage:
         """The published signals in a message, in the order of the layout."""
         return self._published.unpack_from(data)
 
-    def unpack(self, data: bytes) -> LoggedCycle:
-        """A message as a cycle.
+    def unpack(self, data: bytes) -> tuple[CycleRecord, int]:
+        """A message as a cycle without its texts, and how many pieces of text belong to it.
 
         Raises:
             struct.error: It is of another robot.
@@ -125,7 +118,7 @@ class CycleMessage:
             durations_ns,
             start_ns,
         )
-        return LoggedCycle(record, events)
+        return record, events
 
 
 def stamp_of(data: bytes) -> int:

@@ -43,10 +43,6 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     joints: tuple[str, str]
     period_ns: int = 0
 
-    def as_json(self) -> str:
-        """As the log holds it."""
-        return msgspec.json.format(msgspec.json.encode(self)).decode()
-
 
 def layout_of(robot: "Robot") -> CycleLayout:
     """The layout of a robot's cycles."""

@@ -149,7 +149,7 @@ class McapLog:
         """Logs a sensor_msgs/Imu without orientation: rad/s and m/s2 in `frame_id`, with covariances not known."""
         self.add(topic, IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
 
-    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.DiagnosticStatus]) -> None:
+    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.StatusFields]) -> None:
         """Logs a diagnostic_msgs/DiagnosticArray."""
         self.add(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Where the run in a log comes from; the software and the machine are added by the process that writes the log."""
 
+import contextlib
 import importlib
 import os
 import sys
@@ -38,8 +39,13 @@ def with_surroundings(provenance: Provenance) -> Provenance:
     if not provenance.metadata or SOFTWARE in provenance.metadata:
         return provenance
     machine = os.uname()
+    library = importlib.import_module("importlib.metadata")
+    versions = dict.fromkeys(("segway-ecc", *_LIBRARIES), "not installed")
+    for name in versions:
+        with contextlib.suppress(library.PackageNotFoundError):
+            versions[name] = library.version(name)
     metadata = {
-        SOFTWARE: {name: _version(name) for name in ("segway-ecc", *_LIBRARIES)},
+        SOFTWARE: versions,
         "machine": {
             "host": machine.nodename,
             "system": f"{machine.sysname} {machine.release} {machine.version}",
@@ -48,11 +54,3 @@ def with_surroundings(provenance: Provenance) -> Provenance:
         },
     }
     return Provenance(provenance.attachments, {**provenance.metadata, **metadata})
-
-
-def _version(package: str) -> str:
-    metadata = importlib.import_module("importlib.metadata")
-    try:
-        return str(metadata.version(package))
-    except metadata.PackageNotFoundError:
-        return "not installed"

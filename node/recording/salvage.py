@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata
+from mcap.records import Attachment, Channel, Footer, Message, Metadata
 from mcap.stream_reader import StreamReader
 
 from segway_ecc.node.errors import RecordingError
@@ -38,27 +38,11 @@ class Salvage:
         Raises:
             RecordingError: The file cannot be opened.
         """
-        channels: dict[int, str] = {}
-        for record in self._records():
-            match record:
-                case Attachment(name=name, data=data):
-                    self.attachments[name] = data
-                case Metadata(name=name, metadata=values):
-                    self.metadata[name] = values
-                case Channel(id=number, topic=topic):
-                    channels[number] = topic
-                case Message() if record.channel_id in channels:
-                    yield channels[record.channel_id], record
-                case Footer():
-                    self.is_whole = True
-                case _:
-                    pass
-
-    def _records(self) -> Iterator[McapRecord]:
         try:
             stream = self.path.open("rb")
         except OSError as error:
             raise RecordingError(f"cannot read the log {self.path}: {error.strerror}") from error
+        channels: dict[int, str] = {}
         with stream:
             records = iter(StreamReader(stream, validate_crcs=True).records)
             while True:
@@ -66,6 +50,16 @@ class Salvage:
                     record = next(records, None)
                 except _DAMAGE:
                     return
-                if record is None:
-                    return
-                yield record
+                match record:
+                    case None:
+                        return
+                    case Attachment(name=name, data=data):
+                        self.attachments[name] = data
+                    case Metadata(name=name, metadata=values):
+                        self.metadata[name] = values
+                    case Channel(id=number, topic=topic):
+                        channels[number] = topic
+                    case Message() if record.channel_id in channels:
+                        yield channels[record.channel_id], record
+                    case Footer():
+                        self.is_whole = True

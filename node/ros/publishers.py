@@ -49,15 +49,26 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     publishers = [
         _number(node, topic, "values", index[signal]) for topic, signal in _SCALARS.items() if signal in index
     ]
-    for names, make in (
-        (ODOMETRY_SIGNALS, _position),
-        (ODOMETRY_SIGNALS, _odometry),
-        (JOINT_SIGNALS, _joint_states),
-        (IMU_SIGNALS, _imu),
-        ((SUPPLY_SIGNAL,), _battery),
-    ):
-        if all(name in index for name in names):
-            publishers.append(make(node, ros, [index[name] for name in names]))
+    odometry, joints, imu = (
+        [index[signal] for signal in group] if all(signal in index for signal in group) else None
+        for group in (ODOMETRY_SIGNALS, JOINT_SIGNALS, IMU_SIGNALS)
+    )
+    if odometry is not None:
+        publishers += [_position(node, *odometry[:2]), _odometry(node, ros, odometry)]
+    if joints is not None:
+        message = message_type("sensor_msgs/msg/JointState")(
+            name=[ros.left_joint, ros.right_joint], position=[0.0, 0.0], velocity=[0.0, 0.0]
+        )
+        numbers = ["position.0", "position.1", "velocity.0", "velocity.1"]
+        publishers.append(_measured(node, "joint_states", message, numbers, joints))
+    if imu is not None:
+        message = message_type("sensor_msgs/msg/Imu")()
+        message.header.frame_id = ros.imu_frame
+        message.orientation_covariance[0] = _NOT_MEASURED
+        numbers = [f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
+        publishers.append(_measured(node, "imu/data", message, numbers, imu))
+    if SUPPLY_SIGNAL in index:
+        publishers.append(_battery(node, ros, index[SUPPLY_SIGNAL]))
     return publishers
 
 
@@ -93,8 +104,7 @@ def _number(node: RosObject, topic: str, group: str, index: int) -> Topic:
     return Topic(publisher, publish)
 
 
-def _position(node: RosObject, _: RosSection, indices: Sequence[int]) -> Topic:
-    x, y, *_rest = indices
+def _position(node: RosObject, x: int, y: int) -> Topic:
     kind = message_type("geometry_msgs/msg/Point")
     template = Template(kind(), ("x", "d"), ("y", "d"))
     publisher = node.create_publisher(kind, "position", _DEPTH)
@@ -121,26 +131,9 @@ def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic
     return Topic(publisher, publish)
 
 
-def _joint_states(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
-    kind = message_type("sensor_msgs/msg/JointState")
-    message, publisher = kind(), node.create_publisher(kind, "joint_states", _DEPTH)
-    message.name = [ros.left_joint, ros.right_joint]
-    message.position, message.velocity = [0.0, 0.0], [0.0, 0.0]
-    template = _stamped(message, "position.0", "position.1", "velocity.0", "velocity.1")
-    return _measured(publisher, template, indices)
-
-
-def _imu(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
-    kind = message_type("sensor_msgs/msg/Imu")
-    message, publisher = kind(), node.create_publisher(kind, "imu/data", _DEPTH)
-    message.header.frame_id = ros.imu_frame
-    message.orientation_covariance[0] = _NOT_MEASURED
-    numbers = [f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
-    return _measured(publisher, _stamped(message, *numbers), indices)
-
-
-def _measured(publisher: RosObject, template: Template, indices: Sequence[int]) -> Topic:
+def _measured(node: RosObject, topic: str, message: RosObject, numbers: Sequence[str], indices: Sequence[int]) -> Topic:
     """Publishes the signals at these places with their stamp, while all of them are measured."""
+    publisher, template = node.create_publisher(type(message), topic, _DEPTH), _stamped(message, *numbers)
 
     def publish(report: Report) -> None:
         measured = [report.values[index] for index in indices]
@@ -155,9 +148,8 @@ def _stamped(message: RosObject, *numbers: str) -> Template:
     return Template(message, *STAMP, *((path, "d") for path in numbers))
 
 
-def _battery(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
+def _battery(node: RosObject, ros: RosSection, index: int) -> Topic:
     """The supply's voltage, twice a second by the stamps: what a base station shows needs no more."""
-    (index,) = indices
     kind = message_type("sensor_msgs/msg/BatteryState")
     message, publisher = kind(), node.create_publisher(kind, "battery_state", _DEPTH)
     message.header.frame_id = ros.base_frame

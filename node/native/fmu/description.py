@@ -65,7 +65,10 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
     inputs, outputs = groups[Causality.INPUT], groups[Causality.OUTPUT]
     parameters = groups[Causality.PARAMETER] + groups[Causality.CALCULATED_PARAMETER]
     states = _states(facts, twenty_sim)
-    followers = tuple(_follower(variable, states, twenty_sim) for variable in parameters)
+    # 20-sim's FMUs set states before they take parameters, and name the initial value of a state so.
+    can_restart = twenty_sim is not None and (not twenty_sim.globals or bool(twenty_sim.restart_symbols))
+    initial = {f"{state.name}_initial": place for place, state in enumerate(states)} if can_restart else {}
+    followers = tuple(initial.get(variable.name, -1) for variable in parameters)
     step = _step(facts, twenty_sim, step_size, path)
     description = Description(
         name=facts.name,
@@ -108,14 +111,6 @@ def _step(facts: Facts, twenty_sim: TwentySim | None, given: float | None, path:
     if not (math.isfinite(step) and step > 0.0):
         raise ModelError(f"a step of {step} s cannot be taken by FMU {path}: give a positive one as step_size")
     return step
-
-
-def _follower(parameter: FmuVariable, states: list[FmuVariable], twenty_sim: TwentySim | None) -> int:
-    """Place of the state that starts from a parameter: 20-sim's FMUs set states before they take parameters."""
-    if twenty_sim is None or (twenty_sim.globals and not twenty_sim.restart_symbols):
-        return -1
-    # 20-sim names the initial value of a state so.
-    return next((place for place, state in enumerate(states) if parameter.name == f"{state.name}_initial"), -1)
 
 
 def _plain(

@@ -12,6 +12,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from segway_ecc.node.native.fmu.xml import number, parse_xml, read_xml
+from segway_ecc.node.native.twenty_sim.c_text import encoding_of
 
 _SECTION: Final = re.compile(
     r"^void\s+\w*Calculate(Initial|Static|Input|Dynamic|Output)\s*\([^)]*\)\s*\{(.*?)^\}", re.MULTILINE | re.DOTALL
@@ -86,8 +87,8 @@ def read_twenty_sim(folder: Path, tool: str, symbols: frozenset[str]) -> TwentyS
     elif "20-sim" not in tool.lower():
         return None
     # Comments may be in any of two encodings; both keep ASCII, and latin-1 reads every byte.
-    sources = (file.read_bytes() for file in sorted((folder / "sources").rglob("*.c")) if file.name.endswith(_CODE))
-    code = "\n".join(map(_decoded, sources)).replace("\r\n", "\n")
+    sources = [file.read_bytes() for file in sorted((folder / "sources").rglob("*.c")) if file.name.endswith(_CODE)]
+    code = "\n".join(content.decode(encoding_of(content)) for content in sources).replace("\r\n", "\n")
     in_globals = any(symbol.endswith("MEMORY") for symbol in symbols)
     restart = [symbol for section in SECTIONS if (symbol := _ending(symbols, f"Calculate{section}")) is not None]
     states, units, values = _read_variables(configuration)
@@ -122,13 +123,6 @@ def _read_tokens(file: Path | None) -> dict[str, str]:
         ).strip()
         for token in read_xml(file, file.name).iterfind("token")
     }
-
-
-def _decoded(content: bytes) -> str:
-    try:
-        return content.decode()
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def _step_size(folder: Path, configuration: ET.Element | None, tokens: dict[str, str]) -> float | None:

@@ -44,6 +44,15 @@ class Function:
         self.text = text[self.start : self.start + len(self.body)]
 
 
+def encoding_of(content: bytes) -> str:
+    """Return the encoding of a source file: UTF-8, with or without its mark, else Latin-1, which reads every byte."""
+    try:
+        content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8"
+
+
 def code_of(text: str, *, keep_strings: bool = False) -> str:
     """Return the text with comments (and strings) replaced by as many blanks."""
 

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.twenty_sim.c_text import Function, code_of, functions
+from segway_ecc.node.native.twenty_sim.c_text import Function, code_of, encoding_of, functions
 
 C_SUFFIXES: Final = frozenset({".c"})
 CPP_SUFFIXES: Final = frozenset({".cpp", ".cc", ".cxx"})
@@ -119,7 +119,7 @@ def read_folder(path: Path) -> Folder:
         for place in places:
             if place.suffix.lower() in _TEXTS and not _COPY.match(place.name):
                 content = place.read_bytes()
-                files.append(SourceFile(place.relative_to(path).as_posix(), content, _encoding(content)))
+                files.append(SourceFile(place.relative_to(path).as_posix(), content, encoding_of(content)))
     except OSError as error:
         raise ModelError(f"cannot read the model folder {path}: {error}") from error
     _refuse_others(path, {place.name.lower() for place in places})
@@ -148,14 +148,6 @@ def _walk(path: Path) -> Iterator[Path]:
     for folder, below, names in os.walk(path, onerror=stop):
         below[:] = sorted(name for name in below if not (name.startswith(".") or _ELSEWHERE.fullmatch(name)))
         yield from (Path(folder, name) for name in sorted(names) if not name.startswith("."))
-
-
-def _encoding(content: bytes) -> str:
-    try:
-        content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8"
 
 
 def _refuse_others(path: Path, names: Collection[str]) -> None:

@@ -66,7 +66,9 @@ def read_tables(files: Sequence[SourceFile]) -> Table:
             file = file or source.name
         tokens |= found
         for kind, token in TOKEN_KINDS.items():
-            if names := _names(found, token):
+            plain = [line.strip() for line in found.get(f"{token}_NAMES3", "").split("\n") if line.strip()]
+            quoted = _QUOTED.findall(found.get(f"{token}_NAMES", ""))
+            if names := plain or [name.replace("\\\\", "\\").replace('\\"', '"') for name in quoted]:
                 units = [line.strip() for line in found.get(f"{token}_UNITS", "").split("\n")]
                 labels[kind] = list(map(Label, names, [*units, *[""] * (len(names) - len(units))]))
         labels |= stored
@@ -118,12 +120,6 @@ def unique(names: Mapping[str, Sequence[Label]], warnings: list[str]) -> dict[st
             taken.add(name)
             result[kind].append(name)
     return result
-
-
-def _names(tokens: Mapping[str, str], token: str) -> list[str]:
-    plain = [line.strip() for line in tokens.get(f"{token}_NAMES3", "").split("\n") if line.strip()]
-    quoted = _QUOTED.findall(tokens.get(f"{token}_NAMES", ""))
-    return plain or [name.replace("\\\\", "\\").replace('\\"', '"') for name in quoted]
 
 
 def _stored(root: ET.Element) -> dict[str, list[Label]]:

@@ -7,8 +7,9 @@ their names end or begin with (`<prefix>CalculateSubmodel`), arrays by their let
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
@@ -19,6 +20,14 @@ from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Source
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+_PREFIXED: Final = (
+    r"(?<!\w)(\w*?)step_size\s*=(?!=)",
+    r"(?<!\w)(\w*?)s\s*\[\s*\d+\s*\]\s*=(?!=)",
+    r"(\w*_)V\s*\[",
+)
+_TYPEDEF: Final = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,38 +55,99 @@ class Element:
 
 @dataclass(frozen=True)
 class Parts:
-    """The parts of a generated model.
+    """The parts of a generated model; each is read from the files when it is first asked for.
 
     Attributes:
         folder: The files.
-        flavour: Which shape.
         model: The file with the equations.
-        name: The submodel's name.
-        build: What generated it.
-        prefix: What the names of variables begin with, such as `xx_`.
-        real: The C type behind XXDouble: "double" or "float".
-        functions: Every function of the code that matters, by its role, such as "CalculateDynamic".
-        symbols: Global variables, by name without the prefix.
-        types: What each typedef stands for.
         owner: The C++ class; empty in C.
     """
 
     folder: Folder
-    flavour: Flavour
     model: SourceFile
-    name: str
-    build: str
-    prefix: str
-    real: str
-    functions: Mapping[str, Function]
-    symbols: Mapping[str, Symbol]
-    types: Mapping[str, str]
-    owner: str = ""
+    owner: str
 
     @property
     def is_cpp(self) -> bool:
         """Whether the file with the equations is compiled as C++."""
         return self.model.suffix in CPP_SUFFIXES
+
+    @cached_property
+    def flavour(self) -> Flavour:
+        """Which shape."""
+        if self.owner:
+            return Flavour.CPP_CLASS
+        is_whole = {"InitializeSubmodel", "CalculateSubmodel"} <= self.functions.keys()
+        return Flavour.C_SUBMODEL if is_whole else Flavour.C_PARTIAL
+
+    @property
+    def name(self) -> str:
+        """The submodel's name."""
+        fields = self.model.fields
+        return self.owner or fields.get("subm") or fields.get("model") or self.folder.path.resolve().name
+
+    @property
+    def build(self) -> str:
+        """What generated it; empty where it is not known."""
+        fields = next((file.fields for file in self.folder.sources if file.fields.get("build")), {})
+        build = f"20-sim {fields['build']}" if fields else ""
+        return f"{build}, {fields['date']}" if fields.get("date") else build
+
+    @cached_property
+    def functions(self) -> dict[str, Function]:
+        """Every function of the code that matters, by its role, such as "CalculateDynamic"."""
+        found: dict[str, Function] = {}
+        for source in self.folder.sources:
+            for name, function in source.functions.items():
+                if name.rpartition("::")[0] == self.owner and (role := _role(name)):
+                    found.setdefault(role, function)
+        return found
+
+    @cached_property
+    def prefix(self) -> str:
+        """What the names of variables begin with, such as `xx_`.
+
+        Raises:
+            ModelError: The code sets none of the variables that show it.
+        """
+        for pattern in _PREFIXED:
+            for source in (self.model, *self.folder.sources):
+                if match := re.search(pattern, source.code):
+                    return match[1]
+        text = f"cannot find what the variables in {self.model.name} begin with: it sets neither step size nor states"
+        raise ModelError(text)
+
+    @cached_property
+    def symbols(self) -> dict[str, Symbol]:
+        """Global variables, by name without the prefix."""
+        pattern = re.compile(
+            rf"^[ \t]*(\w+)\s*(\*?)\s*{re.escape(self.prefix)}(\w+)\s*(\[[^\]]*\])?\s*(?:=[^;]*)?;", re.MULTILINE
+        )
+        return {
+            match[3]: Symbol(match[1], bool(match[2]), bool(match[4]))
+            for source in self.folder.sources
+            for match in pattern.finditer(source.code)
+            if match[1] not in ("extern", "static", "return")
+        }
+
+    @cached_property
+    def types(self) -> dict[str, str]:
+        """What each typedef stands for."""
+        every = (*self.folder.headers, *self.folder.sources)
+        return {match[2]: match[1].strip() for file in every for match in _TYPEDEF.finditer(file.code)}
+
+    @cached_property
+    def real(self) -> str:
+        """The C type behind XXDouble: "double" or "float".
+
+        Raises:
+            ModelError: It is another.
+        """
+        kind = next((base for name, base in self.types.items() if name.endswith("Double")), "double")
+        kind = self.types.get(kind, kind)
+        if kind not in ("double", "float"):
+            raise ModelError(f"the code computes with numbers of type '{kind}'; only double and float can be used")
+        return kind
 
     def sections(self) -> dict[str, str]:
         """The equations of each section, comments blanked."""
@@ -100,39 +170,16 @@ def find_parts(folder: Folder) -> Parts:
     Raises:
         ModelError: There is no model among the files, there are several, or one cannot be followed.
     """
-    models = [each for each in folder.sources if any(_role(name) == "CalculateDynamic" for name in each.functions)]
+    models = {file: name for file in folder.sources for name in file.functions if _role(name) == "CalculateDynamic"}
     if not models:
         raise ModelError(f"{folder.path} holds no model: none of its C or C++ files has dynamic equations")
     if len(models) > 1:
         names = ", ".join(source.name for source in models)
         raise ModelError(f"{folder.path} holds {len(models)} models ({names}): give the folder of one of them")
-    model = models[0]
-    owner = next(name for name in model.functions if _role(name) == "CalculateDynamic").rpartition("::")[0]
-    roles: dict[str, Function] = {}
-    for source in folder.sources:
-        for name, function in source.functions.items():
-            if name.rpartition("::")[0] == owner and (role := _role(name)):
-                roles.setdefault(role, function)
-    is_whole = {"InitializeSubmodel", "CalculateSubmodel"} <= roles.keys()
-    typedef = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
-    every = (*folder.headers, *folder.sources)
-    types = {match[2]: match[1].strip() for file in every for match in typedef.finditer(file.code)}
-    fields = next((file.fields for file in folder.sources if file.fields.get("build")), {})
-    build = f"20-sim {fields['build']}" if fields else ""
-    prefix = _prefix(folder, model)
-    return Parts(
-        folder,
-        Flavour.CPP_CLASS if owner else Flavour.C_SUBMODEL if is_whole else Flavour.C_PARTIAL,
-        model,
-        owner or model.fields.get("subm") or model.fields.get("model") or folder.path.resolve().name,
-        f"{build}, {fields['date']}" if fields.get("date") else build,
-        prefix,
-        _real(types),
-        roles,
-        _symbols(folder.sources, prefix),
-        types,
-        owner,
-    )
+    ((model, name),) = models.items()
+    parts = Parts(folder, model, name.rpartition("::")[0])
+    _ = parts.prefix, parts.real  # here, so that what cannot be followed is refused here
+    return parts
 
 
 def number(text: str, names: Mapping[str, float] | None = None) -> float | None:
@@ -188,31 +235,3 @@ def _role(name: str) -> str:
     if not owner and (match := _METHOD_ROLE.search(name)):
         return match[0]
     return next((role for role in _ROLES if role in plain), "")
-
-
-def _real(types: Mapping[str, str]) -> str:
-    kind = next((base for name, base in types.items() if name.endswith("Double")), "double")
-    kind = types.get(kind, kind)
-    if kind not in ("double", "float"):
-        raise ModelError(f"the code computes with numbers of type '{kind}'; only double and float can be used")
-    return kind
-
-
-def _prefix(folder: Folder, model: SourceFile) -> str:
-    for pattern in (r"(?<!\w)(\w*?)step_size\s*=(?!=)", r"(?<!\w)(\w*?)s\s*\[\s*\d+\s*\]\s*=(?!=)", r"(\w*_)V\s*\["):
-        for source in (model, *folder.sources):
-            if match := re.search(pattern, source.code):
-                return match[1]
-    raise ModelError(f"cannot find what the variables in {model.name} begin with: it sets neither step size nor states")
-
-
-def _symbols(sources: Iterable[SourceFile], prefix: str) -> dict[str, Symbol]:
-    pattern = re.compile(
-        rf"^[ \t]*(\w+)\s*(\*?)\s*{re.escape(prefix)}(\w+)\s*(\[[^\]]*\])?\s*(?:=[^;]*)?;", re.MULTILINE
-    )
-    return {
-        match[3]: Symbol(match[1], bool(match[2]), bool(match[4]))
-        for source in sources
-        for match in pattern.finditer(source.code)
-        if match[1] not in ("extern", "static", "return")
-    }

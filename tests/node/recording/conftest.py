@@ -8,7 +8,7 @@ import pytest
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.recording.cycle_log import CycleLayout
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.safety.modes import Mode
 
 PERIOD_NS = 10_000_000

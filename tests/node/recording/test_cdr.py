@@ -40,9 +40,7 @@ covariances = st.lists(numbers, min_size=36, max_size=36)
 poses = st.builds(cdr.Pose, vectors, st.tuples(numbers, numbers, numbers, numbers), covariances)
 twists = st.builds(cdr.Twist, vectors, vectors, covariances)
 statuses = st.lists(
-    st.builds(
-        cdr.DiagnosticStatus, st.integers(0, 255), texts, texts, texts, st.dictionaries(texts, texts, max_size=3)
-    ),
+    st.builds(cdr.StatusFields, st.integers(0, 255), texts, texts, texts, st.dictionaries(texts, texts, max_size=3)),
     max_size=3,
 )
 
@@ -217,11 +215,11 @@ def test_imu_is_what_ros_writes(stamp_ns: int, frame_id: str, rate: cdr.Vector, 
     STAMP_NS,
     "",
     [
-        cdr.DiagnosticStatus(2, "motor", "überlastet", "左", {"": "", "°C": "81"}),
-        cdr.DiagnosticStatus(0, "", "", "", {}),
+        cdr.StatusFields(2, "motor", "überlastet", "左", {"": "", "°C": "81"}),
+        cdr.StatusFields(0, "", "", "", {}),
     ],
 )
-def test_diagnostics_are_what_ros_writes(stamp_ns: int, frame_id: str, listed: list[cdr.DiagnosticStatus]) -> None:
+def test_diagnostics_are_what_ros_writes(stamp_ns: int, frame_id: str, listed: list[cdr.StatusFields]) -> None:
     header = ros_header(stamp_ns, frame_id)
     message = ros(DIAGNOSTIC_ARRAY, header=header, status=list(starmap(ros_status, listed)))
     check(DIAGNOSTIC_ARRAY, cdr.diagnostic_array(stamp_ns, frame_id, listed), message)
@@ -240,7 +238,7 @@ def test_a_number_that_is_not_ordinary_survives(value: float) -> None:
 
 
 def test_text_that_cdr_cannot_hold_is_shown_as_escapes() -> None:
-    data = cdr.diagnostic_array(0, "", [cdr.DiagnosticStatus(0, "a\0b", "\udc80", "", {})])
+    data = cdr.diagnostic_array(0, "", [cdr.StatusFields(0, "a\0b", "\udc80", "", {})])
     status = decoded(DIAGNOSTIC_ARRAY, data).status[0]
     assert (status.name, status.message) == (r"a\x00b", r"\udc80")
 

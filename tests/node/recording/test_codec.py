@@ -162,7 +162,7 @@ def test_numbers_of_another_kind_are_numbers(kind: type) -> None:
     one, two = (kind(2.0),), (1.0,)
     record = replace(EMPTY, sensors=Sensors(one, two, (np.True_,)), u=one, y=one, commands=two)  # type: ignore[arg-type]
     ((_, body),) = codec.bodies(CYCLE, packed(record))
-    again = codec.message.unpack(body).record
+    again = codec.message.unpack(body)[0]
 
     assert (again.u, again.y, again.sensors.values, again.sensors.valid) == ((2.0,), (2.0,), (2.0,), (True,))
 
@@ -171,7 +171,7 @@ def test_numbers_of_another_kind_are_numbers(kind: type) -> None:
 def test_a_model_output_that_is_a_truth_value_is_recorded_as_a_number(truth: float) -> None:
     codec = CycleCodec(layout_with((0, 0, 0, 1, 0)))
     ((_, body),) = codec.bodies(CYCLE, packed(replace(EMPTY, y=(truth,))))
-    assert codec.message.unpack(body).record.y == (1.0,)
+    assert codec.message.unpack(body)[0].y == (1.0,)
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
-from segway_ecc.node.recording.cycle_log import CycleLayout, CycleLog, layout_of
-from segway_ecc.node.recording.layout import field_names
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import CycleLayout, field_names, layout_of
 from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment

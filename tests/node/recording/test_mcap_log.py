@@ -38,7 +38,7 @@ def write_run(target: Path | BytesIO) -> None:
         log.twist("/cmd_vel", START_NS + 2, 0.5, -0.25)
         log.odometry("/odom", START_NS + 3, 1.0, 2.0, math.pi / 2, 0.5, -0.25)
         log.joint_state("/joint_states", START_NS + 4, (1.0, 2.0), ())
-        log.diagnostics("/diagnostics", START_NS + 5, [cdr.DiagnosticStatus(1, "drive", "warm", "left", {"°C": "81"})])
+        log.diagnostics("/diagnostics", START_NS + 5, [cdr.StatusFields(1, "drive", "warm", "left", {"°C": "81"})])
         log.attach("robot.yaml", "application/yaml", b"name: segway")
         log.imu("/imu/data", START_NS + 6, "imu_link", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
         log.float64("/battery_V", START_NS + 7, 24.25)

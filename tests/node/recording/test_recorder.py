@@ -396,7 +396,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 @pytest.mark.parametrize("state", ["running", "stopped"])
 def test_the_writer_of_a_killed_node_finishes_the_log_and_ends(path: Path, layout: CycleLayout, state: str) -> None:
-    command = [sys.executable, "-c", NODE, str(path), layout.as_json(), state]
+    command = [sys.executable, "-c", NODE, str(path), msgspec.json.encode(layout).decode(), state]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node:
         assert node.stdout is not None
         writer = Path(f"/proc/{int(node.stdout.readline())}")

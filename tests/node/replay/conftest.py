@@ -14,7 +14,8 @@ from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
-from segway_ecc.node.recording.cycle_log import CycleLog, layout_of
+from segway_ecc.node.recording.cycle_log import CycleLog
+from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.sequence.manoeuvre import Segment

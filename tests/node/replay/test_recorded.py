@@ -14,7 +14,7 @@ from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, Request, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.wiring import wire
-from segway_ecc.node.recording.cycle_log import layout_of
+from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.replay.recorded import Recorded, RecordedHardware
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import Robot, build_robot
