@@ -8,13 +8,12 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.fmu.load import load_fmu
 from segway_ecc.node.native.library import NativeModel
 from segway_ecc.node.native.twenty_sim.build import build
-from segway_ecc.node.native.twenty_sim.data_files import read_data
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model
 from segway_ecc.node.native.twenty_sim.names import read_tables
 from segway_ecc.node.native.twenty_sim.parts import find_parts
 from segway_ecc.node.native.twenty_sim.ports import find_ports
-from segway_ecc.node.native.twenty_sim.shim import make_shim
+from segway_ecc.node.native.twenty_sim.shim import make_shim, read_data
 
 
 def load_native(path: Path, *, method: str | None = None, step_size: float | None = None) -> NativeModel:

@@ -65,7 +65,19 @@ class BoundedLog:
     def flush(self) -> None:
         """Put everything onto the disk, begin the next file where it is time, and keep within the quota."""
         if self._log is None:
-            self._try_again()
+            # Begin a new file after a disk that refused; leave nothing where it still does.
+            self.dropped += self._unflushed
+            self._unflushed = 0
+            try:
+                self._next()
+            except RecordingError:
+                self._log = None
+                if self._file.is_file():
+                    self._file.unlink()
+                self._number -= 1
+                return
+            self._report(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
+            self.dropped = 0
             return
         try:
             self._log.flush()
@@ -102,21 +114,6 @@ class BoundedLog:
                 os.fsync(folder)
             finally:
                 os.close(folder)
-
-    def _try_again(self) -> None:
-        """Begin a new file after a disk that refused; leave nothing where it still does."""
-        self.dropped += self._unflushed
-        self._unflushed = 0
-        try:
-            self._next()
-        except RecordingError:
-            self._log = None
-            if self._file.is_file():
-                self._file.unlink()
-            self._number -= 1
-            return
-        self._report(f"the log goes on in {self._file}; {self.dropped} messages before it are missing")
-        self.dropped = 0
 
     def _lose(self, error: RecordingError) -> None:
         """Do without the present file."""

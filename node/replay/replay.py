@@ -15,7 +15,6 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.models.load import load_model
-from segway_ecc.node.models.locate import locate, locate_recorded
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.compare import Difference, differences
 from segway_ecc.node.replay.log import RecordedRun
@@ -73,7 +72,13 @@ def replay(
     """
     run = RecordedRun(path)
     recorded = Recorded()
-    robot = _robot(run, recorded, model)
+    file = run.robot
+    if model is not None:
+        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=model))
+    section = file.model
+    loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
+    hardware = RecordedHardware(run.layout, recorded)
+    robot = Robot(file, loaded, hardware, wire(loaded, hardware, file.wiring), RecordedClock(recorded))
     outcome = Outcome(is_other_model=run.model_hash != model_hash(robot.file.model.source))
     replayed = _Replayed(robot, recorded)
     last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
@@ -141,14 +146,3 @@ class _Keeper(NoRecorder):
     def write(self, record: CycleRecord) -> None:
         """Keep it, with copies of what may change."""
         self.record = replace(record, u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))
-
-
-def _robot(run: RecordedRun, recorded: Recorded, source: str | None) -> Robot:
-    """The robot of a run, on hardware that answers as recorded."""
-    folders = (run.path.resolve().parent, Path())
-    found = locate_recorded(run.robot.model.source, folders) if source is None else locate(source, folders)
-    file = msgspec.structs.replace(run.robot, model=msgspec.structs.replace(run.robot.model, source=found))
-    section = file.model
-    model = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    hardware = RecordedHardware(run.layout, recorded)
-    return Robot(file, model, hardware, wire(model, hardware, file.wiring), RecordedClock(recorded))

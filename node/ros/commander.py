@@ -11,7 +11,6 @@ from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.cycle.setpoints import REST
 from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
-from segway_ecc.node.ros.graph import Connection, connections
 from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stamp_ns
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.ros.untyped import RosObject
@@ -85,7 +84,15 @@ class Commander:
         deadline_s = time.monotonic() + wait_s
         self._spin_until(lambda: self.mode is not None and bool(self._odometry), deadline_s, wait_s)
         if arm and self.mode not in ACTIVE:
-            self._ask_to_arm()
+            self._arm.wait_for_service(_ANSWER_S)
+            answer = self._arm.call_async(self._arm_type.Request())
+            self._executor.spin_until_future_complete(answer, _ANSWER_S)
+            if not answer.done():
+                raise NobodyListensError(f"the model node did not answer {self._arm.srv_name} within {_ANSWER_S:g} s")
+            if not answer.result().success:
+                raise NobodyListensError(f"the robot refuses to arm: {answer.result().message}")
+            self.mode, self.reason = Mode.ARMED, answer.result().message
+            self._armed_ns = self._odometry[-1].stamp_ns
         elif self.mode not in ACTIVE:
             raise NobodyListensError(
                 f"the robot is {self.mode} ({self.reason}) and takes no set-points: arm it first, or add --arm"
@@ -138,10 +145,6 @@ class Commander:
         while player.unconfirmed(self.confirmed) and time.monotonic() < deadline_s:
             self._executor.spin_once(timeout_sec=_SPIN_S)
 
-    def graph(self) -> list[Connection]:
-        """The topics of this namespace with their ends."""
-        return connections(self._node, self._node.get_namespace())
-
     def _spin_until(self, done: Callable[[], bool], deadline_s: float, wait_s: float) -> None:
         while not done():
             if time.monotonic() > deadline_s:
@@ -171,17 +174,6 @@ class Commander:
             message.twist.linear.x = setpoint.linear_velocity
             message.twist.angular.z = setpoint.angular_velocity
             self._publisher.publish(message)
-
-    def _ask_to_arm(self) -> None:
-        self._arm.wait_for_service(_ANSWER_S)
-        answer = self._arm.call_async(self._arm_type.Request())
-        self._executor.spin_until_future_complete(answer, _ANSWER_S)
-        if not answer.done():
-            raise NobodyListensError(f"the model node did not answer {self._arm.srv_name} within {_ANSWER_S:g} s")
-        if not answer.result().success:
-            raise NobodyListensError(f"the robot refuses to arm: {answer.result().message}")
-        self.mode, self.reason = Mode.ARMED, answer.result().message
-        self._armed_ns = self._odometry[-1].stamp_ns
 
     def _receive_odometry(self, message: RosObject) -> None:
         pose, twist = message.pose.pose, message.twist.twist

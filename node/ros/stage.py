@@ -3,6 +3,7 @@
 
 import logging
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Final
 
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
@@ -62,16 +63,8 @@ class RosStage:
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self.subscriptions: list[RosObject] = []
-        self._subscribe_setpoints()
-        self._watched = tuple(self.subscriptions)
-        for place, name in enumerate(set_names):
-            self._subscribe_value(place, name)
-
-        def take_heartbeat(inbox: Inbox, message: RosObject) -> None:
-            inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
-
-        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.
-        self._subscribe("station", "std_msgs/msg/Header", newest_only(), take_heartbeat, at_once=1)
+        self._subscribe_inputs(set_names)
+        self._watched = tuple(self.subscriptions[:2])  # the set-points
         own_services = [self._serve(action) for action in Action]
         self._parameters = ModelParameters(node, settings.parameters, write, own_services)
         self.services = [*own_services, *self._parameters.services]
@@ -142,7 +135,7 @@ class RosStage:
             self._warnings.add(text)
             _logger.warning(text)
 
-    def _subscribe_setpoints(self) -> None:
+    def _subscribe_inputs(self, set_names: Sequence[str]) -> None:
         def take_twist(inbox: Inbox, message: RosObject) -> None:
             inbox.setpoints.append(StampedSetpoint(Setpoint(message.linear.x, message.angular.z), None))
 
@@ -150,14 +143,18 @@ class RosStage:
             setpoint = Setpoint(message.twist.linear.x, message.twist.angular.z)
             inbox.setpoints.append(StampedSetpoint(setpoint, stamp_ns(message.header)))
 
-        self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
-        self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
-
-    def _subscribe_value(self, place: int, name: str) -> None:
-        def take_value(inbox: Inbox, message: RosObject) -> None:
+        def take_value(place: int, inbox: Inbox, message: RosObject) -> None:
             inbox.values.append(SetValue(place, message.data))
 
-        self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, take_value)
+        def take_heartbeat(inbox: Inbox, message: RosObject) -> None:
+            inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
+
+        self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
+        self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
+        for place, name in enumerate(set_names):
+            self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, partial(take_value, place))
+        # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.
+        self._subscribe("station", "std_msgs/msg/Header", newest_only(), take_heartbeat, at_once=1)
 
     def _subscribe(
         self,

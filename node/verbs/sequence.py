@@ -13,6 +13,7 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.ros.commander import Commander
+from segway_ecc.node.ros.graph import connections
 from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, load_manoeuvre, single_segment
 from segway_ecc.node.sequence.player import Odometry, Player
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         commander = Commander(node, options.node, lambda: stop[0] if stop else None)
         commander.wait_for_robot(options.wait, arm=options.arm)
         commander.play(player, _progress())
-        graph = commander.graph()
+        graph = connections(node, node.get_namespace())
         unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
         write_csv(options.csv, Odometry._fields, player.received)

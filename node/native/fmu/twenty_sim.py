@@ -76,7 +76,12 @@ def read_twenty_sim(folder: Path, tool: str, symbols: frozenset[str]) -> TwentyS
         ModelError: One of 20-sim's XML files in it is not well-formed.
     """
     files = {file.name.lower(): file for file in sorted(folder.rglob("*.xml"), reverse=True)}
-    tokens = _read_tokens(files.get("tokens.xml"))
+    tokens = {}
+    if file := files.get("tokens.xml"):
+        for token in read_xml(file, file.name).iterfind("token"):
+            # One that holds XML may hold it as elements.
+            inside = [token.text or "", *(ET.tostring(child, encoding="unicode") for child in token)]
+            tokens[token.get("name", "")] = "".join(inside).strip()
     configuration = None
     if file := files.get("modelconfiguration.xml"):
         configuration = read_xml(file, file.name)
@@ -111,18 +116,6 @@ def read_twenty_sim(folder: Path, tool: str, symbols: frozenset[str]) -> TwentyS
 
 def _ending(symbols: frozenset[str], ending: str) -> str | None:
     return min((symbol for symbol in symbols if symbol.endswith(ending)), key=len, default=None)
-
-
-def _read_tokens(file: Path | None) -> dict[str, str]:
-    if file is None:
-        return {}
-    # A token that holds XML may hold it as elements.
-    return {
-        token.get("name", ""): "".join(
-            [token.text or "", *(ET.tostring(child, encoding="unicode") for child in token)]
-        ).strip()
-        for token in read_xml(file, file.name).iterfind("token")
-    }
 
 
 def _step_size(folder: Path, configuration: ET.Element | None, tokens: dict[str, str]) -> float | None:

@@ -3,9 +3,15 @@
 
 Every file that goes in is written out under its own name below a folder of the cache, and compiled there: the user's
 folder is never written to, may be moved or renamed, and its path may hold any character.
+
+Headers that a folder lacks are made on our side of the include path: folders come from file systems that ignore case,
+are moved about, and are copied in part. What is there under another spelling or in another place is forwarded to; what
+only declares functions that the code may never call is left empty, and what it calls all the same is then named by the
+linker.
 """
 
 import os
+import posixpath
 import re
 import shutil
 import subprocess
@@ -16,8 +22,8 @@ from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.cache import cached, digest
-from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder
-from segway_ecc.node.native.twenty_sim.includes import TREE, supplied_headers
+from segway_ecc.node.native.twenty_sim.c_text import code_of
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, TREE, Folder
 from segway_ecc.node.native.twenty_sim.parts import Parts
 from segway_ecc.node.native.twenty_sim.shim import Shim
 
@@ -30,6 +36,8 @@ _LINK: Final = ("-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic", "-lm", "-ldl"
 _LIBRARY: Final = "model.so"
 _WARNINGS: Final = "warnings.txt"
 _OWN_FUNCTIONS: Final = ("Matrix", "Inverse", "MotionProfile", "Euler")
+_INCLUDE: Final = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]", re.MULTILINE)
+_MAY_BE_EMPTY: Final = ("motionprofiles", "eulerangles", "matrix", "inverse", "integ", "funcs")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +73,7 @@ def build(parts: Parts, shim: Shim) -> Built:
     ending = "cpp" if parts.is_cpp else "c"
     files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
     files[f"{TREE}/{parts.model.name}"] = shim.model
-    files |= {f"supplied/{name}": text.encode() for name, text in supplied_headers(folder).items()}
+    files |= {f"supplied/{name}": text.encode() for name, text in _supplied_headers(folder).items()}
     files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
@@ -78,6 +86,43 @@ def build(parts: Parts, shim: Shim) -> Built:
     key = digest(*named, " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *includes)), *identities)
     entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
     return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
+
+
+def _supplied_headers(folder: Folder) -> dict[str, str]:
+    """Return the text of each header that an include asks for and the folder does not have, by the name asked for."""
+    files = {file.name for file in folder.headers}
+    found: dict[str, str] = {}
+    for source in (*folder.sources, *folder.headers):
+        places = [posixpath.dirname(source.name), *folder.include_folders]
+        for match in _INCLUDE.finditer(code_of(source.text, keep_strings=True)):
+            name = match[2].replace("\\", "/").strip()
+            is_there = any(posixpath.normpath(posixpath.join(place, name)) in files for place in places)
+            if not is_there and (text := _stand_in(folder, posixpath.basename(name).lower())):
+                found.setdefault(match[2].strip(), text)
+    return found
+
+
+def _stand_in(folder: Folder, wanted: str) -> str:
+    """A header that forwards to one whose name differs in case or place, or declares nothing; else nothing."""
+    same = [file.name for file in folder.headers if posixpath.basename(file.name).lower() == wanted]
+    if same:
+        return f'#include "{TREE}/{min(same, key=len)}"\n'
+    if not any(part in wanted for part in _MAY_BE_EMPTY):
+        return ""
+    return "/* Not in the folder; supplied empty by segway-ecc. */\n" + (_matrix(folder) if "matrix" in wanted else "")
+
+
+def _matrix(folder: Folder) -> str:
+    """The matrix type, which releases up to 4.6 declare in the header of the matrix functions."""
+    pattern = re.compile(r"\btypedef\s+\w+\s+(\w*)Double\s*;")
+    for header in folder.headers:
+        match = pattern.search(header.code)
+        if match and not re.search(rf"\b{match[1]}Matrix\s*;", header.code):
+            p = match[1]
+            guard = f"#ifndef ECC_{p}MATRIX\n#define ECC_{p}MATRIX\n"
+            fields = f"{p}Double *mat; {p}Integer rows; {p}Integer columns;"
+            return f'#include "{TREE}/{header.name}"\n{guard}typedef struct {{ {fields} }} {p}Matrix;\n#endif\n'
+    return ""
 
 
 def _is_cpp(name: str) -> bool:

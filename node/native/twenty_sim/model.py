@@ -2,13 +2,12 @@
 """The description of a 20-sim model, put together from its code, its comments and its XML."""
 
 import re
-from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
-from segway_ecc.node.native.twenty_sim.names import Label, Table, choose, label_of, unique
+from segway_ecc.node.native.twenty_sim.names import Table, choose, label_of, unique
 from segway_ecc.node.native.twenty_sim.parts import METHODS, Parts, find_method, number, setting
 from segway_ecc.node.native.twenty_sim.ports import Ports
 from segway_ecc.node.native.twenty_sim.writes import Effect, parameter_effects, state_effects
@@ -52,7 +51,19 @@ def describe_model(
         "parameter": parameter_effects(parts, len(elements["parameter"])),
         "state": state_effects(parts, len(elements["state"])),
     }
-    variables = {kind: _variables(names[kind], labels[kind], starts.get(kind), effects.get(kind)) for kind in labels}
+    variables = {
+        kind: tuple(
+            Variable(name, label.unit or "1", value, *effect)
+            for name, label, value, effect in zip(
+                names[kind],
+                found,
+                starts.get(kind) or [0.0] * len(found),
+                effects.get(kind) or [Effect(Write.NEVER, "")] * len(found),
+                strict=True,
+            )
+        )
+        for kind, found in labels.items()
+    }
     chosen = _method(parts, method)
     step = _step_size(parts, table, step_size, warnings)
     if parts.real == "float":
@@ -69,17 +80,6 @@ def describe_model(
         variables["parameter"],
         variables["state"],
         tuple(warnings),
-    )
-
-
-def _variables(
-    names: Sequence[str], labels: Sequence[Label], starts: Sequence[float] | None, effects: Sequence[Effect] | None
-) -> tuple[Variable, ...]:
-    values = starts or [0.0] * len(names)
-    writes = effects or [Effect(Write.NEVER, "")] * len(names)
-    return tuple(
-        Variable(name, label.unit or "1", value, effect.write, effect.why)
-        for name, label, value, effect in zip(names, labels, values, writes, strict=True)
     )
 
 

@@ -75,7 +75,14 @@ def _guessed(parts: Parts) -> Ports:
     code = "\n".join(parts.sections().values())
     every = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]", code)}
     assigned = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]\s*=(?!=)", code)}
-    names = _variable_names(parts, array)
+    # Names of variables: from the table that the code keeps in a comment, else from above the equations.
+    text = parts.model.text
+    tables = re.findall(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL)
+    listed = next(filter(None, (re.findall(r'"((?:\\.|[^"\\])*)"', table) for table in tables)), [])
+    found = (match for pattern in (_COPY, _EQUATION) for match in pattern.finditer(text))
+    names = {index: name.replace("\\\\", "\\") for index, name in enumerate(listed)} or {
+        int(match[3]): match[1] for match in found if match[2] == array
+    }
     inputs = sorted(every - assigned)
     outputs = [index for index in sorted(assigned) if (name := names.get(index, "")) and "\\" not in name]
     warning = (
@@ -91,13 +98,3 @@ def _guessed(parts: Parts) -> Ports:
 
 def _listed(names: dict[int, str], indices: list[int]) -> str:
     return ", ".join(f"'{names.get(index) or index}'" for index in indices) or "none"
-
-
-def _variable_names(parts: Parts, array: str) -> dict[int, str]:
-    """Names of variables by index: from the table that the code keeps in a comment, else from above the equations."""
-    text = parts.model.text
-    for match in re.finditer(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL):
-        if listed := re.findall(r'"((?:\\.|[^"\\])*)"', match[1]):
-            return {index: name.replace("\\\\", "\\") for index, name in enumerate(listed)}
-    found = (match for pattern in (_COPY, _EQUATION) for match in pattern.finditer(text))
-    return {int(match[3]): match[1] for match in found if match[2] == array}

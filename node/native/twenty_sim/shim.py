@@ -6,6 +6,10 @@ dealt with: time is the model's own, which its integration method advances, so i
 stops by itself at a time that is baked in, so that is lifted; and parameters are set to their defaults on the way into
 the initial equations, so a call of ours is put at their head (in our copy of the file). For a partial copy of 20-sim's
 C code, what its owner left behind is supplied from our side.
+
+Generated code names data files as 20-sim did, often with a path of the Windows machine that generated it, and opens
+them below whatever folder the process happens to run in. So their content goes into the shared object, where the
+shim's `fopen` finds it by the last part of the name.
 """
 
 import re
@@ -16,9 +20,8 @@ from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.description import Description, Flavour
-from segway_ecc.node.native.twenty_sim.c_text import Function
-from segway_ecc.node.native.twenty_sim.data_files import embedded
-from segway_ecc.node.native.twenty_sim.includes import TREE
+from segway_ecc.node.native.twenty_sim.c_text import Function, code_of
+from segway_ecc.node.native.twenty_sim.files import TREE
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts
 from segway_ecc.node.native.twenty_sim.ports import Ports
 
@@ -72,6 +75,29 @@ class Shim:
     model: bytes
 
 
+def read_data(parts: Parts) -> dict[str, bytes]:
+    """Return the content of each data file that the code names in a call, by its name without folders.
+
+    Raises:
+        ModelError: A file is not in the folder, or cannot be read.
+    """
+    found: dict[str, bytes] = {}
+    prefix = next((name.removesuffix("Double") for name in parts.types if name.endswith("Double")), "")
+    call = re.compile(rf"\b(?:{re.escape(prefix)}(?:Data|Table\w*)|fopen)\s*\(\s*\"((?:\\.|[^\"\\\n])+)\"(?!\s*\"?w)")
+    for source in parts.folder.sources:
+        for written in call.findall(code_of(source.text, keep_strings=True)):
+            name = re.split(r"[\\/]+", written)[-1]
+            place = parts.folder.data.get(name.lower())
+            if place is None:
+                where = f"{source.name} in {parts.folder.path}"
+                raise ModelError(f"{where} reads {name}, which is not in the folder: add it")
+            try:
+                found[name] = place.read_bytes()
+            except OSError as error:
+                raise ModelError(f"cannot read {place}, which {source.name} reads: {error}") from error
+    return found
+
+
 def make_shim(parts: Parts, description: Description, ports: Ports, data: Mapping[str, bytes]) -> Shim:
     """Write the shim of a model.
 
@@ -107,7 +133,7 @@ def make_shim(parts: Parts, description: Description, ports: Ports, data: Mappin
             f"static const double {name}[] = {{{', '.join([*(repr(v.value) for v in variables), '0.0'])}}};"
             for name, variables in starts.items()
         ),
-        *embedded(data),
+        *_embedded(data),
     ]
     source = resources.files("segway_ecc.node.native.twenty_sim").joinpath("shim.c").read_text(encoding="utf-8")
     return Shim("\n".join([*head, *body, ""]), source, _hooked(parts))
@@ -304,3 +330,16 @@ def _declare(parts: Parts, name: str) -> str:
         kind, before = "ecc_matrix", f"typedef struct {{ ecc_real *mat; {integer} rows, columns; }} ecc_matrix; "
     star, brackets = "*" if symbol.is_pointer else "", "[]" if symbol.is_array else ""
     return f"{before}extern {kind} {star}{parts.prefix}{name}{brackets};"
+
+
+def _embedded(data: Mapping[str, bytes]) -> list[str]:
+    """Return the lines of C that hold the files."""
+    if not data:
+        return []
+    rows = ", ".join(f'{{"{name}", ecc_file_{index}, {len(data[name])}}}' for index, name in enumerate(data))
+    table = "static const struct { const char *name; const unsigned char *content; unsigned long size; } ecc_files[]"
+    contents = [
+        f"static const unsigned char ecc_file_{index}[] = {{{', '.join(map(str, [*content, 0]))}}};"
+        for index, content in enumerate(data.values())
+    ]
+    return [*contents, f"#define ECC_FILES {len(data)}", f"{table} = {{{rows}}};"]
