@@ -37,7 +37,7 @@ class TestDigest:
         assert len(digest()) == 32
 
     @pytest.mark.parametrize("other", [("b", "a"), ("ab",), ("ab", ""), ("a",), ("a", "b", "")])
-    def test_tells_contents_apart(self, other: tuple[str, ...]) -> None:
+    def test_distinguishes_contents(self, other: tuple[str, ...]) -> None:
         assert digest("a", "b") != digest(*other)
 
 
@@ -69,13 +69,13 @@ class TestCached:
         assert [process.exitcode for process in processes] == [0, 0]
         assert [entry.name for entry in place.iterdir()] == ["shared"]
 
-    def test_is_in_the_home_folder_unless_told_otherwise(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_is_in_the_home_folder_by_default(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("HOME", str(tmp_path / "home"))
         for elsewhere in ("", "relative/path"):
             monkeypatch.setenv("XDG_CACHE_HOME", elsewhere)
             assert cached("key", fill) == tmp_path / "home" / ".cache" / "segway-ecc" / "models" / "key"
 
-    def test_says_that_it_cannot_be_written(self, tmp_path: Path) -> None:
+    def test_reports_that_it_cannot_be_written(self, tmp_path: Path) -> None:
         (tmp_path / "segway-ecc").write_text("in the way")
         with pytest.raises(ModelError, match=r"cannot write to the cache .*; set XDG_CACHE_HOME elsewhere"):
             cached("key", fill)

@@ -17,7 +17,7 @@ def test_both_sides_are_measured_and_ours_has_c_in_it() -> None:
     assert 0.0 < cost.native_s < cost.through_our_interface_s
 
 
-def test_what_cannot_be_run_from_c_is_told(tmp_path: Path) -> None:
+def test_a_failing_c_program_is_reported(tmp_path: Path) -> None:
     model = load_native(CART)
     model.library_path = tmp_path / "gone.so"
     with pytest.raises(ModelError, match=r"^cannot measure model 'Cart' from C: "):

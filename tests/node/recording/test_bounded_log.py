@@ -24,7 +24,7 @@ KB = 1000
 
 
 class Feed:
-    """Hands cycles to a log as the writer does, and flushes as often as it is told."""
+    """Hands cycles to a log as the writer does, and flushes as often as it is asked to."""
 
     def __init__(self, log: BoundedLog, layout: CycleLayout, record: Callable[[int], CycleRecord]) -> None:
         self._log = log
@@ -42,7 +42,7 @@ class Feed:
 
 
 @pytest.fixture
-def said() -> list[str]:
+def messages() -> list[str]:
     return []
 
 
@@ -65,10 +65,10 @@ def cycles(path: Path) -> list[int]:
 
 
 def test_a_long_run_is_in_files_that_each_stand_alone(
-    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], messages: list[str]
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(1000 * KB, 20 * KB), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(1000 * KB, 20 * KB), messages.append)
     Feed(log, layout, record)(600)
     log.close()
     files = sorted(tmp_path.iterdir(), key=lambda found: (len(found.name), found.name))
@@ -80,15 +80,15 @@ def test_a_long_run_is_in_files_that_each_stand_alone(
         with found.open("rb") as stream:
             reader = make_reader(stream, validate_crcs=True)
             assert {attached.name for attached in reader.iter_attachments()} == {"layout.json", "robot.json"}
-    assert said == []
+    assert messages == []
 
 
 def test_the_files_together_stay_within_the_bound_and_the_newest_stay(
-    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], messages: list[str]
 ) -> None:
     path = tmp_path / "run.mcap"
     bound = 100 * KB
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(bound, 20 * KB), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(bound, 20 * KB), messages.append)
     feed = Feed(log, layout, record)
     for _ in range(60):
         feed(20, flush_every=20)
@@ -105,11 +105,11 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(
     tmp_path: Path,
     layout: CycleLayout,
     record: Callable[[int], CycleRecord],
-    said: list[str],
+    messages: list[str],
     small_files: Callable[[int | None], None],
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(), said.append)
+    log = BoundedLog(path, layout, PROVENANCE, LogQuota(), messages.append)
     feed = Feed(log, layout, record)
     feed(40)
     small_files(100)  # less than what a file begins with
@@ -123,19 +123,19 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(
     assert while_full == ["run.mcap"]
     assert cycles(path) == list(range(40))
     assert cycles(tmp_path / "run-0002.mcap") == list(range(120, 150))
-    assert len(said) == 2
-    assert said[0].startswith(f"Writing the log {path} failed ([Errno 27] File too large)")
-    assert said[1] == f"the log goes on in {tmp_path / 'run-0002.mcap'}; 80 messages before it are missing"
+    assert len(messages) == 2
+    assert messages[0].startswith(f"Writing the log {path} failed ([Errno 27] File too large)")
+    assert messages[1] == f"the log goes on in {tmp_path / 'run-0002.mcap'}; 80 messages before it are missing"
 
 
-def test_a_disk_that_was_full_to_the_end_is_told_at_the_end(
+def test_a_disk_that_stays_full_is_reported_at_the_end(
     tmp_path: Path,
     layout: CycleLayout,
     record: Callable[[int], CycleRecord],
-    said: list[str],
+    messages: list[str],
     small_files: Callable[[int | None], None],
 ) -> None:
-    log = BoundedLog(tmp_path / "run.mcap", layout, PROVENANCE, LogQuota(), said.append)
+    log = BoundedLog(tmp_path / "run.mcap", layout, PROVENANCE, LogQuota(), messages.append)
     feed = Feed(log, layout, record)
     feed(20)
     small_files(100)
@@ -144,12 +144,12 @@ def test_a_disk_that_was_full_to_the_end_is_told_at_the_end(
 
     with pytest.raises(RecordingError, match=r"50 messages at the end of the log .*run\.mcap are missing"):
         log.close()
-    assert len(said) == 1
+    assert len(messages) == 1
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may mount")
 def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
-    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], said: list[str]
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], messages: list[str]
 ) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
@@ -159,7 +159,7 @@ def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
     if mounted.returncode:
         pytest.skip("no tmpfs can be mounted here")
     try:
-        log = BoundedLog(disk / "run.mcap", layout, PROVENANCE, LogQuota(), said.append)
+        log = BoundedLog(disk / "run.mcap", layout, PROVENANCE, LogQuota(), messages.append)
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(200 * KB))
         feed = Feed(log, layout, record)
@@ -176,4 +176,4 @@ def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
     assert len(first) >= 20
     assert second == list(range(2200 - len(second), 2200))
     assert len(second) >= 160
-    assert ["No space left" in text for text in said] == [True, False]
+    assert ["No space left" in text for text in messages] == [True, False]

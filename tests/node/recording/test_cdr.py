@@ -225,7 +225,7 @@ def test_diagnostics_are_what_ros_writes(stamp_ns: int, frame_id: str, listed: l
     check(DIAGNOSTIC_ARRAY, cdr.diagnostic_array(stamp_ns, frame_id, listed), message)
 
 
-def test_the_bytes_of_a_small_message_are_as_the_format_says() -> None:
+def test_the_bytes_of_a_small_message_match_the_format() -> None:
     twist = cdr.Twist((0.5, 0.0, 0.0), (0.0, 0.0, 0.0))
     expected = "00010000 01000000 02000000 02000000 61000000 000000000000e03f" + 5 * "0000000000000000"
     assert cdr.twist_stamped(1_000_000_002, "a", twist) == bytes.fromhex(expected)

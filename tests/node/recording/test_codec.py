@@ -93,7 +93,7 @@ def layouts_and_records(draw: st.DrawFn) -> tuple[CycleLayout, CycleRecord]:
 
 
 def bits(values: Sequence[float]) -> bytes:
-    """Compares not-a-number too, and tells 0.0 from -0.0."""
+    """Compares not-a-number too, and distinguishes 0.0 from -0.0."""
     return struct.pack(f"{len(values)}d", *values)
 
 
@@ -119,7 +119,7 @@ def test_a_cycle_survives_packing_bit_for_bit(drawn: tuple[CycleLayout, CycleRec
         assert bits(getattr(again, name)) == bits(getattr(record, name)), name
     assert bits(again.sensors.values) == bits(record.sensors.values)
     assert bits(again.sensors.ages) == bits(record.sensors.ages)
-    # Whatever else a snapshot learns to hold has to be in the message, or be told as an event.
+    # Whatever else a snapshot learns to hold has to be in the message, or be recorded as an event.
     for name in Sensors.__struct_fields__:
         if name not in {"values", "ages", "faults", "events"}:
             assert getattr(again.sensors, name) == getattr(record.sensors, name), name
@@ -148,7 +148,7 @@ def all_that_can_happen() -> CycleRecord:
     return record
 
 
-def test_what_happened_comes_before_its_cycle_as_it_does_where_the_log_is_written_directly() -> None:
+def test_events_precede_their_cycle_as_in_a_log_written_directly() -> None:
     codec, record = CycleCodec(layout_with((0, 0, 0, 0, 0))), all_that_can_happen()
     (first, events), (last, cycle) = codec.bodies(CYCLE, packed(record))
 
@@ -207,7 +207,7 @@ def test_the_size_is_the_largest_there_is() -> None:
     assert len(packed(most)) == codec.size
 
 
-TOLD = DiagnosticStatus(Level.ERROR, "left", "hot", {"temperature": "80 \u00b0C"})
+STATUS = DiagnosticStatus(Level.ERROR, "left", "hot", {"temperature": "80 \u00b0C"})
 
 
 @given(

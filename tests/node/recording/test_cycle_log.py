@@ -66,7 +66,7 @@ def test_a_cycle_is_one_message_with_a_field_for_every_name(
     assert {stamp_ns for found in messages.values() for stamp_ns, _ in found} == {START_NS + 40_000_000}
 
 
-def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
+def test_events_precede_their_cycle_and_only_where_there_are_any(
     tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"
@@ -86,7 +86,7 @@ def test_what_happened_in_a_cycle_is_before_it_and_only_where_something_did(
     assert found == [("/cycle", 0, 0), ("/cycle_events", 1, ['["answer","arm",["too hot"]]']), ("/cycle", 1, 1)]
 
 
-def test_structured_messages_bear_the_frames_joints_and_stamp(
+def test_structured_messages_carry_the_frames_joints_and_stamp(
     tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
 ) -> None:
     path = tmp_path / "run.mcap"

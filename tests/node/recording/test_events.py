@@ -49,7 +49,7 @@ def again(record: CycleRecord) -> CycleRecord:
     )
 
 
-def test_a_cycle_in_which_nothing_happened_has_no_pieces() -> None:
+def test_a_cycle_without_events_has_no_pieces() -> None:
     assert events_of(QUIET) == ()
     assert events_of(replace(QUIET, inbox=Inbox())) == ()
 

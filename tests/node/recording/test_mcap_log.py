@@ -115,7 +115,7 @@ def test_rosbags_reads_every_message_back_from_the_file_alone(run: Path) -> None
     check_values(messages)
 
 
-def test_the_summary_tells_what_the_file_holds(run: Path) -> None:
+def test_the_summary_lists_what_the_file_holds(run: Path) -> None:
     with run.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
@@ -216,7 +216,7 @@ def test_a_full_disk_is_reported_at_the_start() -> None:
 
 
 class Filling(BytesIO):
-    """A disk that is full once told so."""
+    """A disk that is full once set so."""
 
     full = False
 

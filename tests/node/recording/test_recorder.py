@@ -151,7 +151,7 @@ def test_a_killed_writer_costs_only_its_cycles(
     assert {entry.levelno for entry in caplog.records} == {logging.WARNING}
 
 
-def test_a_loop_whose_writer_is_killed_in_mid_run_drives_on_and_says_it_once(
+def test_a_loop_whose_writer_is_killed_drives_on_and_reports_it_once(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot = build_robot(load_robot("cart"), LockstepRig(500_000))
@@ -171,13 +171,13 @@ def test_a_loop_whose_writer_is_killed_in_mid_run_drives_on_and_says_it_once(
     loop = robot.loop(KillsIt(), recorder)
     with caplog.at_level(logging.WARNING):
         loop.run(450)
-    said = [entry.getMessage() for entry in caplog.records]
+    lines = [entry.getMessage() for entry in caplog.records]
     kept = salvaged(path)
 
     assert loop.counters.cycles == 450
     assert loop.modes.mode is Mode.ARMED
-    assert said.count(f"recording has ended: RecordingError: the process that writes the log {path} is gone") == 1
-    assert f"{recorder.dropped} records are missing in the log {path}" in said
+    assert lines.count(f"recording has ended: RecordingError: the process that writes the log {path} is gone") == 1
+    assert f"{recorder.dropped} records are missing in the log {path}" in lines
     assert kept == list(range(len(kept)))
     # It is asked for once a second, and given nothing from then on.
     assert 50 <= recorder.dropped <= 160
@@ -199,7 +199,7 @@ def test_a_stopped_writer_holds_nothing_up_and_what_does_not_fit_is_counted(
     assert logged(path) == [0.5 + cycle for cycle in range(MORE_THAN_FIT - dropped)]
 
 
-def test_a_cycle_in_which_much_happens_arrives_whole(
+def test_a_cycle_with_many_events_arrives_whole(
     recorder: ProcessRecorder, path: Path, record: Callable[[int], CycleRecord]
 ) -> None:
     inbox = Inbox(setpoints=[StampedSetpoint(Setpoint(1.0, 2.0), stamp) for stamp in range(500)])
@@ -207,14 +207,14 @@ def test_a_cycle_in_which_much_happens_arrives_whole(
     recorder.write(record(1))
     recorder.close()
     messages = [(topic, message.data) for topic, message in Salvage(path).messages()]
-    told = [texts for topic, data in messages if topic == EVENTS_TOPIC for texts in cdr.read_cycle_events(data)[1]]
+    events = [texts for topic, data in messages if topic == EVENTS_TOPIC for texts in cdr.read_cycle_events(data)[1]]
 
     assert recorder.dropped == 0
     assert salvaged(path) == [0, 1]
-    assert len(told) == 500
+    assert len(events) == 500
 
 
-def test_a_record_that_is_damaged_on_its_way_costs_itself_and_is_told(
+def test_a_damaged_record_is_skipped_and_reported(
     path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], capfd: pytest.CaptureFixture[str]
 ) -> None:
     recorder = ProcessRecorder(path, layout)
@@ -251,7 +251,7 @@ def test_a_message_that_would_not_fit_whole_is_dropped(recorder: ProcessRecorder
     assert [status.name for message in messages for status in message.status] == ["two"]
 
 
-def test_a_path_that_cannot_be_written_is_told_before_anything_starts(tmp_path: Path, layout: CycleLayout) -> None:
+def test_a_path_that_cannot_be_written_is_reported_before_anything_starts(tmp_path: Path, layout: CycleLayout) -> None:
     (tmp_path / "file").touch()
     for bad in (tmp_path, tmp_path / "file" / "run.mcap"):
         with pytest.raises(RecordingError, match=r"cannot write the log .*; choose another with --log"):
@@ -265,16 +265,16 @@ def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_
     caplog: pytest.LogCaptureFixture,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    recorder = ProcessRecorder(path, layout)  # here, so that what the writer says is captured
+    recorder = ProcessRecorder(path, layout)  # here, so that the writer's output is captured
     # The kernel refuses to let the writer's files grow beyond this; it sends SIGXFSZ, which Python ignores.
     _, hard = resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
     for cycle in range(300):
         recorder.write(record(cycle))
-    said: list[str] = []
+    lines: list[str] = []
 
     def has_failed() -> bool:
-        said.append(capfd.readouterr().err)
-        return "failed" in "".join(said)
+        lines.append(capfd.readouterr().err)
+        return "failed" in "".join(lines)
 
     wait_for(has_failed)
     resource.prlimit(recorder._process.pid, resource.RLIMIT_FSIZE, (hard, hard))
@@ -290,10 +290,10 @@ def test_a_disk_that_is_full_holds_nothing_up_and_the_log_goes_on_when_there_is_
     assert recorder.dropped == 0
     assert caplog.records == []
     assert found == [0.5 + number for number in range(cycle - len(found), cycle)]
-    assert f"recorder: the log goes on in {second}; " in "".join([*said, capfd.readouterr().err])
+    assert f"recorder: the log goes on in {second}; " in "".join([*lines, capfd.readouterr().err])
 
 
-def test_a_disk_that_stays_full_is_told_once(
+def test_a_disk_that_stays_full_is_reported_once(
     path: Path,
     layout: CycleLayout,
     record: Callable[[int], CycleRecord],

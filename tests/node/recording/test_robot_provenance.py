@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where a run comes from, as its log says it."""
+"""Where a run comes from, as its log records it."""
 
 import importlib.metadata
 import importlib.resources

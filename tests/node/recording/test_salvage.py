@@ -78,7 +78,7 @@ def test_cut_at_any_byte_it_is_read_up_to_the_last_flush(small_log: tuple[Path, 
         flushed = sum(size <= length for size in sizes) * SMALL_EVERY
         salvage = Salvage(cut)
         found = sum(topic == "/cycle" for topic, _ in salvage.messages())
-        # A chunk is whole some bytes before what says where its messages are.
+        # A chunk is whole some bytes before the index of its messages.
         assert flushed <= found <= flushed + SMALL_EVERY, length
         assert found % SMALL_EVERY == 0
         assert "robot.json" in salvage.attachments or found == 0
@@ -117,6 +117,6 @@ def test_a_damaged_chunk_ends_it_and_nothing_false_is_ever_read(log: tuple[Path,
     assert ended > length // 2
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"cannot read the log .*no\.mcap: No such file or directory"):
         list(Salvage(tmp_path / "no.mcap").messages())

@@ -59,7 +59,7 @@ def test_two_files_take_turns_and_together_stay_within_the_limit(tmp_path: Path)
     assert len(stamps) > 50
 
 
-def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"cannot write .*: Is a directory; choose another --out"):
         CandumpLog(tmp_path, 1000)
 
@@ -77,14 +77,14 @@ def test_it_listens_and_sends_nothing(tmp_path: Path) -> None:
             return log.frames == 5
 
         listen(("virtual", "traffic", 500_000), log, is_over)
-        heard = other.recv(0)
+        received = other.recv(0)
 
     assert [found.arbitration_id for found in can.CanutilsLogReader(path)] == [0x100 + n for n in range(5)]
     assert {found.channel for found in can.CanutilsLogReader(path)} == {"traffic"}
-    assert heard is None
+    assert received is None
 
 
-def test_a_bus_that_is_not_there_is_reported(tmp_path: Path) -> None:
+def test_a_missing_bus_is_reported(tmp_path: Path) -> None:
     with CandumpLog(tmp_path / "bus.log", 10_000) as log:
         with pytest.raises(BusNotFoundError, match="cannot listen on CAN bus telepathy robot"):
             listen(("telepathy", "auto", 500_000), log, lambda: True)

@@ -71,7 +71,7 @@ def test_every_part_is_compared(change: Callable[[CycleRecord], CycleRecord], ex
     assert list(differences(LAYOUT, RECORD, change(RECORD))) == [expected]
 
 
-def test_commands_come_first_and_all_that_differs_is_told() -> None:
+def test_commands_come_first_and_every_difference_is_reported() -> None:
     other = replace(RECORD, y=(0.0, 0.0), commands=(0.0, 5.0), mode=Mode.FAULT)
 
     assert [port for port, _, _ in differences(LAYOUT, RECORD, other)] == [
@@ -82,7 +82,7 @@ def test_commands_come_first_and_all_that_differs_is_told() -> None:
     ]
 
 
-def test_a_difference_is_told_in_one_line() -> None:
+def test_a_difference_is_reported_in_one_line() -> None:
     assert str(Difference(12, 0.06, "command left.voltage", "1.25", "1.26")) == (
         "cycle 12 (t = 0.060 s): command left.voltage 1.25 was recorded, 1.26 is computed"
     )

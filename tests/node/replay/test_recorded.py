@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The hardware of a run says again what it said."""
+"""The hardware of a recorded run answers as recorded."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,7 +34,7 @@ def asked(*actions: Action) -> Inbox:
 
 
 def scripted(actuate: str = "next_cycle") -> tuple[Robot, RecordingHardware, ScriptedClock]:
-    """The cart with a board that measures what it is told to."""
+    """The cart with a board that measures what it is set to."""
     file: RobotFile = msgspec.structs.replace(load_robot("cart-can"), actuate=actuate, arming="on_request")
     real = build_robot(file, LockstepRig(500_000))
     hardware = RecordingHardware(real.hardware.signals, real.hardware.commands, real.hardware.limits)

@@ -72,7 +72,7 @@ def test_a_parameter_that_was_written_while_it_ran_is_written_again(path: Path, 
     assert difference.cycle == 30
 
 
-def test_the_first_cycle_and_port_that_differ_are_told_with_the_cycles_around(path: Path, run: Run) -> None:
+def test_the_first_difference_is_reported_with_the_cycles_around(path: Path, run: Run) -> None:
     def disturb(record: CycleRecord) -> CycleRecord:
         if record.cycle < 40:
             return record
@@ -89,7 +89,7 @@ def test_the_first_cycle_and_port_that_differ_are_told_with_the_cycles_around(pa
     assert [recorded.cycle for recorded, _ in outcome.around] == [36, 37, 38, 39, 40, 41, 42, 43, 44, 45]
 
 
-def test_another_mode_is_told(path: Path, run: Run) -> None:
+def test_another_mode_is_reported(path: Path, run: Run) -> None:
     def disturb(record: CycleRecord) -> CycleRecord:
         return replace(record, mode=Mode.HOLD) if record.cycle == 7 else record
 
@@ -124,7 +124,7 @@ def test_a_log_that_is_cut_off_is_replayed_as_far_as_it_goes(recorded: Callable[
     assert (cut.cycles, cut.difference, cut.gap) == (whole.cycles, None, None)
 
 
-def test_another_model_is_told(path: Path, run: Run) -> None:
+def test_another_model_is_reported(path: Path, run: Run) -> None:
     robot = build_robot(load_robot("cart"), LockstepRig(500_000))
     provenance = provenance_of(robot.file)
     other = Provenance(provenance.attachments, {"model": {"source": robot.file.model.source, "sha256": "0"}})
@@ -225,7 +225,7 @@ class Forgetful(CycleLog):
             super().write_events(message)
 
 
-def test_where_what_happened_is_missing_the_replay_ends(path: Path) -> None:
+def test_the_replay_ends_where_events_are_missing(path: Path) -> None:
     robot = build_robot(load_robot("cart"), LockstepRig(500_000))
     stage = ScriptedStage(ScriptedClock())
     stage.send_setpoint(10, Setpoint(1.0, 0.1))

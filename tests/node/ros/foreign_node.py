@@ -53,7 +53,7 @@ def stamp_ns(header: Any) -> int:
 
 
 def plain(message: Any) -> Any:  # noqa: PLR0911 - one for each type
-    """What a message says, in plain values."""
+    """A message in plain values."""
     match message:
         case Point():
             return [message.x, message.y, message.z]
@@ -109,7 +109,7 @@ class ForeignNode:
         self.node = rclpy.create_node("foreign", start_parameter_services=False, enable_rosout=False)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self.heard: dict[str, list[Any]] = defaultdict(list)
+        self.received: dict[str, list[Any]] = defaultdict(list)
         self.listening: set[str] = set()
         self.publishers: dict[tuple[str, str], Any] = {}
 
@@ -146,18 +146,20 @@ class ForeignNode:
         return self._spin_until(lambda: (node, namespace) in self.node.get_node_names_and_namespaces())
 
     def listen(self, topic: str) -> Any:
-        """Hear a topic from now on."""
+        """Receive a topic from now on."""
         if topic not in self.listening:
             self.listening.add(topic)
             kind = OUT.get(topic.rpartition("/")[2], Float64)
-            self.node.create_subscription(kind, topic, lambda message: self.heard[topic].append(plain(message)), 1000)
+            self.node.create_subscription(
+                kind, topic, lambda message: self.received[topic].append(plain(message)), 1000
+            )
         return True
 
-    def hear(self, topic: str) -> Any:
+    def receive(self, topic: str) -> Any:
         """All that came on a topic since it was last asked for, waiting for one where there is none."""
         self.listen(topic)
-        self._spin_until(lambda: bool(self.heard[topic]))
-        return self.heard.pop(topic, [])
+        self._spin_until(lambda: bool(self.received[topic]))
+        return self.received.pop(topic, [])
 
     def publish(self, topic: str, kind: str, linear: float, angular: float, stamp_ns: int = 0) -> Any:
         """Publish one set-point, when whoever takes it is there."""
@@ -199,7 +201,7 @@ class ForeignNode:
         return True
 
     def describe_parameter(self, node: str, name: str) -> Any:
-        """What a parameter's descriptor says of it."""
+        """The text of a parameter's descriptor."""
         answer = self._ask(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=[name]))
         return [answer.descriptors[0].description, answer.descriptors[0].read_only]
 

@@ -51,44 +51,44 @@ def armed(foreign: Ask) -> Iterator[None]:
     foreign("call", service="/model/disarm")
     foreign("call", service="/model/clear_fault")
     assert foreign("call", service="/model/arm")[0] is True
-    hear_until(foreign, "/odom", lambda odom: abs(odom["linear"]) < 0.01 and abs(odom["angular"]) < 0.01)
+    receive_until(foreign, "/odom", lambda odom: abs(odom["linear"]) < 0.01 and abs(odom["angular"]) < 0.01)
     yield
     foreign("call", service="/model/disarm")
 
 
-def hear_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
+def receive_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
     """The first message on a topic that is as wanted."""
     for _ in range(TRIES):
-        heard = foreign("hear", topic=topic)
-        assert heard, f"nothing comes on {topic}"
-        for message in heard:
+        received = foreign("receive", topic=topic)
+        assert received, f"nothing comes on {topic}"
+        for message in received:
             if wanted(message):
                 return message
-    pytest.fail(f"no message on {topic} is as wanted; the last was {heard[-1]}")
+    pytest.fail(f"no message on {topic} is as wanted; the last was {received[-1]}")
 
 
 def mode(foreign: Ask, wanted: str) -> dict[str, Any]:
-    found: dict[str, Any] = hear_until(foreign, "/diagnostics", lambda all_: all_["cart: mode"]["mode"] == wanted)
+    found: dict[str, Any] = receive_until(foreign, "/diagnostics", lambda all_: all_["cart: mode"]["mode"] == wanted)
     return found["cart: mode"]  # type: ignore[no-any-return]  # JSON
 
 
 def newest(foreign: Ask, topic: str) -> Any:
     """A message that comes after this call."""
-    foreign("hear", topic=topic)
-    return foreign("hear", topic=topic)[-1]
+    foreign("receive", topic=topic)
+    return foreign("receive", topic=topic)[-1]
 
 
 def setpoints_told(foreign: Ask) -> dict[str, Any]:
     """The set-point counts of a report that was made after this call."""
-    foreign("hear", topic="/diagnostics")
-    return foreign("hear", topic="/diagnostics")[-1]["cart: set-points"]  # type: ignore[no-any-return]  # JSON
+    foreign("receive", topic="/diagnostics")
+    return foreign("receive", topic="/diagnostics")[-1]["cart: set-points"]  # type: ignore[no-any-return]  # JSON
 
 
 def drive_until(foreign: Ask, linear: float, angular: float, wanted: Callable[[Any], bool], prefix: str = "") -> Any:
-    """Command a robot with each odometry heard, until the odometry is as wanted."""
+    """Command a robot with each odometry received, until the odometry is as wanted."""
     for _ in range(TRIES):
         assert foreign("publish", topic=f"{prefix}/cmd_vel", kind="Twist", linear=linear, angular=angular)
-        odom = foreign("hear", topic=f"{prefix}/odom")[-1]
+        odom = foreign("receive", topic=f"{prefix}/odom")[-1]
         if wanted(odom):
             return odom
     pytest.fail(f"the robot does not follow; its odometry is {odom}")
@@ -103,17 +103,17 @@ def test_topics_and_services_are_those_of_the_table(foreign: Ask, prefix: str) -
 
 
 @pytest.mark.usefixtures("armed")
-def test_cmd_vel_drives_the_cart_and_every_topic_tells_the_same(foreign: Ask) -> None:
+def test_cmd_vel_drives_the_cart_and_every_topic_agrees(foreign: Ask) -> None:
     before = newest(foreign, "/odom")
-    foreign("hear", topic="/joint_states")
+    foreign("receive", topic="/joint_states")
     odom = drive_until(foreign, 0.5, 1.0, lambda odom: odom["linear"] > 0.49 and odom["angular"] > 0.98)
 
     assert odom["frames"] == ["odom", "base_link"]
     assert (odom["x"], odom["y"]) != (before["x"], before["y"])
     assert odom["z"] ** 2 + odom["w"] ** 2 == pytest.approx(1.0)
-    # Wheels of 0.05 m on a track of 0.3 m; the cart turns 1.00174 times as fast as it is told.
+    # Wheels of 0.05 m on a track of 0.3 m; the cart turns 1.00174 times as fast as commanded.
     assert odom["linear"] == pytest.approx(0.5, abs=0.011)
-    joints = hear_until(foreign, "/joint_states", lambda j: j["stamp_ns"] == odom["stamp_ns"])
+    joints = receive_until(foreign, "/joint_states", lambda j: j["stamp_ns"] == odom["stamp_ns"])
     assert joints["name"] == ["left_wheel_joint", "right_wheel_joint"]
     left, right = joints["velocity"]
     assert 0.05 * (left + right) / 2 == pytest.approx(odom["linear"])
@@ -125,13 +125,13 @@ def test_cmd_vel_drives_the_cart_and_every_topic_tells_the_same(foreign: Ask) ->
 def test_single_value_topics_repeat_the_odometry_bit_for_bit(foreign: Ask) -> None:
     topics = ("/position", "/linear_velocity", "/angular_velocity")
     for topic in (*topics, "/odom"):
-        foreign("hear", topic=topic)
+        foreign("receive", topic=topic)
     drive_until(foreign, 0.5, 1.0, lambda odom: odom["linear"] > 0.4)
     odom = drive_until(foreign, 0.5, 1.0, lambda odom: odom["linear"] > 0.45)
 
-    hear_until(foreign, "/position", lambda point: point == [odom["x"], odom["y"], 0.0])
-    hear_until(foreign, "/linear_velocity", lambda value: value == odom["linear"])
-    hear_until(foreign, "/angular_velocity", lambda value: value == odom["angular"])
+    receive_until(foreign, "/position", lambda point: point == [odom["x"], odom["y"], 0.0])
+    receive_until(foreign, "/linear_velocity", lambda value: value == odom["linear"])
+    receive_until(foreign, "/angular_velocity", lambda value: value == odom["angular"])
 
 
 @pytest.mark.usefixtures("armed")
@@ -141,8 +141,8 @@ def test_stamps_are_one_period_apart(foreign: Ask) -> None:
     assert foreign(
         "publish", topic="/cmd_vel_stamped", kind="TwistStamped", linear=0.0, angular=0.0, stamp_ns=start_ns + NS_PER_S
     )
-    hear_until(foreign, "/odom", lambda odom: odom["stamp_ns"] > start_ns + NS_PER_S // 2)
-    stamps = [odom["stamp_ns"] for odom in (*foreign("hear", topic="/odom"), *foreign("hear", topic="/odom"))]
+    receive_until(foreign, "/odom", lambda odom: odom["stamp_ns"] > start_ns + NS_PER_S // 2)
+    stamps = [odom["stamp_ns"] for odom in (*foreign("receive", topic="/odom"), *foreign("receive", topic="/odom"))]
 
     assert {later - earlier for earlier, later in itertools.pairwise(stamps)} == {PERIOD_NS}
 
@@ -154,7 +154,7 @@ def test_silence_leads_to_hold_at_rest_and_a_new_setpoint_out_of_it(foreign: Ask
 
     assert held["level"] == 1
     assert held["reason"] == "no set-point arrives any more"
-    hear_until(foreign, "/odom", lambda odom: abs(odom["linear"]) < 0.005)
+    receive_until(foreign, "/odom", lambda odom: abs(odom["linear"]) < 0.005)
     drive_until(foreign, 0.5, 0.0, lambda odom: odom["linear"] > 0.45)
 
 
@@ -168,13 +168,13 @@ def test_nan_is_refused_and_counted_and_the_last_good_setpoint_stays(foreign: As
         assert foreign(
             "publish", topic="/cmd_vel_stamped", kind="TwistStamped", linear=0.5, angular=0.0, stamp_ns=stamp
         )
-    hear_until(foreign, "/odom", lambda odom: odom["linear"] > 0.49)
+    receive_until(foreign, "/odom", lambda odom: odom["linear"] > 0.49)
     for bad in ((math.nan, 0.0), (0.5, math.nan), (math.inf, 0.0)):
         assert foreign("publish", topic="/cmd_vel", kind="Twist", linear=bad[0], angular=bad[1])
-    hear_until(
+    receive_until(
         foreign, "/diagnostics", lambda all_: int(all_["cart: set-points"].get("refused.not_finite", 0)) == refused + 3
     )
-    driven = [odom["linear"] for odom in foreign("hear", topic="/odom") if odom["stamp_ns"] < now_ns + 2 * NS_PER_S]
+    driven = [odom["linear"] for odom in foreign("receive", topic="/odom") if odom["stamp_ns"] < now_ns + 2 * NS_PER_S]
 
     assert min(driven) > 0.49
 
@@ -188,7 +188,7 @@ def test_a_stamp_out_of_bounds_is_refused_and_counted(foreign: Ask, ahead_ns: in
     stamp = newest(foreign, "/odom")["stamp_ns"] + ahead_ns
     assert foreign("publish", topic="/cmd_vel_stamped", kind="TwistStamped", linear=0.5, angular=0.0, stamp_ns=stamp)
     expected = str(int(before.get(f"refused.{cause}", 0)) + 1)
-    after = hear_until(foreign, "/diagnostics", lambda a: a["cart: set-points"].get(f"refused.{cause}") == expected)
+    after = receive_until(foreign, "/diagnostics", lambda a: a["cart: set-points"].get(f"refused.{cause}") == expected)
 
     assert after["cart: set-points"]["applied"] == before["applied"]
     assert after["cart: set-points"]["level"] == 1
@@ -207,8 +207,8 @@ def test_a_stamp_ahead_comes_into_force_at_its_stamp(foreign: Ask) -> None:
             angular=1.5,
             stamp_ns=now_ns + ahead * PERIOD_NS,
         )
-    first = hear_until(foreign, "/setpoint", lambda told: told["linear"] == 0.25)
-    second = hear_until(foreign, "/setpoint", lambda told: told["linear"] == -0.25)
+    first = receive_until(foreign, "/setpoint", lambda message: message["linear"] == 0.25)
+    second = receive_until(foreign, "/setpoint", lambda message: message["linear"] == -0.25)
 
     assert first == {"stamp_ns": now_ns + 100 * PERIOD_NS, "linear": 0.25, "angular": 1.5}
     assert second == {"stamp_ns": now_ns + 110 * PERIOD_NS, "linear": -0.25, "angular": 1.5}
@@ -239,7 +239,7 @@ def test_a_disarmed_robot_takes_no_setpoint(foreign: Ask) -> None:
     foreign("call", service="/model/disarm")
     before = int(setpoints_told(foreign).get("refused.not_armed", 0))
     assert foreign("publish", topic="/cmd_vel", kind="Twist", linear=0.5, angular=0.0)
-    after = hear_until(
+    after = receive_until(
         foreign, "/diagnostics", lambda a: int(a["cart: set-points"].get("refused.not_armed", 0)) > before
     )
 
@@ -274,34 +274,34 @@ WRONG_TYPE = (
     ],
     ids=["best-effort", "wrong type"],
 )
-def test_a_publisher_that_never_reaches_the_robot_is_told_once_with_the_fix(
+def test_an_incompatible_publisher_is_reported_once_with_the_fix(
     foreign: Ask, messages: Path, offer: dict[str, Any], expected: str
 ) -> None:
     assert foreign("advertise", **offer)
     text = messages / "robot1.txt"
     for _ in range(TRIES):
-        foreign("hear", topic="/robot1/odom")
+        foreign("receive", topic="/robot1/odom")
         if expected in text.read_text().splitlines():
             break
     # The robot looks at a topic every half second: two more diagnostics, and it has looked again.
-    foreign("hear", topic="/robot1/diagnostics")
+    foreign("receive", topic="/robot1/diagnostics")
     for _ in range(2):
-        foreign("hear", topic="/robot1/diagnostics")
+        foreign("receive", topic="/robot1/diagnostics")
 
     assert text.read_text().splitlines().count(expected) == 1
 
 
-def test_the_mode_is_told_and_a_heartbeat_is_echoed(foreign: Ask) -> None:
+def test_the_mode_is_published_and_a_heartbeat_is_echoed(foreign: Ask) -> None:
     foreign("call", service="/robot1/model/clear_fault")
     foreign("call", service="/robot1/model/disarm")
-    told = hear_until(foreign, "/robot1/mode", lambda mode: mode["reason"] == "asked to disarm")
-    assert told == {
+    message = receive_until(foreign, "/robot1/mode", lambda mode: mode["reason"] == "asked to disarm")
+    assert message == {
         "level": 0,
         "name": "cart: mode",
         "hardware_id": "cart",
         "mode": "DISARMED",
         "reason": "asked to disarm",
-        "cycle": told["cycle"],
+        "cycle": message["cycle"],
         "drives": "none",
         "zero": "true",
         "heartbeat": "",
@@ -315,10 +315,10 @@ def test_the_mode_is_told_and_a_heartbeat_is_echoed(foreign: Ask) -> None:
         foreign("beat", topic="/robot1/station", station=name, stamp_ns=5_000_000_007)
         return bool(mode["heartbeat"])
 
-    echoed = hear_until(foreign, "/robot1/mode", is_echoed)
+    echoed = receive_until(foreign, "/robot1/mode", is_echoed)
     assert echoed["heartbeat"] == "b\u00e4se" + 76 * "!" + " 5000000007"
     assert float(echoed["heartbeat_age_ms"]) >= 0.0
     foreign("call", service="/robot1/model/stop")
-    stopped = hear_until(foreign, "/robot1/mode", lambda mode: mode["mode"] == "FAULT")
+    stopped = receive_until(foreign, "/robot1/mode", lambda mode: mode["mode"] == "FAULT")
     assert (stopped["level"], stopped["reason"]) == (2, "stop was pressed")
     foreign("call", service="/robot1/model/clear_fault")

@@ -20,7 +20,7 @@ from segway_ecc.node.model.variables import Variable
 
 
 class Leaning(SectionedModel):
-    """Stands still at an angle, and tells so."""
+    """Stands still at an angle, and reports it."""
 
     name = "leaning"
     step_size = 0.01
@@ -54,10 +54,10 @@ def robot(start: Start, foreign: Ask, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("robot")
-def test_an_imu_is_heard_as_any_ros_tool_hears_one(foreign: Ask) -> None:
-    heard = foreign("hear", topic="/imu/data")
-    assert heard, "nothing comes on /imu/data"
-    assert {**heard[-1], "stamp_ns": 0} == {
+def test_an_imu_is_received_by_a_foreign_node(foreign: Ask) -> None:
+    received = foreign("receive", topic="/imu/data")
+    assert received, "nothing comes on /imu/data"
+    assert {**received[-1], "stamp_ns": 0} == {
         "stamp_ns": 0,
         "frame": "imu_link",
         "angular_velocity": [0.25, -0.5, 0.75],

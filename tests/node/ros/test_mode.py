@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is told on the topic `mode`: message by message, in a node that only remembers."""
+"""What is published on the topic `mode`: message by message, in a node that only remembers."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -31,21 +31,21 @@ ARMED = Report(
 
 
 class Listener:
-    """Hears what a robot says of its mode, as plain values."""
+    """Receives a robot's mode, as plain values."""
 
     def __init__(self, *, stand: int | None = 1) -> None:
         self.topics: list[tuple[str, str, int]] = []
-        self.heard: list[dict[str, str]] = []
+        self.received: list[dict[str, str]] = []
         self.messages: list[Any] = []
         self.publish = make_mode_publisher(self, "alice", stand=stand).publish
 
     def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
         self.topics.append((kind.__name__, topic, depth))
-        return SimpleNamespace(publish=self.hear)
+        return SimpleNamespace(publish=self.receive)
 
-    def hear(self, message: Any) -> None:
+    def receive(self, message: Any) -> None:
         self.messages.append(message)
-        self.heard.append({pair.key: pair.value for pair in message.values})
+        self.received.append({pair.key: pair.value for pair in message.values})
         self.head = (message.level, message.name, message.message, message.hardware_id)
 
 
@@ -54,11 +54,11 @@ def listener() -> Listener:
     return Listener()
 
 
-def test_everything_is_told_in_words(listener: Listener) -> None:
+def test_every_field_is_published_as_text(listener: Listener) -> None:
     listener.publish(ARMED)
     assert listener.topics == [("DiagnosticStatus", "mode", 10)]
     assert listener.head == (b"\0", "alice: mode", "ARMED: asked to arm", "alice")
-    assert listener.heard == [
+    assert listener.received == [
         {
             "mode": "ARMED",
             "reason": "asked to arm",
@@ -74,8 +74,8 @@ def test_everything_is_told_in_words(listener: Listener) -> None:
 
 def test_a_heartbeat_is_echoed_with_its_age(listener: Listener) -> None:
     listener.publish(replace(ARMED, heartbeat=Heartbeat("base 1", 123_456_789_012), heartbeat_age_ns=12_345_678))
-    assert listener.heard[0]["heartbeat"] == "base 1 123456789012"
-    assert listener.heard[0]["heartbeat_age_ms"] == "12.346"
+    assert listener.received[0]["heartbeat"] == "base 1 123456789012"
+    assert listener.received[0]["heartbeat_age_ms"] == "12.346"
 
 
 @pytest.mark.parametrize(
@@ -86,10 +86,10 @@ def test_the_level_is_that_of_the_diagnostics(listener: Listener, mode: Mode, le
     assert listener.head[0] == level
 
 
-def test_a_robot_that_cannot_stand_says_so() -> None:
+def test_a_robot_that_cannot_stand_publishes_no_stand_value() -> None:
     listener = Listener(stand=None)
     listener.publish(ARMED)
-    assert listener.heard[0]["stand"] == ""
+    assert listener.received[0]["stand"] == ""
 
 
 @pytest.mark.parametrize(
@@ -103,16 +103,16 @@ def test_a_robot_that_cannot_stand_says_so() -> None:
         {"set_values": (7.0, 0.0)},
     ],
 )
-def test_a_change_is_told_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
+def test_a_change_is_published_at_once_and_once(listener: Listener, change: dict[str, Any]) -> None:
     listener.publish(ARMED)
     for cycle in (1, 2, 3):
         listener.publish(replace(ARMED, stamp_ns=STAMP_NS + cycle * 5 * MS, **change))
-    assert len(listener.heard) == 2
+    assert len(listener.received) == 2
     listener.publish(replace(ARMED, stamp_ns=STAMP_NS + 20 * MS))
-    assert len(listener.heard) == 3, "and back"
+    assert len(listener.received) == 3, "and back"
 
 
-def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: Listener) -> None:
+def test_values_that_change_every_cycle_are_published_ten_times_a_second(listener: Listener) -> None:
     for cycle in range(600):
         listener.publish(
             replace(
@@ -125,14 +125,14 @@ def test_what_changes_with_every_cycle_is_told_ten_times_a_second(listener: List
                 heartbeat_age_ns=cycle,
             )
         )
-    assert [told["cycle"] for told in listener.heard] == [str(cycle) for cycle in range(0, 600, 20)]
+    assert [status["cycle"] for status in listener.received] == [str(cycle) for cycle in range(0, 600, 20)]
 
 
-def test_a_clock_that_was_set_back_keeps_nobody_waiting(listener: Listener) -> None:
+def test_a_clock_that_was_set_back_delays_nothing(listener: Listener) -> None:
     listener.publish(ARMED)
     for cycle in range(40):
         listener.publish(replace(ARMED, stamp_ns=STAMP_NS - 3600 * 10**9 + cycle * 5 * MS))
-    assert len(listener.heard) == 3
+    assert len(listener.received) == 3
 
 
 def test_one_message_is_made(listener: Listener) -> None:
@@ -142,7 +142,7 @@ def test_one_message_is_made(listener: Listener) -> None:
     assert len({id(message) for message in listener.messages}) == 1
 
 
-def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
+def test_the_base_station_decodes_the_robots_mode(listener: Listener) -> None:
     fault = replace(
         ARMED,
         mode=Mode.FAULT,
@@ -153,11 +153,11 @@ def test_the_base_station_reads_what_the_robot_says(listener: Listener) -> None:
         heartbeat_age_ns=5 * MS,
     )
     listener.publish(fault)
-    heard = decode_mode(listener.head[1], listener.heard[0])
-    assert heard is not None
-    assert heard.is_stopped
+    received = decode_mode(listener.head[1], listener.received[0])
+    assert received is not None
+    assert received.is_stopped
     listener.publish(replace(fault, drives="unconfirmed"))
-    unconfirmed = decode_mode(listener.head[1], listener.heard[1])
-    assert unconfirmed == heard._replace(drives="unconfirmed")
+    unconfirmed = decode_mode(listener.head[1], listener.received[1])
+    assert unconfirmed == received._replace(drives="unconfirmed")
     assert not unconfirmed.is_stopped
-    assert heard == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, 1.0)
+    assert received == ("alice", Mode.FAULT, "stop was pressed", "off", True, "base 1", 42, 5 * MS, 1.0)

@@ -46,7 +46,7 @@ def test_a_parameter_starts_with_the_value_of_the_robot_file(foreign: Ask) -> No
 
 def test_a_parameter_that_is_set_is_the_models_from_then_on(foreign: Ask) -> None:
     assert foreign("set_parameter", node="/model", name="Track", value=0.45) == [True, ""]
-    assert any(foreign("hear", topic="/track")[-1] == 0.45 for _ in range(TRIES))
+    assert any(foreign("receive", topic="/track")[-1] == 0.45 for _ in range(TRIES))
     assert foreign("get_parameter", node="/model", name="Track") == 0.45
 
 
@@ -62,11 +62,11 @@ def test_a_value_that_is_set_drives_the_state_it_is_wired_to(foreign: Ask) -> No
     assert foreign("publish_number", topic="/set/speed", value=2.0)
     # 2 m/s on wheels of 0.05 m are 40 rad/s; in steady state friction alone takes torque: b w / K = 0.8 A.
     settled = any(
-        abs(foreign("hear", topic="/left/speed")[-1] - 40.0) < 2.0
-        and abs(foreign("hear", topic="/left/current")[-1] - 0.8) < 0.1
+        abs(foreign("receive", topic="/left/speed")[-1] - 40.0) < 2.0
+        and abs(foreign("receive", topic="/left/current")[-1] - 0.8) < 0.1
         for _ in range(TRIES)
     )
     assert settled
     assert foreign("publish_number", topic="/set/speed", value=float("nan"))
     assert foreign("publish_number", topic="/set/speed", value=0.0)
-    assert any(abs(foreign("hear", topic="/left/speed")[-1]) < 0.1 for _ in range(TRIES))
+    assert any(abs(foreign("receive", topic="/left/speed")[-1]) < 0.1 for _ in range(TRIES))

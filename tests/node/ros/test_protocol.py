@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What passes between the loop and the process that speaks ROS: it comes as it was, in order, or is told as lost."""
+"""What passes between the loop and the ROS process: it arrives unchanged and in order, or is counted as lost."""
 
 import math
 import os
@@ -97,10 +97,10 @@ def test_a_status_comes_as_it_was() -> None:
 
 
 def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: RingReader) -> None:
-    told: list[tuple[str, Answer]] = []
+    answers: list[tuple[str, Answer]] = []
     requests = [
-        Request(Action.STOP, lambda answer: told.append(("stop", answer))),
-        Request(Action.ARM, lambda answer: told.append(("arm", answer))),
+        Request(Action.STOP, lambda answer: answers.append(("stop", answer))),
+        Request(Action.ARM, lambda answer: answers.append(("arm", answer))),
     ]
     subscriptions.hand_over(Inbox(requests=requests))
     ((kind, body),) = loop.take_messages()
@@ -111,20 +111,20 @@ def test_answers_reach_their_requesters(subscriptions: Subscriptions, loop: Ring
 
     assert kind == ToLoop.INBOX
     assert [action for action, _ in asked] == [Action.STOP, Action.ARM]
-    assert told == [
+    assert answers == [
         ("arm", Answer(accepted=False, message="arm was asked for")),
         ("stop", Answer(accepted=True, message="stop was asked for")),
     ]
 
 
 def test_an_answer_without_a_pending_request_is_ignored(subscriptions: Subscriptions, loop: RingReader) -> None:
-    told: list[Answer] = []
+    answers: list[Answer] = []
     for _ in range(150):
-        subscriptions.hand_over(Inbox(requests=[Request(Action.ARM, told.append)]))
+        subscriptions.hand_over(Inbox(requests=[Request(Action.ARM, answers.append)]))
         assert len(list(loop.take_messages())) == 1
     for number in (0, 1, 50, 51, 151):
         subscriptions.answer(NumberedAnswer(number, Answer(accepted=True, message="armed")))
-    assert len(told) == 1
+    assert len(answers) == 1
 
 
 def test_messages_are_split_to_fit_and_arrive_once_and_in_order(subscriptions: Subscriptions, loop: RingReader) -> None:
@@ -164,15 +164,15 @@ def test_stopping_does_not_block_on_a_full_ring(subscriptions: Subscriptions) ->
 
 def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) -> str:
     """What came of writing a parameter where the loop answers so."""
-    told: queue.SimpleQueue[str] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def write() -> None:
         try:
             subscriptions.write("Track", 0.5)
         except ModelError as error:
-            told.put(str(error))
+            answers.put(str(error))
         else:
-            told.put("written")
+            answers.put("written")
 
     thread = threading.Thread(target=write)
     thread.start()
@@ -183,7 +183,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
     for each in done:
         subscriptions.confirm_write(each._replace(number=asked.number + each.number))
     thread.join()
-    return told.get()
+    return answers.get()
 
 
 def test_a_write_returns_once_the_loop_confirms_it(subscriptions: Subscriptions, loop: RingReader) -> None:
@@ -198,9 +198,9 @@ def test_a_late_write_result_is_not_matched_to_the_next_write(subscriptions: Sub
     assert written(subscriptions, loop, WriteResult(-1, "too late"), WriteResult(0, None)) == "written"
 
 
-def test_a_loop_that_does_not_answer_is_told(
+def test_a_loop_that_does_not_answer_is_reported(
     subscriptions: Subscriptions, loop: RingReader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(subscriptions_module, "_ANSWER_S", 0.05)
-    told = written(subscriptions, loop)
-    assert told == "the loop did not answer within 0.05 s: whether 'Track' was written is not known"
+    answers = written(subscriptions, loop)
+    assert answers == "the loop did not answer within 0.05 s: whether 'Track' was written is not known"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What each publisher says, message by message, in a node that only remembers."""
+"""What each publisher sends, message by message, in a node that only remembers."""
 
 import importlib
 import math
@@ -20,11 +20,11 @@ STAMP_NS = 1_700_000_000_123_456_789
 IMU = [signal for signal in PUBLISHED_SIGNALS if signal.startswith("imu.")]
 
 
-def as_message(said: Any, kind: type) -> Any:
+def as_message(sent: Any, kind: type) -> Any:
     """What was published, as ROS reads it."""
-    if isinstance(said, bytes):
-        return importlib.import_module("rclpy.serialization").deserialize_message(said, kind)
-    return said
+    if isinstance(sent, bytes):
+        return importlib.import_module("rclpy.serialization").deserialize_message(sent, kind)
+    return sent
 
 
 class Node:
@@ -32,11 +32,11 @@ class Node:
 
     def __init__(self) -> None:
         self.topics: list[str] = []
-        self.said: dict[str, Any] = {}
+        self.sent: dict[str, Any] = {}
 
     def create_publisher(self, kind: type, topic: str, _depth: int) -> SimpleNamespace:
         self.topics.append(topic)
-        return SimpleNamespace(publish=lambda message: self.said.update({topic: as_message(message, kind)}))
+        return SimpleNamespace(publish=lambda message: self.sent.update({topic: as_message(message, kind)}))
 
 
 def report(stamp_ns: int, values: list[float]) -> Report:
@@ -51,8 +51,8 @@ def published(signals: list[str]) -> Node:
     return node
 
 
-def test_an_imu_says_rate_and_specific_force_and_that_it_knows_no_orientation() -> None:
-    imu = published(["left.angle", *IMU]).said["imu/data"]
+def test_an_imu_carries_rate_and_specific_force_and_marks_orientation_unknown() -> None:
+    imu = published(["left.angle", *IMU]).sent["imu/data"]
     assert (imu.header.frame_id, imu.header.stamp.sec, imu.header.stamp.nanosec) == (
         "imu_link",
         1_700_000_000,
@@ -77,34 +77,34 @@ def test_a_robot_without_an_imu_has_the_topics_it_always_had() -> None:
     assert published(list(PUBLISHED_SIGNALS)).topics == [*topics, "imu/data", "battery_state"]
 
 
-def battery(told: list[tuple[int, float]]) -> list[Any]:
-    """What a robot says of its battery when these voltages are measured at these stamps, ns."""
-    said: list[Any] = []
+def battery(measured: list[tuple[int, float]]) -> list[Any]:
+    """What a robot publishes of its battery when these voltages are measured at these stamps, ns."""
+    sent: list[Any] = []
     node = SimpleNamespace(
         create_publisher=lambda kind, topic, _depth: SimpleNamespace(
-            publish=lambda message: said.append((kind.__name__, topic, message.header.stamp.nanosec, message.voltage))
+            publish=lambda message: sent.append((kind.__name__, topic, message.header.stamp.nanosec, message.voltage))
         )
     )
     (topic,) = make_publishers(node, RosSection(), ["left.angle", SUPPLY_SIGNAL])
-    for stamp_ns, volts in told:
+    for stamp_ns, volts in measured:
         topic.publish(report(stamp_ns, [0.0, volts]))
-    return said
+    return sent
 
 
-def test_a_battery_says_its_voltage_and_that_it_knows_no_more() -> None:
-    said = published(["left.angle", SUPPLY_SIGNAL]).said["battery_state"]
-    assert (said.header.frame_id, said.header.stamp.sec, said.header.stamp.nanosec) == (
+def test_a_battery_carries_its_voltage_and_marks_the_rest_unknown() -> None:
+    sent = published(["left.angle", SUPPLY_SIGNAL]).sent["battery_state"]
+    assert (sent.header.frame_id, sent.header.stamp.sec, sent.header.stamp.nanosec) == (
         "base_link",
         1_700_000_000,
         123_456_789,
     )
-    assert (said.voltage, said.present) == (2.0, True)
+    assert (sent.voltage, sent.present) == (2.0, True)
     unknown = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
-    assert all(math.isnan(getattr(said, name)) for name in unknown)
-    assert said.power_supply_status == said.power_supply_health == said.power_supply_technology == 0
+    assert all(math.isnan(getattr(sent, name)) for name in unknown)
+    assert sent.power_supply_status == sent.power_supply_health == sent.power_supply_technology == 0
 
 
-def test_a_battery_is_told_twice_a_second_and_never_when_it_is_not_measured() -> None:
+def test_a_battery_is_published_twice_a_second_while_it_is_measured() -> None:
     at = [(10 * index * 1_000_000, 24.0 + index) for index in range(150)]
     assert battery(at) == [
         ("BatteryState", "battery_state", stamp % 10**9, volts) for stamp, volts in (at[0], at[50], at[100])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The loop's side of ROS, with the process that speaks it: it never waits, and tells what was lost."""
+"""The loop's side of ROS, with its process: it never waits, and counts what was lost."""
 
 import os
 import signal
@@ -84,7 +84,7 @@ def test_a_process_that_is_stopped_holds_nothing_up_and_what_is_lost_is_counted(
     assert f"{lost} messages to or from ROS did not get through: its process did not keep up" in caplog.text
 
 
-def test_a_reason_of_any_length_is_told(stage: RemoteStage) -> None:
+def test_a_reason_of_any_length_is_published(stage: RemoteStage) -> None:
     stage.publish(report(1, "\u00e4" * 100_000))
     assert stage.dropped == 0
 
@@ -117,7 +117,7 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
     assert decode_report(taken[1]) == replace(longest, reason=character * 900)
 
 
-def test_it_is_heard_where_its_process_says_so(stage: RemoteStage) -> None:
+def test_the_process_reports_whether_there_are_subscribers(stage: RemoteStage) -> None:
     memory = open_ring(INBOX_SLOTS)
     process, stage._inboxes = RingWriter(memory), RingReader(memory)
     os.close(memory)
@@ -150,16 +150,16 @@ def test_a_process_that_never_ends_is_ended(
     assert bridge.status == -signal.SIGKILL
 
 
-def test_where_ros_does_not_start_it_is_said_why(bridge: RosBridge, robot: Robot) -> None:
+def test_a_failing_start_of_ros_is_reported_with_its_reason(bridge: RosBridge, robot: Robot) -> None:
     with pytest.raises(RosUnavailableError, match="ROS 2 does not start: "):
         RemoteStage(bridge, robot, ros_arguments=["--ros-args", "-r", "not a rule"])
 
 
-def test_a_process_that_dies_before_it_is_ready_is_told(bridge: RosBridge, robot: Robot) -> None:
+def test_a_process_that_dies_before_it_is_ready_is_reported(bridge: RosBridge, robot: Robot) -> None:
     os.kill(bridge.pid, signal.SIGKILL)
     with pytest.raises(RosUnavailableError, match="its process ended with status -9"):
         RemoteStage(bridge, robot)
 
 
-def test_a_process_that_is_told_of_no_robot_ends(bridge: RosBridge) -> None:
+def test_a_process_without_settings_ends(bridge: RosBridge) -> None:
     assert bridge.close() == 0

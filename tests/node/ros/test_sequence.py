@@ -45,18 +45,18 @@ def armed(foreign: Ask) -> None:
     foreign("call", service="/shared/model/disarm")
     assert foreign("call", service="/shared/model/arm")[0] is True
     foreign("listen", topic="/shared/setpoint")
-    hear_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
+    receive_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
 
 
-def hear_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
+def receive_until(foreign: Ask, topic: str, wanted: Callable[[Any], bool]) -> Any:
     """The first message on a topic that is as wanted."""
     for _ in range(TRIES):
-        heard = foreign("hear", topic=topic)
-        assert heard, f"nothing comes on {topic}"
-        for message in heard:
+        received = foreign("receive", topic=topic)
+        assert received, f"nothing comes on {topic}"
+        for message in received:
             if wanted(message):
                 return message
-    pytest.fail(f"no message on {topic} is as wanted; the last was {heard[-1]}")
+    pytest.fail(f"no message on {topic} is as wanted; the last was {received[-1]}")
 
 
 def output(process: "subprocess.Popen[str]") -> str:
@@ -64,7 +64,7 @@ def output(process: "subprocess.Popen[str]") -> str:
     return text
 
 
-def heard(path: Path) -> list[dict[str, float]]:
+def received(path: Path) -> list[dict[str, float]]:
     with path.open(newline="") as file:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
@@ -96,7 +96,7 @@ def test_three_numbers_give_the_bits_of_the_offline_seat(
         "type_name": "geometry_msgs/msg/TwistStamped",
         "subscriber": "/three/model",
     } in result["graph"]
-    assert_same_bits(heard(tmp_path / "heard.csv"), expected)
+    assert_same_bits(received(tmp_path / "heard.csv"), expected)
 
 
 def test_a_file_of_two_segments_gives_the_bits_of_the_offline_seat(
@@ -110,15 +110,15 @@ def test_a_file_of_two_segments_gives_the_bits_of_the_offline_seat(
     expected = offline(Manoeuvre(segments=segments))
     start("two.node", "run", "cart", "--ros", "--no-log", "--namespace", "/two")
     sequence = start("two", "sequence", str(file), "--namespace", "/two", "--csv", str(tmp_path / "heard.csv"))
-    said = output(sequence)
+    printed = output(sequence)
 
     assert sequence.returncode == 0
-    assert said.startswith(f"after 1.2 s at x {expected.x[-1]:.4f} m, y {expected.y[-1]:.4f} m, heading ")
+    assert printed.startswith(f"after 1.2 s at x {expected.x[-1]:.4f} m, y {expected.y[-1]:.4f} m, heading ")
     assert not (messages / "two.txt").read_text()
-    assert_same_bits(heard(tmp_path / "heard.csv"), expected)
+    assert_same_bits(received(tmp_path / "heard.csv"), expected)
 
 
-def test_nobody_listening_is_told_with_who_is_seen(start: Start, messages: Path) -> None:
+def test_a_missing_model_node_is_reported_with_the_nodes_seen(start: Start, messages: Path) -> None:
     sequence = start("nobody", "sequence", "1", "0", "1", "--namespace", "/empty", "--wait", "4")
 
     assert output(sequence) == ""
@@ -130,7 +130,7 @@ def test_nobody_listening_is_told_with_who_is_seen(start: Start, messages: Path)
     assert "segway-ecc run ROBOT" in line
 
 
-def test_a_robot_that_is_not_armed_is_told_and_arm_arms_it(
+def test_a_disarmed_robot_is_reported_and_arm_arms_it(
     start: Start, messages: Path, foreign: Ask, on_request: str
 ) -> None:
     start("waiting.node", "run", on_request, "--ros", "--no-log", "--namespace", "/waiting")
@@ -148,7 +148,7 @@ def test_a_robot_that_is_not_armed_is_told_and_arm_arms_it(
     assert foreign("call", service="/waiting/model/arm") == [True, "armed already"]
 
 
-def test_a_robot_that_refuses_to_arm_says_why(start: Start, messages: Path, foreign: Ask) -> None:
+def test_a_refusal_to_arm_is_reported_with_its_reason(start: Start, messages: Path, foreign: Ask) -> None:
     assert foreign("call", service="/shared/model/stop")[0] is True
     refused = start("stopped", "sequence", "1", "0", "0.2", "--namespace", "/shared", "--arm")
     output(refused)
@@ -176,28 +176,28 @@ def test_an_interrupted_sequence_leaves_the_robot_at_rest(
     start: Start, messages: Path, foreign: Ask, number: signal.Signals
 ) -> None:
     sequence = start(f"interrupted.{number}", "sequence", "1", "0.5", "60", "--namespace", "/shared")
-    hear_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
-    foreign("hear", topic="/shared/setpoint")
+    receive_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
+    foreign("receive", topic="/shared/setpoint")
     sequence.send_signal(number)
     output(sequence)
 
     assert sequence.returncode == 1
     (line,) = (messages / f"interrupted.{number}.txt").read_text().splitlines()
     assert line == f"segway-ecc: abandoned by {number.name}; zero set-points were sent"
-    rest = hear_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
+    rest = receive_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
     # Long after the last set-point that was sent ahead.
-    hear_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)
-    told = foreign("hear", topic="/shared/setpoint")
-    assert [(setpoint["linear"], setpoint["angular"]) for setpoint in told][-1] == (0.0, 0.0)
-    # Told to rest, the robot is not silent; left alone, it would have gone to HOLD.
-    foreign("hear", topic="/shared/diagnostics")
-    assert foreign("hear", topic="/shared/diagnostics")[-1]["cart: mode"]["mode"] == "ARMED"
+    receive_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)
+    received = foreign("receive", topic="/shared/setpoint")
+    assert [(setpoint["linear"], setpoint["angular"]) for setpoint in received][-1] == (0.0, 0.0)
+    # Sent zero set-points, the robot stays armed; left alone, it would have gone to HOLD.
+    foreign("receive", topic="/shared/diagnostics")
+    assert foreign("receive", topic="/shared/diagnostics")[-1]["cart: mode"]["mode"] == "ARMED"
 
 
 @pytest.mark.usefixtures("armed")
 def test_a_robot_that_is_disarmed_meanwhile_ends_the_sequence(start: Start, messages: Path, foreign: Ask) -> None:
     sequence = start("disarmed", "sequence", "1", "0", "60", "--namespace", "/shared")
-    hear_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
+    receive_until(foreign, "/shared/odom", lambda odom: odom["linear"] > 0.9)
     assert foreign("call", service="/shared/model/disarm")[0] is True
     output(sequence)
 
@@ -209,7 +209,7 @@ def test_a_robot_that_is_disarmed_meanwhile_ends_the_sequence(start: Start, mess
 def test_a_model_node_that_is_killed_ends_the_sequence(start: Start, messages: Path, foreign: Ask) -> None:
     node = start("killed.node", "run", "cart", "--ros", "--no-log", "--namespace", "/killed")
     sequence = start("killed", "sequence", "1", "0", "60", "--namespace", "/killed")
-    hear_until(foreign, "/killed/odom", lambda odom: odom["linear"] > 0.5)
+    receive_until(foreign, "/killed/odom", lambda odom: odom["linear"] > 0.5)
     node.kill()
     output(sequence)
 

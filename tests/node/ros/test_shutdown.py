@@ -91,7 +91,7 @@ def last_command(bus: can.BusABC, node: "subprocess.Popen[str]") -> dict[str, An
         message = bus.recv(0.02)
         if message is not None:
             last = command_of(message.arbitration_id, bytes(message.data)) or last
-            # The plant never stops talking: what it says long after the node's end follows all that the node said.
+            # The plant never stops talking: what it sends long after the node's end follows all that the node sent.
             if ended_at_s is not None and message.timestamp > ended_at_s:
                 break
         if ended_at_s is None and node.poll() is not None:
@@ -149,8 +149,8 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
     assert [line for line in lines if not line.startswith("segway-ecc: ")] == []
 
 
-def speaker_of(node: "subprocess.Popen[str]") -> int:
-    """The process that speaks ROS for a node."""
+def ros_process_of(node: "subprocess.Popen[str]") -> int:
+    """A node's ROS process."""
     found = [child for child, words in children(node.pid) if "segway_ecc.node.ros.process" in words]
     assert len(found) == 1
     return found[0]
@@ -162,7 +162,7 @@ def wait_for_message(path: Path, wanted: str) -> None:
         if wanted in path.read_text():
             return
         time.sleep(0.05)
-    pytest.fail(f"it never said: {wanted}")
+    pytest.fail(f"it never printed: {wanted}")
 
 
 def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
@@ -170,7 +170,7 @@ def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
 ) -> None:
     node = start("alone", "run", "cart-can", "--interface", "local", "--channel", channel, "--ros", "--no-log")
     wait_for_command(witness, lambda command: command["Enable"] == 1)
-    os.kill(speaker_of(node), signal.SIGKILL)
+    os.kill(ros_process_of(node), signal.SIGKILL)
     wait_for_message(messages / "alone.txt", "the ROS process has ended with status -9")
     while witness.recv(0.0) is not None:
         pass
@@ -185,7 +185,7 @@ def test_a_robot_whose_ros_dies_goes_on_while_it_is_armed(
 def test_a_robot_whose_ros_dies_ends_where_it_is_not_armed(start: Start, messages: Path, on_request: str) -> None:
     node = start("disarmed", "run", on_request, "--ros", "--no-log")
     wait_for_message(messages / "disarmed.txt", "runs at")
-    os.kill(speaker_of(node), signal.SIGKILL)
+    os.kill(ros_process_of(node), signal.SIGKILL)
 
     assert node.wait(ENDS_WITHIN_S) == 0
     assert (messages / "disarmed.txt").read_text().splitlines()[-1] == (
@@ -196,7 +196,7 @@ def test_a_robot_whose_ros_dies_ends_where_it_is_not_armed(start: Start, message
 def test_a_robot_that_is_killed_takes_its_ros_along(start: Start, messages: Path, on_request: str) -> None:
     node = start("killed", "run", on_request, "--ros", "--no-log")
     wait_for_message(messages / "killed.txt", "runs at")
-    speaker = Path(f"/proc/{speaker_of(node)}/cmdline")
+    speaker = Path(f"/proc/{ros_process_of(node)}/cmdline")
     node.kill()
     deadline_s = time.monotonic() + ENDS_WITHIN_S
     while time.monotonic() < deadline_s and speaker.exists() and speaker.read_bytes():

@@ -33,7 +33,7 @@ def refusal(path: Path, text: str) -> str:
     return message.removeprefix(f"{path}")
 
 
-def test_every_set_point_is_said_at_its_start_and_renewed_and_rest_at_the_end() -> None:
+def test_every_set_point_is_sent_at_its_start_and_renewed_and_rest_at_the_end() -> None:
     manoeuvre = Manoeuvre(
         segments=(Segment(linear=1.0, duration=0.25), Segment(linear=1.0, angular=-0.5, duration=0.1))
     )
@@ -48,7 +48,7 @@ def test_every_set_point_is_said_at_its_start_and_renewed_and_rest_at_the_end() 
 
 
 def test_what_ends_on_a_renewal_is_not_renewed_there() -> None:
-    assert [said.offset_ns for said in schedule(single_segment(1.0, 0.0, 0.2))] == [0, 100 * MS, 200 * MS]
+    assert [timed.offset_ns for timed in schedule(single_segment(1.0, 0.0, 0.2))] == [0, 100 * MS, 200 * MS]
 
 
 def test_segments_add_up_without_rounding() -> None:
@@ -124,5 +124,5 @@ def test_a_single_segment_must_be_finite(linear: float, angular: float, duration
         single_segment(linear, angular, duration)
 
 
-def test_no_segment_is_shorter_than_the_clock_can_tell() -> None:
+def test_no_segment_is_shorter_than_a_nanosecond() -> None:
     assert single_segment(1.0, 0.0, 1e-12).duration_ns == 1

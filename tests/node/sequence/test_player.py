@@ -8,9 +8,9 @@ from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
 AHEAD, TURN = Setpoint(1.0, 0.0), Setpoint(0.0, -0.5)
-# 0.25 s ahead, then 0.3 s of turn: said at 0, 100, 200, 250, 350, 450 and, rest, at 550 ms.
+# 0.25 s ahead, then 0.3 s of turn: sent at 0, 100, 200, 250, 350, 450 and, rest, at 550 ms.
 MANOEUVRE = Manoeuvre(segments=(Segment(linear=1.0, duration=0.25), Segment(angular=-0.5, duration=0.3)))
-SAID = [(0, AHEAD), (100, AHEAD), (200, AHEAD), (250, TURN), (350, TURN), (450, TURN), (550, REST)]
+EXPECTED = [(0, AHEAD), (100, AHEAD), (200, AHEAD), (250, TURN), (350, TURN), (450, TURN), (550, REST)]
 LEAD = 150
 
 
@@ -24,11 +24,11 @@ def at(ms: int) -> Odometry:
     return Odometry(EPOCH + ms * MS, float(ms), 0.0, 0.0, 0.0, 0.0)
 
 
-def offsets(said: list[TimedSetpoint]) -> list[float]:
-    return [one.offset_ns / MS for one in said]
+def offsets(sent: list[TimedSetpoint]) -> list[float]:
+    return [one.offset_ns / MS for one in sent]
 
 
-def test_until_the_robot_is_heard_nothing_is_said_or_known(player: Player) -> None:
+def test_without_odometry_nothing_is_sent_or_known(player: Player) -> None:
     assert player.due_setpoints() == []
     assert (player.start_ns, player.end_ns, player.fraction) == (None, None, 0.0)
     assert player.unconfirmed(()) == 0
@@ -43,17 +43,17 @@ def test_the_manoeuvre_starts_a_lead_after_the_first_stamp_and_ends_after_its_le
     assert Player(MANOEUVRE).lead_ns == LEAD_NS == 500 * MS
 
 
-def test_every_set_point_is_said_once_and_a_lead_ahead(player: Player) -> None:
-    said: list[tuple[int, TimedSetpoint]] = []
+def test_every_set_point_is_sent_once_and_a_lead_ahead(player: Player) -> None:
+    sent: list[tuple[int, TimedSetpoint]] = []
     for ms in range(0, 1000, 10):
         player.update(at(ms))
-        said += [(ms, one) for one in player.due_setpoints()]
-    assert [(one.offset_ns // MS, one.setpoint) for _, one in said] == SAID
-    # Heard at `ms`, the robot is at `ms - LEAD` of the manoeuvre; what is for `ms` or earlier is said now.
-    assert [ms for ms, _ in said] == [0, 100, 200, 250, 350, 450, 550]
+        sent += [(ms, one) for one in player.due_setpoints()]
+    assert [(one.offset_ns // MS, one.setpoint) for _, one in sent] == EXPECTED
+    # Received at `ms`, the robot is at `ms - LEAD` of the manoeuvre; what is for `ms` or earlier is sent now.
+    assert [ms for ms, _ in sent] == [0, 100, 200, 250, 350, 450, 550]
 
 
-def test_after_a_gap_everything_due_is_said_at_once(player: Player) -> None:
+def test_after_a_gap_everything_due_is_sent_at_once(player: Player) -> None:
     player.update(at(0))
     assert offsets(player.due_setpoints()) == [0]
     player.update(at(260))
@@ -66,7 +66,7 @@ def test_it_is_done_when_the_robot_reaches_the_end(player: Player) -> None:
     assert [player.update(at(ms)) for ms in (LEAD + 550, LEAD + 560)] == [PlayState.DONE] * 2
 
 
-def test_what_was_heard_is_that_from_start_to_end_both_included(player: Player) -> None:
+def test_odometry_is_kept_from_start_to_end_both_included(player: Player) -> None:
     for ms in (0, LEAD - 1, LEAD, LEAD + 300, LEAD + 550, LEAD + 551):
         player.update(at(ms))
     assert player.received == [at(LEAD), at(LEAD + 300), at(LEAD + 550)]
@@ -83,13 +83,13 @@ def test_the_fraction_is_that_of_the_manoeuvre(player: Player) -> None:
 def test_what_the_robot_did_not_bring_into_force_in_its_own_cycle_is_counted(player: Player) -> None:
     player.update(at(0))
     start = EPOCH + LEAD * MS
-    due = {start + ms * MS for ms, _ in SAID}
+    due = {start + ms * MS for ms, _ in EXPECTED}
     assert player.unconfirmed(()) == 7
     assert player.unconfirmed(due) == 0
     assert player.unconfirmed(due - {start + 250 * MS} | {start + 260 * MS}) == 1
 
 
-def test_abandoning_says_rest_now_and_in_place_of_all_that_was_sent_ahead(player: Player) -> None:
+def test_abandoning_sends_rest_now_and_in_place_of_all_that_was_sent_ahead(player: Player) -> None:
     player.update(at(0))
     player.due_setpoints()
     player.update(at(270))  # at 120 ms of the manoeuvre
@@ -97,14 +97,14 @@ def test_abandoning_says_rest_now_and_in_place_of_all_that_was_sent_ahead(player
     assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (120, 100, 200, 250)]
 
 
-def test_what_lies_behind_is_not_said_again_on_abandoning(player: Player) -> None:
+def test_past_set_points_are_not_sent_again_on_abandoning(player: Player) -> None:
     for ms in (0, 270, 380):  # at 230 ms of the manoeuvre at last
         player.update(at(ms))
         player.due_setpoints()
     assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (230, 250, 350)]
 
 
-def test_after_abandoning_nothing_more_is_said(player: Player) -> None:
+def test_after_abandoning_nothing_more_is_sent(player: Player) -> None:
     player.update(at(0))
     player.due_setpoints()
     player.abandon()

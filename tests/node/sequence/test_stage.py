@@ -60,16 +60,16 @@ def test_it_plays_with_stamps_in_the_robot_s_time_and_then_is_over(stage: Manoeu
     assert stage.over == "the sequence is over"
 
 
-def test_the_start_is_told_on_the_wall_clock_which_skipped_deadlines_leave_behind(
+def test_the_start_is_reported_on_the_wall_clock_which_skipped_deadlines_leave_behind(
     stage: ManoeuvreStage, clock: ScriptedClock
 ) -> None:
-    told = []
+    starts = []
     for ms in range(0, 100, 10):
         # Three deadlines are skipped before the start, which the stamps do not count.
         clock.spend((40 if ms == 20 else 10) * MS)
         stage.publish(report(ms))
-        told.append(stage.started_wall_ns)
-    assert told == [None] * 5 + [WALL_START_NS + 90 * MS] * 5
+        starts.append(stage.started_wall_ns)
+    assert starts == [None] * 5 + [WALL_START_NS + 90 * MS] * 5
 
 
 def test_what_is_published_reaches_the_player_in_its_order_and_what_is_not_counts_as_zero(

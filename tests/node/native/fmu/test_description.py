@@ -62,7 +62,7 @@ def found(folder: Path, tool: str = "20-sim 4.6", symbols: frozenset[str] = NOTH
 
 class TestDescription:
     @pytest.mark.parametrize("shape", [Shape.OTHER, Shape.FMI3], ids=lambda shape: shape.name)
-    def test_is_what_the_fmu_says(self, shape: Shape, tmp_path: Path) -> None:
+    def test_matches_the_model_description(self, shape: Shape, tmp_path: Path) -> None:
         layout = laid_out(tmp_path, description(shape))
         assert layout.description == Description(
             name="tiny",
@@ -101,7 +101,7 @@ class TestDescription:
         assert made.parameters[-2] == Variable("k", "1", 0.0, Write.NEVER, "constant")
         assert made.warnings == ("parameters that are not real numbers keep their values and are not shown: n, path",)
 
-    def test_tells_a_state_that_the_fmu_calculates(self, tmp_path: Path) -> None:
+    def test_reports_a_state_that_the_fmu_calculates(self, tmp_path: Path) -> None:
         text = description(Shape.OTHER).replace('initial="exact"', 'initial="calculated"')
         (state,) = laid_out(tmp_path, text).description.states
         assert (state.write, state.why) == (Write.NEVER, "the FMU calculates it")
@@ -165,7 +165,7 @@ class TestTwentySim:
             (replace(OLD, sections=INITIAL, restart_symbols=()), Write.NOW, Write.NEVER),
         ],
     )
-    def test_tells_when_a_tunable_parameter_takes_effect(
+    def test_reports_when_a_tunable_parameter_takes_effect(
         self, twenty_sim: TwentySim, gain: Write, factor: Write, tmp_path: Path
     ) -> None:
         parameters = laid_out(tmp_path, description(Shape.OLD), twenty_sim).description.parameters

@@ -276,7 +276,7 @@ def test_a_step_may_be_given(packed: Callable[..., Path]) -> None:
     assert model.read("Plant.x") == pytest.approx(x + 0.01 * (-0.75 * x + math.sin(0.01)), rel=1e-12)
 
 
-def test_static_parameters_are_told_apart_where_the_sources_show_them(packed: Callable[..., Path]) -> None:
+def test_static_parameters_are_distinguished_where_the_sources_show_them(packed: Callable[..., Path]) -> None:
     model = load_fmu(packed(Shape.OLD, sources(Shape.OLD)))
     writes = {variable.name: (variable.write, variable.why) for variable in model.parameters}
     assert writes["Controller.gain"] == (Write.NOW, "tunable, and feeds no static equation")

@@ -119,7 +119,7 @@ def refusals() -> Iterator[object]:
 
 class TestRefusals:
     @pytest.mark.parametrize(("shape", "changes", "message"), list(refusals()))
-    def test_say_what_is_wrong_in_one_line(
+    def test_give_the_reason_in_one_line(
         self, shape: Shape, changes: Changes, message: str, packed: Callable[..., Path]
     ) -> None:
         with pytest.raises(ModelError, match=message) as caught:
@@ -182,7 +182,7 @@ class TestRefusals:
         with pytest.raises(ModelError, match=r"its library does not load: .*nowhere_to_be_found"):
             load_fmu(packed(OTHER, {"binaries/linux64/tiny.so": library.read_bytes()}))
 
-    def test_say_that_a_compiler_is_needed(self, packed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_report_a_missing_compiler(self, packed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("CC", "no-such-compiler")
         with pytest.raises(ModelError, match="no C compiler is found, and an FMU needs one: install gcc"):
             load_fmu(packed(OTHER))

@@ -179,7 +179,7 @@ def test_a_function_of_the_user_comes_along(make: Maker, tmp_path: Path) -> None
     assert model.initialize([0.75]) == [1.5]
 
 
-def test_a_function_that_is_not_declared_is_told(make: Maker, tmp_path: Path) -> None:
+def test_an_undeclared_function_is_reported(make: Maker, tmp_path: Path) -> None:
     path = shutil.copytree(make.variant("missing_dll").path, tmp_path / "dll")
     (path / "drive.c").write_text("double drive_characteristic (double x) { return 2.0 * x; }", encoding="utf-8")
     file = path / "xxfuncs.h"
@@ -212,7 +212,7 @@ def test_functions_of_20_sim_that_were_not_copied_are_named(make: Maker) -> None
         ),
     ],
 )
-def test_code_that_does_not_compile_is_told_in_one_line(make: Maker, tmp_path: Path, line: str, text: str) -> None:
+def test_code_that_does_not_compile_is_reported_in_one_line(make: Maker, tmp_path: Path, line: str, text: str) -> None:
     path = shutil.copytree(make.submodel(models.TANK).path, tmp_path / "tank")
     file = path / "xxmodel.c"
     file.write_text(f"{line}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")

@@ -60,7 +60,7 @@ def test_a_cpp_class_is_described_as_it_was_specified(
     assert_as_specified(made, describe(made.path), Flavour.CPP_CLASS)
 
 
-def test_a_partial_copy_has_its_ports_guessed_and_says_so(make: Maker) -> None:
+def test_a_partial_copy_has_its_ports_guessed_with_a_warning(make: Maker) -> None:
     made = make.partial(models.PID)
     found = describe(made.path, "Discrete")
     assert found.flavour is Flavour.C_PARTIAL
@@ -122,7 +122,7 @@ def test_a_step_size_that_is_not_positive_is_refused(make: Maker, tmp_path: Path
         describe(path, "Euler", step_size)
 
 
-def test_what_the_code_says_cannot_be_overruled(make: Maker) -> None:
+def test_the_codes_own_method_and_step_cannot_be_overridden(make: Maker) -> None:
     path = make.submodel(models.TANK).path
     with pytest.raises(ModelError, match=r"integrates with Euler; it cannot be made to use Discrete$"):
         describe(path, "Discrete")
@@ -137,7 +137,7 @@ def test_a_method_that_a_header_defines_is_found_and_holds(make: Maker) -> None:
         describe(made.path, "Euler")
 
 
-def test_older_xml_is_told_and_the_code_is_followed(make: Maker) -> None:
+def test_older_xml_is_warned_of_and_the_code_is_followed(make: Maker) -> None:
     found = describe(make.variant("stale_xml").path)
     assert found.step_size == 0.01
     assert [v.name for v in found.parameters] == [r"Setpoint\C", r"Controller\K", r"Tank\area"]
@@ -147,13 +147,13 @@ def test_older_xml_is_told_and_the_code_is_followed(make: Maker) -> None:
     )
 
 
-def test_xml_of_another_size_is_told(make: Maker, tmp_path: Path) -> None:
+def test_xml_of_another_size_is_warned_of(make: Maker, tmp_path: Path) -> None:
     path = shutil.copytree(make.submodel(models.TANK).path, tmp_path / "tank")
     shutil.copy2(make.submodel(models.PID).path / "tokens.xml", path)
     assert "tokens.xml lists 6 parameters and the code has 3: the code is followed" in describe(path).warnings
 
 
-def test_broken_xml_is_told(make: Maker, tmp_path: Path) -> None:
+def test_broken_xml_is_warned_of(make: Maker, tmp_path: Path) -> None:
     path = shutil.copytree(make.submodel(models.TANK).path, tmp_path / "tank")
     (path / "tokens.xml").write_text("<tokens>", encoding="utf-8")
     (warning,) = describe(path).warnings

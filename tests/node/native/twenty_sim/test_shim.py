@@ -161,7 +161,7 @@ def test_time_is_counted_once(make: Maker) -> None:
     assert phase == pytest.approx(3.141592653589793 * 200 * 0.005, rel=1e-12)
 
 
-def test_a_model_that_asks_to_stop_is_heard(make: Maker) -> None:
+def test_a_models_stop_request_is_reported(make: Maker) -> None:
     model = load_native(make.submodel(more_models.STOPPING).path)
     model.initialize([1.0])
     status = [model._library.ecc_step(model._u, model._y) for _ in range(150)]
@@ -170,15 +170,15 @@ def test_a_model_that_asks_to_stop_is_heard(make: Maker) -> None:
     assert status[103:] == [1] * 47
 
 
-def test_a_model_that_asked_to_stop_says_so_until_it_is_initialized_again(make: Maker) -> None:
+def test_a_models_stop_request_lasts_until_it_is_initialized_again(make: Maker) -> None:
     model = load_native(make.submodel(more_models.STOPPING).path)
     model.initialize([1.0])
-    said = []
+    states = []
     for _ in range(120):
         model.step([1.0])
-        said.append(model.stopped)
+        states.append(model.stopped)
     model.initialize([1.0])
-    assert (said[98], said[-1], model.stopped) == (False, True, False)
+    assert (states[98], states[-1], model.stopped) == (False, True, False)
 
 
 @pytest.mark.parametrize("shape", ["submodel", "cpp_class"])
@@ -311,7 +311,7 @@ def _submodel_lines(path: Path) -> list[str]:
     return [line.split(";")[0] for line in lines]
 
 
-def test_single_precision_is_computed_in_and_told(tmp_path: Path) -> None:
+def test_single_precision_is_computed_in_and_warned_of(tmp_path: Path) -> None:
     made = generate.submodel(models.TANK, tmp_path / "tank")
     file = made.path / "xxtypes.h"
     code = file.read_text(encoding="utf-8")

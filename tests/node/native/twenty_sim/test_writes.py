@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The effect of writes, told from the equations alone; `test_shim.py` shows that they really take effect so."""
+"""The effect of writes, derived from the equations alone; `test_shim.py` shows that they really take effect so."""
 
 from pathlib import Path
 
