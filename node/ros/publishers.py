@@ -54,7 +54,7 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
         for group in (ODOMETRY_SIGNALS, JOINT_SIGNALS, IMU_SIGNALS)
     )
     if odometry is not None:
-        publishers += [_position(node, *odometry[:2]), _odometry(node, ros, odometry)]
+        publishers += _odometry(node, ros, odometry)
     if joints is not None:
         message = message_type("sensor_msgs/msg/JointState")(
             name=[ros.left_joint, ros.right_joint], position=[0.0, 0.0], velocity=[0.0, 0.0]
@@ -104,31 +104,27 @@ def _number(node: RosObject, topic: str, group: str, index: int) -> Topic:
     return Topic(publisher, publish)
 
 
-def _position(node: RosObject, x: int, y: int) -> Topic:
-    kind = message_type("geometry_msgs/msg/Point")
-    template = Template(kind(), ("x", "d"), ("y", "d"))
-    publisher = node.create_publisher(kind, "position", _DEPTH)
-
-    def publish(report: Report) -> None:
-        publisher.publish(template.filled(report.values[x], report.values[y]))
-
-    return Topic(publisher, publish)
-
-
-def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> Topic:
-    kind = message_type("nav_msgs/msg/Odometry")
+def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> list[Topic]:
+    """The topics `position` and `odom`."""
+    point_kind, kind = message_type("geometry_msgs/msg/Point"), message_type("nav_msgs/msg/Odometry")
+    point_publisher = node.create_publisher(point_kind, "position", _DEPTH)
+    point = Template(point_kind(), ("x", "d"), ("y", "d"))
+    x_index, y_index, *_ = indices
     message, publisher = kind(), node.create_publisher(kind, "odom", _DEPTH)
     message.header.frame_id, message.child_frame_id = ros.odometry_frame, ros.base_frame
     position, orientation = (f"pose.pose.{what}" for what in ("position", "orientation"))
     numbers = (f"{position}.x", f"{position}.y", f"{orientation}.z", f"{orientation}.w")
     template = _stamped(message, *numbers, "twist.twist.linear.x", "twist.twist.angular.z")
 
+    def publish_position(report: Report) -> None:
+        point_publisher.publish(point.filled(report.values[x_index], report.values[y_index]))
+
     def publish(report: Report) -> None:
         x, y, heading, linear, angular = [report.values[index] for index in indices]
         half, stamp = 0.5 * heading, divmod(report.stamp_ns, NS_PER_S)
         publisher.publish(template.filled(*stamp, x, y, math.sin(half), math.cos(half), linear, angular))
 
-    return Topic(publisher, publish)
+    return [Topic(point_publisher, publish_position), Topic(publisher, publish)]
 
 
 def _measured(node: RosObject, topic: str, message: RosObject, numbers: Sequence[str], indices: Sequence[int]) -> Topic:

@@ -8,10 +8,9 @@ import os
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree as ET
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.cache import cached, digest
@@ -38,7 +37,7 @@ class Sources:
     root: Path
     files: tuple[Path, ...]
     definitions: tuple[str, ...] = ()
-    includes: tuple[Path, ...] = field(default=())
+    includes: tuple[Path, ...] = ()
 
 
 def compiler() -> tuple[str, ...]:
@@ -76,7 +75,15 @@ def find_sources(folder: Path) -> Sources:
     if description.is_file():
         found = read_xml(description, "buildDescription.xml").find("BuildConfiguration")
         if found is not None:
-            return _described(root, found)
+            definitions = [
+                f"{define.get('name')}={define.get('value')}" if define.get("value") else define.get("name", "")
+                for define in found.iterfind("SourceFileSet/PreprocessorDefinition")
+            ]
+            described, includes = (
+                tuple(root / element.get("name", "") for element in found.iterfind(f"SourceFileSet/{kind}"))
+                for kind in ("SourceFile", "IncludeDirectory")
+            )
+            return Sources(root, described, tuple(definitions), includes)
     files = tuple(sorted(file for file in root.rglob("*.c") if file.is_file()))
     model = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
     listed = [file.get("name", "") for file in model.iterfind("CoSimulation/SourceFiles/File")]
@@ -84,18 +91,6 @@ def find_sources(folder: Path) -> Sources:
     if listed and not any(file.name.endswith("submod.c") for file in files):
         files = tuple(root / name for name in listed if (root / name).is_file())
     return Sources(root, files)
-
-
-def _described(root: Path, found: ET.Element) -> Sources:
-    definitions = [
-        f"{define.get('name')}={define.get('value')}" if define.get("value") else define.get("name", "")
-        for define in found.iterfind("SourceFileSet/PreprocessorDefinition")
-    ]
-    files, includes = (
-        tuple(root / element.get("name", "") for element in found.iterfind(f"SourceFileSet/{kind}"))
-        for kind in ("SourceFile", "IncludeDirectory")
-    )
-    return Sources(root, files, tuple(definitions), includes)
 
 
 def compile_library(sources: Sources, target: Path, path: Path) -> None:

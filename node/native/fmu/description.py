@@ -15,6 +15,12 @@ from segway_ecc.node.native.fmu.twenty_sim import TwentySim
 
 _ROUNDING: Final = 1e-9
 """How far two steps may differ by how they are printed."""
+_STATE_WRITES: Final = (
+    (Write.NEVER, "the FMU calculates it"),
+    (Write.RESET, "the FMU takes its start value when it initializes"),
+)
+"""For a state whose start value the FMU does not take, and for one whose it does."""
+_TWENTY_SIM_STATE_WRITES: Final = ((Write.NOW, "20-sim's FMUs take a state at any time"),) * 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
     initial = {f"{state.name}_initial": place for place, state in enumerate(states)} if can_restart else {}
     followers = tuple(initial.get(variable.name, -1) for variable in parameters)
     step = _step(facts, twenty_sim, step_size, path)
+    state_writes = _STATE_WRITES if twenty_sim is None else _TWENTY_SIM_STATE_WRITES
     description = Description(
         name=facts.name,
         flavour=Flavour.FMI2 if facts.version == 2 else Flavour.FMI3,  # noqa: PLR2004 - the standard's number
@@ -83,7 +90,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
             _plain(variable, twenty_sim, _tunability(variable, twenty_sim, follows=follower >= 0))
             for variable, follower in zip(parameters, followers, strict=True)
         ),
-        states=tuple(_plain(variable, twenty_sim, _state_write(variable, twenty_sim)) for variable in states),
+        states=tuple(_plain(variable, twenty_sim, state_writes[variable.initial == "exact"]) for variable in states),
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
     ported = (inputs, outputs, parameters, states)
@@ -156,14 +163,6 @@ def _twenty_sim_tunability(sections: frozenset[str] | None, twenty_sim: TwentySi
     else:
         write = Write.RESET, "feeds static equations, which this FMU runs only when it initializes"
     return write
-
-
-def _state_write(variable: FmuVariable, twenty_sim: TwentySim | None) -> tuple[Write, str]:
-    if twenty_sim is not None:
-        return Write.NOW, "20-sim's FMUs take a state at any time"
-    if variable.initial == "exact":
-        return Write.RESET, "the FMU takes its start value when it initializes"
-    return Write.NEVER, "the FMU calculates it"
 
 
 def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterator[str]:

@@ -78,7 +78,16 @@ def build(parts: Parts, shim: Shim) -> Built:
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     plan = _BuildPlan(folder, files, units, includes, parts.is_cpp)
-    compilers = {cpp: _compiler(cpp=cpp) for cpp in {plan.cpp, *(_is_cpp(unit) for unit in units)}}
+    compilers = {}
+    for cpp in {plan.cpp, *(_is_cpp(unit) for unit in units)}:
+        names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
+        found = next(filter(None, map(shutil.which, names)), None)
+        if found is None:
+            what, package = ("C++", "g++") if cpp else ("C", "gcc")
+            raise ModelError(
+                f"there is no {what} compiler to compile the model with: sudo apt install {package} libc6-dev"
+            )
+        compilers[cpp] = Path(found)
     # Identifies the version of a compiler without running it.
     real = [compilers[cpp].resolve() for cpp in sorted(compilers)]
     identities = [f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in real]
@@ -127,16 +136,6 @@ def _matrix(folder: Folder) -> str:
 
 def _is_cpp(name: str) -> bool:
     return Path(name).suffix.lower() in CPP_SUFFIXES
-
-
-def _compiler(*, cpp: bool) -> Path:
-    found = next(filter(None, map(shutil.which, ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang"))), None)
-    if found is None:
-        language, package = ("C++", "g++") if cpp else ("C", "gcc")
-        raise ModelError(
-            f"there is no {language} compiler to compile the model with: sudo apt install {package} libc6-dev"
-        )
-    return Path(found)
 
 
 def _make(plan: _BuildPlan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:

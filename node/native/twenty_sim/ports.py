@@ -51,7 +51,31 @@ def find_ports(parts: Parts, table: Table) -> Ports:
     if copying:
         return _copied(copying)
     listed = [table.tokens.get(name, "") for name in ("INPUT_TO_VARIABLE_EQUATIONS", "VARIABLE_TO_OUTPUT_EQUATIONS")]
-    return _copied(listed) if any(listed) else _guessed(parts)
+    if any(listed):
+        return _copied(listed)
+    array = f"{parts.prefix}V"
+    code = "\n".join(parts.sections().values())
+    every = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]", code)}
+    assigned = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]\s*=(?!=)", code)}
+    # Names of variables: from the table that the code keeps in a comment, else from above the equations.
+    text = parts.model.text
+    tables = re.findall(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL)
+    listing = next(filter(None, (re.findall(r'"((?:\\.|[^"\\])*)"', each) for each in tables)), [])
+    found = (match for pattern in (_COPY, _EQUATION) for match in pattern.finditer(text))
+    names = {index: name.replace("\\\\", "\\") for index, name in enumerate(listing)} or {
+        int(match[3]): match[1] for match in found if match[2] == array
+    }
+    inputs = sorted(every - assigned)
+    outputs = [index for index in sorted(assigned) if (name := names.get(index, "")) and "\\" not in name]
+    warning = (
+        f"{parts.model.name} does not name its ports (xxsubmod and tokens.xml are missing): "
+        f"inputs are taken to be {_listed(names, inputs)} and outputs {_listed(names, outputs)}"
+    )
+    return Ports(
+        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in inputs),
+        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in outputs),
+        (warning,),
+    )
 
 
 def _copied(texts: list[str]) -> Ports:
@@ -68,32 +92,6 @@ def _copied(texts: list[str]) -> Ports:
             raise ModelError(f"the code copies {len(ports)} elements of {array} and leaves out {array}[{gap}]")
     inputs, outputs = (tuple(ports[index] for index in sorted(ports)) for ports in found.values())
     return Ports(inputs, outputs)
-
-
-def _guessed(parts: Parts) -> Ports:
-    array = f"{parts.prefix}V"
-    code = "\n".join(parts.sections().values())
-    every = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]", code)}
-    assigned = {int(index) for index in re.findall(rf"(?<!\w){array}\s*\[\s*(\d+)\s*\]\s*=(?!=)", code)}
-    # Names of variables: from the table that the code keeps in a comment, else from above the equations.
-    text = parts.model.text
-    tables = re.findall(r"variable_names\s*\[\s*\]\s*=\s*\{(.*?)\}", text, re.DOTALL)
-    listed = next(filter(None, (re.findall(r'"((?:\\.|[^"\\])*)"', table) for table in tables)), [])
-    found = (match for pattern in (_COPY, _EQUATION) for match in pattern.finditer(text))
-    names = {index: name.replace("\\\\", "\\") for index, name in enumerate(listed)} or {
-        int(match[3]): match[1] for match in found if match[2] == array
-    }
-    inputs = sorted(every - assigned)
-    outputs = [index for index in sorted(assigned) if (name := names.get(index, "")) and "\\" not in name]
-    warning = (
-        f"{parts.model.name} does not name its ports (xxsubmod and tokens.xml are missing): "
-        f"inputs are taken to be {_listed(names, inputs)} and outputs {_listed(names, outputs)}"
-    )
-    return Ports(
-        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in inputs),
-        tuple(Port(f"{array}[{index}]", Label(names.get(index, ""))) for index in outputs),
-        (warning,),
-    )
 
 
 def _listed(names: dict[int, str], indices: list[int]) -> str:

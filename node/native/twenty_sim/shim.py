@@ -273,9 +273,18 @@ def _declared_globals(parts: Parts) -> list[str]:
         # The count of evaluations is the model's own business and is left as it was.
         steps = f"{parts.prefix}steps"
         dynamic = [f"{_c_type(parts, parts.symbols['steps'].kind)} kept = {steps};", *dynamic, f"{steps} = kept;"]
+    declared = []
+    for name, symbol in ((name, parts.symbols[name]) for name in _GLOBALS if name in parts.symbols):
+        kind, before = _c_type(parts, symbol.kind), ""
+        if symbol.kind.endswith("Matrix"):
+            # Its type is a struct of the model's headers, which only a port within a matrix needs.
+            integer = parts.types.get(f"{symbol.kind.removesuffix('Matrix')}Integer", "int")
+            kind, before = "ecc_matrix", f"typedef struct {{ ecc_real *mat; {integer} rows, columns; }} ecc_matrix; "
+        star, brackets = "*" if symbol.is_pointer else "", "[]" if symbol.is_array else ""
+        declared.append(f"{before}extern {kind} {star}{parts.prefix}{name}{brackets};")
     once = ("CalculateStatic", "CalculateDynamic")
     return [
-        *(_declare(parts, name) for name in _GLOBALS if name in parts.symbols),
+        *declared,
         *(_prototype(parts, parts.functions[role]) for role in once if role in parts.functions),
         _define("ecc_drop", []),
         _define("ecc_statics", _run(parts, "CalculateStatic")),
@@ -319,17 +328,6 @@ def _prototype(parts: Parts, function: Function) -> str:
 
 def _c_type(parts: Parts, kind: str) -> str:
     return "ecc_real" if kind.endswith("Double") else parts.types.get(kind, kind)
-
-
-def _declare(parts: Parts, name: str) -> str:
-    symbol = parts.symbols[name]
-    kind, before = _c_type(parts, symbol.kind), ""
-    if symbol.kind.endswith("Matrix"):
-        # Its type is a struct of the model's headers, which only a port within a matrix needs.
-        integer = parts.types.get(f"{symbol.kind.removesuffix('Matrix')}Integer", "int")
-        kind, before = "ecc_matrix", f"typedef struct {{ ecc_real *mat; {integer} rows, columns; }} ecc_matrix; "
-    star, brackets = "*" if symbol.is_pointer else "", "[]" if symbol.is_array else ""
-    return f"{before}extern {kind} {star}{parts.prefix}{name}{brackets};"
 
 
 def _embedded(data: Mapping[str, bytes]) -> list[str]:
