@@ -41,6 +41,5 @@ def load_native(path: Path, *, method: str | None = None, step_size: float | Non
     table = read_tables(folder.tables)
     ports = find_ports(parts, table)
     description = describe_model(parts, table, ports, method, step_size)
-    built = build(parts, make_shim(parts, description, ports, read_data(parts)))
-    described = dataclasses.replace(description, warnings=(*description.warnings, *built.warnings))
-    return NativeModel(described, built.library)
+    library, warnings = build(parts, make_shim(parts, description, ports, read_data(parts)))
+    return NativeModel(dataclasses.replace(description, warnings=(*description.warnings, *warnings)), library)

@@ -3,7 +3,7 @@
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -35,7 +35,8 @@ class CandumpLog:
         self.frames = 0
         self._path = path
         self._half = limit_bytes // 2
-        self._writer = self._begin()
+        with self._writing():
+            self._writer = can.CanutilsLogWriter(path)
 
     def write(self, message: can.Message) -> None:
         """Write one frame.
@@ -43,15 +44,13 @@ class CandumpLog:
         Raises:
             RecordingError: The disk refuses.
         """
-        try:
+        with self._writing():
             self._writer.on_message_received(message)
             self.frames += 1
             if self._writer.file.tell() >= self._half:
                 self._writer.stop()
                 self._path.replace(self._path.with_name(f"{self._path.name}.1"))
-                self._writer = self._begin()
-        except OSError as error:
-            raise self._failed(error) from error
+                self._writer = can.CanutilsLogWriter(self._path)
 
     def flush(self) -> None:
         """Hand what was written to the kernel.
@@ -59,10 +58,8 @@ class CandumpLog:
         Raises:
             RecordingError: The disk refuses.
         """
-        try:
+        with self._writing():
             self._writer.file.flush()
-        except OSError as error:
-            raise self._failed(error) from error
 
     def __enter__(self) -> Self:
         """Write to it."""
@@ -75,14 +72,12 @@ class CandumpLog:
         with contextlib.suppress(OSError):
             self._writer.stop()
 
-    def _begin(self) -> can.CanutilsLogWriter:
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
         try:
-            return can.CanutilsLogWriter(self._path)
+            yield
         except OSError as error:
-            raise self._failed(error) from error
-
-    def _failed(self, error: OSError) -> RecordingError:
-        return RecordingError(f"cannot write {self._path}: {error.strerror}; choose another --out")
+            raise RecordingError(f"cannot write {self._path}: {error.strerror}; choose another --out") from error
 
 
 def listen(settings: tuple[str, str, int], log: CandumpLog, is_over: Callable[[], bool]) -> None:

@@ -41,14 +41,6 @@ _MAY_BE_EMPTY: Final = ("motionprofiles", "eulerangles", "matrix", "inverse", "i
 
 
 @dataclass(frozen=True, slots=True)
-class Built:
-    """A compiled model: the shared object, and what the code itself warned of while it was compiled."""
-
-    library: Path
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class _BuildPlan:
     """Everything that decides the outcome: the files by name, the units to compile, and where headers are."""
 
@@ -59,12 +51,15 @@ class _BuildPlan:
     cpp: bool
 
 
-def build(parts: Parts, shim: Shim) -> Built:
+def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
     """Compile a model, or find it compiled.
 
     Args:
         parts: The model.
         shim: What is compiled with it.
+
+    Returns:
+        The shared object, and what the code itself warned of while it was compiled.
 
     Raises:
         ModelError: There is no compiler, a file or function is missing, or the code does not compile.
@@ -94,7 +89,7 @@ def build(parts: Parts, shim: Shim) -> Built:
     named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]
     key = digest(*named, " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *includes)), *identities)
     entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
-    return Built(entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines()))
+    return entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines())
 
 
 def _supplied_headers(folder: Folder) -> dict[str, str]:

@@ -7,8 +7,8 @@ import pytest
 
 from segway_ecc.node.model.variables import Write
 from segway_ecc.node.native.twenty_sim.files import read_folder
+from segway_ecc.node.native.twenty_sim.model import parameter_effects, state_effects
 from segway_ecc.node.native.twenty_sim.parts import Parts, find_parts
-from segway_ecc.node.native.twenty_sim.writes import parameter_effects, state_effects
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.maker import Maker
 from tests.fixtures.twenty_sim.spec import Spec
