@@ -34,7 +34,13 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
     last: tuple[object, ...] = ()
     last_turn = -1
 
-    def fill(report: Report) -> None:
+    def publish(report: Report) -> None:
+        nonlocal last, last_turn
+        turn, standing_up = report.stamp_ns // _PERIOD_NS, None if stand is None else report.set_values[stand]
+        state = report.mode, report.is_zero, report.drives, report.reason, standing_up
+        if turn == last_turn and state == last:
+            return
+        last, last_turn = state, turn
         message.level = bytes((MODE_LEVELS.get(report.mode, Level.OK),))
         message.message = f"{report.mode}: {report.reason}"
         mode.value, reason.value = str(report.mode), report.reason
@@ -45,14 +51,6 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
             age.value = f"{report.heartbeat_age_ns / _NS_PER_MS:.3f}"
         if stand is not None:
             standing.value = repr(report.set_values[stand])
-
-    def publish(report: Report) -> None:
-        nonlocal last, last_turn
-        turn, standing_up = report.stamp_ns // _PERIOD_NS, None if stand is None else report.set_values[stand]
-        state = report.mode, report.is_zero, report.drives, report.reason, standing_up
-        if turn != last_turn or state != last:
-            last, last_turn = state, turn
-            fill(report)
-            publisher.publish(message)
+        publisher.publish(message)
 
     return Topic(publisher, publish)

@@ -117,7 +117,7 @@ class Publishing:
             case FromLoop.ANSWER:
                 self._subscriptions.answer(decode_answer(body))
             case FromLoop.WRITTEN:
-                self._subscriptions.confirm_write(decode_write_result(body))
+                self._subscriptions.write_results.put(decode_write_result(body))
             case _:
                 self._is_over = True
 

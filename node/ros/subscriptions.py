@@ -74,6 +74,7 @@ class Subscriptions:
 
     Attributes:
         is_running: Whether it still listens, or has not begun to; cleared to end it, once what it waits with is woken.
+        write_results: What came of writing parameters, for `write`.
     """
 
     def __init__(self, inboxes: RingWriter, period_ns: int) -> None:
@@ -84,7 +85,7 @@ class Subscriptions:
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
-        self._results: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
+        self.write_results: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
 
     def run(self, wait_set: WaitSet, stage: RosStage) -> None:
         """Listen until it is stopped."""
@@ -121,7 +122,7 @@ class Subscriptions:
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
-                result = self._results.get(timeout=left_s)
+                result = self.write_results.get(timeout=left_s)
             except queue.Empty:
                 break
             if result.number == self._number:
@@ -129,10 +130,6 @@ class Subscriptions:
                     raise ModelError(result.refusal)
                 return
         raise ModelError(f"the loop did not answer within {_ANSWER_S:g} s: whether '{name}' was written is not known")
-
-    def confirm_write(self, result: WriteResult) -> None:
-        """Receive what came of writing a parameter."""
-        self._results.put(result)
 
     def hand_over(self, inbox: Inbox) -> None:
         """Hand over what has arrived, in messages that fit."""

@@ -181,7 +181,7 @@ def written(subscriptions: Subscriptions, loop: RingReader, *done: WriteResult) 
     asked = decode_write_request(taken[1])
     assert (taken[0], asked.name, asked.value) == (ToLoop.WRITE, "Track", 0.5)
     for each in done:
-        subscriptions.confirm_write(each._replace(number=asked.number + each.number))
+        subscriptions.write_results.put(each._replace(number=asked.number + each.number))
     thread.join()
     return answers.get()
 
