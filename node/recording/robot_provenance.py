@@ -12,6 +12,7 @@ import msgspec
 from segway_ecc.firmware_io.drives import wheel_board
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.node.config import RobotFile
+from segway_ecc.node.models.locate import PythonSource
 from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
 
 _DBC_FILE: Final = "wheel_board.dbc"
@@ -51,7 +52,8 @@ def model_hash(source: str) -> str:
     elif path.exists():
         files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     else:
-        files = _python_files(source.partition(":")[0])
+        python = PythonSource.parse(source)
+        files = _python_files(source if python is None else python.module)
     digest = hashlib.sha256()
     for name, file in sorted(files.items()):
         content = file.read_bytes()
