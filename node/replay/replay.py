@@ -15,6 +15,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.models.locate import locate, locate_recorded
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.compare import Difference, differences
 from segway_ecc.node.replay.log import RecordedRun
@@ -72,10 +73,10 @@ def replay(
     """
     run = RecordedRun(path)
     recorded = Recorded()
-    file = run.robot
-    if model is not None:
-        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=model))
-    section = file.model
+    folders = (run.path.resolve().parent, Path())
+    source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
+    section = msgspec.structs.replace(run.robot.model, source=source)
+    file = msgspec.structs.replace(run.robot, model=section)
     loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
     hardware = RecordedHardware(run.layout, recorded)
     robot = Robot(file, loaded, hardware, wire(loaded, hardware, file.wiring), RecordedClock(recorded))

@@ -14,10 +14,10 @@ PATIENCE_S = 30.0
 PARENT = """
 import sys, time
 from pathlib import Path
-from segway_ecc.hil.processes import Command
-started = Command(["run", "cart", "--no-ros", "--no-log"], Path(sys.argv[1]), {})
-print(started.process.pid, flush=True)
-time.sleep(600)
+from segway_ecc.hil.processes import command
+with command(["run", "cart", "--no-ros", "--no-log"], Path(sys.argv[1])) as started:
+    print(started.process.pid, flush=True)
+    time.sleep(600)
 """
 CHILD = [sys.executable, "-P", "-m", "segway_ecc.hil.child"]
 
