@@ -6,7 +6,7 @@ import importlib.metadata
 import importlib.util
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from segway_ecc.firmware_io.build import can_link
@@ -31,7 +31,10 @@ from segway_ecc.node.ros.runtime import missing_packages
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `case-study`."""
     parser.add_argument(
-        "--seat", choices=[*map(str, Seat), "all"], default="all", help="where the model runs (default: all)"
+        "--seat",
+        choices=[*map(str, Seat), "all"],
+        action="append",
+        help="where the model runs; may be given several times (default: all)",
     )
     add_json(parser)
     parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
@@ -79,10 +82,10 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _seats(asked: str) -> list[Seat]:
-    """The seats to run; all of them means those that can."""
-    if asked != "all":
-        return [Seat(asked)]
+def _seats(names: Sequence[str] | None) -> list[Seat]:
+    """The seats to run, in their order; all of them means those that can."""
+    if names and "all" not in names:
+        return [seat for seat in Seat if seat in names]
     left_out = {}
     if missing_packages():
         left_out[Seat.ROS] = f"no ROS 2 here (no {', '.join(missing_packages())})"

@@ -138,6 +138,21 @@ def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
     assert "did not run" in outcome.out
 
 
+def test_seat_given_twice_runs_both(segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seats: list[list[Seat]] = []
+
+    def conduct(runners: Any, *_arguments: object) -> Study:
+        seats.append([runner.seat for runner in runners])
+        return Study([], [], [], [], [], {})
+
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    outcome = segway_ecc("case-study", "--seat", "submodel", "--seat", "offline", "--json", "--out", str(tmp_path))
+
+    assert outcome.code == 0
+    assert seats == [[Seat.OFFLINE, Seat.SUBMODEL]]
+
+
 def test_all_seats_are_those_that_can_run_here(
     segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
