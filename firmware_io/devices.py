@@ -76,6 +76,9 @@ class MotorState(Protocol):
 class Drive(Sensor, MotorState, Protocol):
     """A motor controller for one or more wheels.
 
+    Its part of `Sensor`, `MotorState` and `Diagnosed` is the same for every family; `PhasedDrive` has that of the
+    motors.
+
     Attributes:
         commands: Names of the values it takes, such as `left.torque`, with their units.
         limits: Largest magnitude of each command.

@@ -49,6 +49,8 @@ class Diagnosed(Protocol):
 class Hardware(Diagnosed, Protocol):
     """Motors and sensors. No method blocks, except `open`.
 
+    Five methods operate it; the two of `Diagnosed` are apart, since drives and sensors report in the same way.
+
     Attributes:
         signals: Names of the values in `Sensors`, such as `left.velocity`, with their units.
         commands: Names of the values that `exchange` takes, such as `left.voltage`, with their units.

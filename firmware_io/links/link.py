@@ -100,6 +100,7 @@ class LinkStatus(Protocol):
 class Link(LinkStatus, Protocol):
     """A bus as the loop uses it: nothing here waits, except `open`.
 
+    Four methods move frames; the four of `LinkStatus` are what diagnostics show of any link, data that it has anyway.
     A link that is lost tries by itself to come back, off the loop where that takes time.
     """
 

@@ -52,4 +52,7 @@ class CommandSink(Protocol):
 
 
 class Robots(FleetStatus, CommandSink, Protocol):
-    """Both sides of a station; `deploy.station.station.Station` is one, and a test's script another."""
+    """Both sides of a station; `deploy.station.station.Station` is one, and a test's script another.
+
+    Seven methods in two interfaces: what only shows robots needs the three of `FleetStatus`.
+    """
