@@ -48,6 +48,11 @@ _MODULES: Final = {
 }
 
 
+def __dir__() -> list[str]:
+    """The public names, also those not imported yet."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> object:
     """Import a name at its first use: a robot starts without what it does not use."""
     if name not in _MODULES:

@@ -29,6 +29,17 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.safety.modes import Action, Answer
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
+__all__ = [
+    "START_NS",
+    "WALL_START_NS",
+    "Bench",
+    "KeepingRecorder",
+    "RecordingHardware",
+    "ScriptedClock",
+    "ScriptedStage",
+    "SetpointLimits",
+]
+
 START_NS: Final = 1_000_000_000
 """What a scripted clock reads at first, monotonic."""
 

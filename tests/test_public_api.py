@@ -7,11 +7,21 @@ import sys
 import pytest
 
 import segway_ecc
+from segway_ecc import testing
 
 
 @pytest.mark.parametrize("name", segway_ecc.__all__)
 def test_a_public_name_is_there_and_documented(name: str) -> None:
     assert getattr(segway_ecc, name).__doc__
+
+
+@pytest.mark.parametrize("name", testing.__all__)
+def test_a_public_fake_is_there_and_documented(name: str) -> None:
+    assert getattr(testing, name).__doc__
+
+
+def test_dir_shows_public_names_before_their_first_use() -> None:
+    assert set(segway_ecc.__all__) <= set(dir(segway_ecc))
 
 
 def test_a_name_that_is_not_public_is_refused() -> None:

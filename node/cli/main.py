@@ -113,10 +113,13 @@ def _chosen(verbs: Mapping[str, Verb], words: Sequence[str]) -> str:
     name = f"{first} {others[0]}" if is_group and others and not others[0].startswith("-") else first
     if name in verbs:
         return name
+    formerly = {verb.formerly: verb.name for verb in verbs.values() if verb.formerly}
     by_last_word = {verb.rpartition(" ")[2]: verb for verb in verbs}
-    close = difflib.get_close_matches(name, verbs, 1) or [
-        by_last_word[word] for word in difflib.get_close_matches(name.rpartition(" ")[2], by_last_word, 1)
-    ]
+    close = (
+        [formerly[typed] for typed in (" ".join(words[:2]), first) if typed in formerly]
+        or difflib.get_close_matches(name, verbs, 1)
+        or [by_last_word[word] for word in difflib.get_close_matches(name.rpartition(" ")[2], by_last_word, 1)]
+    )
     hint = f"did you mean '{_PROGRAM} {close[0]}'? See" if close else "see"
     raise ConfigurationError(f"there is no verb '{name}'; {hint} {_PROGRAM} --help")
 

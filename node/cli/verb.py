@@ -29,6 +29,7 @@ class Verb:
         example: A command that works as it stands, or with the reader's own file or host.
         package: Where its module is: `run.py`, or `model_inspect.py`, with `add_arguments(parser)` and `run(options)`.
         section: Where the help lists it; that of its group where it is in one.
+        formerly: Its words in version 0.1, where those were others.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Verb:
     example: str
     package: str | None
     section: Section | None = None
+    formerly: str = ""
 
     @property
     def module(self) -> str:

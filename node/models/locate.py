@@ -98,6 +98,9 @@ def import_model_module(source: PythonSource) -> ModuleType:
     """
     if source.folder is None and _MOVED.fullmatch(source.module):
         raise ModelError(f"model '{source}' has the name that it had in version 0.1: write {_NAMESPACE}.{source}")
+    if source.module.endswith(".py"):
+        module = str(source).replace(".py:", ":")
+        raise ModelError(f"'{source}' names a file: name its module, {module}")
     try:
         if source.folder is not None:
             _import_top(source.folder, source.top)

@@ -21,9 +21,14 @@ VERBS: Final = (
         "ports, parameters and states with units, and the effect of writing each",
         "segway-ecc model inspect FOLDER",
         __name__,
+        formerly="inspect",
     ),
     Verb(
-        "model simulate", "run a model under given inputs", "segway-ecc model simulate FOLDER --duration 10", __name__
+        "model simulate",
+        "run a model under given inputs",
+        "segway-ecc model simulate FOLDER --duration 10",
+        __name__,
+        formerly="simulate",
     ),
     Verb("log", "what was recorded", "segway-ecc log replay run.mcap", None, Section.OPERATION),
     Verb(
@@ -31,11 +36,13 @@ VERBS: Final = (
         "a recorded run through the same model and safety code: identical, or the first difference",
         "segway-ecc log replay run.mcap",
         __name__,
+        formerly="replay",
     ),
     Verb(
         "log traffic",
         "the raw traffic on a robot's bus as a candump log",
         "segway-ecc log traffic cart-can --out traffic.log",
         __name__,
+        formerly="traffic",
     ),
 )

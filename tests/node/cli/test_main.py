@@ -87,6 +87,11 @@ def test_no_words_show_what_to_try_first(segway_ecc: Run) -> None:
     [
         (("campain",), "prove campaign"),
         (("doctor",), "deploy doctor"),
+        (("hil", "can-cut"), "prove fault"),
+        (("replay", "run.mcap"), "log replay"),
+        (("status",), "station status"),
+        (("base-station", "--dry-run"), "station install"),
+        (("study", "growth"), "prove growth"),
         (("prove", "replay"), "log replay"),
         (("rnu", "cart"), "run"),
         (("model", "inspct", "x"), "model inspect"),

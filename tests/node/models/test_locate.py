@@ -178,6 +178,12 @@ def test_a_name_of_version_0_1_gives_the_new_one(tmp_path: Path, source: str) ->
         load_model(load_robot(str(robot)).model.source)
 
 
+@pytest.mark.parametrize("source", ["tank.py:Tank", "robots/tank.py:Tank"])
+def test_a_file_in_place_of_a_module_is_answered_with_the_module(source: str) -> None:
+    with pytest.raises(ModelError, match=rf"^'{source}' names a file: name its module, {source.replace('.py', '')}$"):
+        load_model(source)
+
+
 def test_our_own_package_is_never_looked_for_in_a_folder() -> None:
     assert locate("segway_ecc.node.models.cart:Cart", [ROOT]) == "segway_ecc.node.models.cart:Cart"
 
