@@ -2,21 +2,18 @@
 """Carries out operators' commands: the station without its threads and without ROS. Pure: time is given."""
 
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import msgspec
 
-from segway_ecc.deploy.station.connection import Reply, RobotConnection
-from segway_ecc.deploy.station.control import Control
-from segway_ecc.deploy.station.deadman import DeadMan, fitted
-from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.fleet import Fleet, Robot
-from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.control import Control, DeadMan, fitted
+from segway_ecc.deploy.station.fleet import EventLog, Fleet, Heartbeats, Robot
+from segway_ecc.deploy.station.requests import PostureRequest, Reply, Requests, RobotConnection, Stop, StopState
 from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage, SetpointReport
-from segway_ecc.deploy.station.robot_tasks import RobotTasks, SubmittedCommand
 from segway_ecc.deploy.station.sequences import SequencePlayback
-from segway_ecc.deploy.station.stops import StopState
-from segway_ecc.deploy.station.views import Act, Drive, FleetView
+from segway_ecc.deploy.station.views import Act, Command, Drive, FleetView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
@@ -25,6 +22,75 @@ from segway_ecc.node.sequence.player import Odometry
 _SERVICES: Final = {Act.ARM: Action.ARM, Act.DISARM: Action.DISARM, Act.CLEAR_FAULT: Action.CLEAR_FAULT}
 _OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.CLEAR_FAULT})
 """What the station carries out, at least in part, even where the robot is lost or its stop is not confirmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SubmittedCommand:
+    """A command as it was submitted.
+
+    Attributes:
+        who: The operator.
+        command: The command.
+        reply: Called with the outcome.
+        at_ns: When, monotonic.
+        manoeuvre: What is to be played, decoded already; the error's text where it is not valid.
+    """
+
+    who: str
+    command: Command
+    reply: Reply
+    at_ns: int
+    manoeuvre: Manoeuvre | str = ""
+
+
+class RobotTasks:
+    """What is in progress with one robot.
+
+    Attributes:
+        connection: The connection to it.
+        requests: Its service requests.
+        stop: Its stop.
+        posture: Its request to stand up or to sit down.
+        playback: The sequence that is played, or was last.
+    """
+
+    def __init__(self, connection: RobotConnection, log: Callable[[str, str], None]) -> None:
+        """Begin with nothing; `log` takes text and level of events."""
+        self.connection = connection
+        self.requests = Requests(connection)
+        self.stop = Stop(connection, log)
+        self.posture = PostureRequest(connection)
+        self.playback: SequencePlayback | None = None
+        self._log = log
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether a report or a response of the robot is awaited."""
+        return self.requests.is_pending or self.stop.is_pending or self.posture.is_pending
+
+    def step(self, now_ns: int) -> None:
+        """Send again what is not confirmed yet."""
+        self.stop.step(now_ns)
+        self.requests.step(now_ns)
+        self.posture.step(now_ns)
+
+    def break_off(self, reason: str) -> bool:
+        """End the sequence that is played; False where none is."""
+        if self.playback is None or self.playback.is_over:
+            return False
+        self.playback.break_off(self.connection, reason)
+        self.log_outcome(self.playback)
+        return True
+
+    def log_outcome(self, playback: SequencePlayback) -> None:
+        """Log how a sequence ended."""
+        self._log(playback.outcome, "info" if playback.view.state == "done" else "warning")
+
+    def fail(self, text: str) -> None:
+        """Reply to everything that is pending that it failed."""
+        self.requests.fail(text)
+        self.posture.end(text)
+        self.stop.cancel(text)
 
 
 class CommandHandler:
@@ -150,7 +216,7 @@ class CommandHandler:
             return
         tasks = self._tasks[name]
         tasks.break_off(f"{who} drives by hand")
-        self._dead_man.renew(name, wanted, at_ns)
+        self._dead_man.renew(name, at_ns)
         tasks.connection.drive(wanted)
 
     def leave(self, who: str, now_ns: int) -> None:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""What was received of each robot, and the picture that it makes. Pure: time is given."""
+"""What was received of each robot and the picture that it makes, the heartbeats sent to all, and the event log.
 
+Pure but for the event log, which any thread may read: time is given.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
-from segway_ecc.deploy.station.discovery import MOST_ROBOTS
-from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heartbeats import Heartbeats
 from segway_ecc.deploy.station.robot_messages import (
     Health,
     ModeReport,
@@ -13,13 +16,16 @@ from segway_ecc.deploy.station.robot_messages import (
     RobotMessage,
     SetpointReport,
     Supply,
+    clipped,
     finite,
 )
-from segway_ecc.deploy.station.views import RobotView
+from segway_ecc.deploy.station.views import EventView, RobotView
 from segway_ecc.node.safety.modes import ACTIVE, Mode
 from segway_ecc.node.sequence.player import Odometry
 
-LOST_AFTER_NS: Final = 1_000_000_000
+MOST_ROBOTS: Final = 100
+"""More than these are not followed: the graph belongs to whoever is on the network."""
+_LOST_AFTER_NS: Final = 1_000_000_000
 _FRESH_NS: Final[dict[type, int]] = {
     Odometry: 1_000_000_000,
     SetpointReport: 1_000_000_000,
@@ -31,6 +37,68 @@ _FRESH_NS: Final[dict[type, int]] = {
 _NOT_DRIVEN: Final = SetpointReport(0, 0.0, 0.0)
 _LEVELS: Final = {Mode.FAULT: "error", Mode.HOLD: "warning"}
 H = TypeVar("H")
+_PERIOD_NS: Final = 100_000_000
+_KEPT: Final = 50
+"""Stamps that an echo may carry: those of five seconds."""
+_ECHO_WITHIN_NS: Final = 1_000_000_000
+"""Without an echo for longer the robot does not receive our heartbeats."""
+
+
+class EventLog:
+    """Keeps the newest events; discarding the oldest leaves the numbers of the others as they are."""
+
+    def __init__(self, wall_ns: Callable[[], int], capacity: int = 1000) -> None:
+        """Keep `capacity` events, stamped by `wall_ns` (ns since the Unix epoch)."""
+        self._wall_ns = wall_ns
+        self._events: deque[EventView] = deque(maxlen=capacity)
+        self._count = 0
+        self._lock = threading.Lock()
+
+    def add(self, robot: str, text: str, *, level: str = "info", who: str = "") -> None:
+        """Keep an event; a text that is too long is shortened, as some of it comes from the network."""
+        with self._lock:
+            self._count += 1
+            event = EventView(
+                number=self._count, wall_ns=self._wall_ns(), robot=robot, text=clipped(text), level=level, who=who
+            )
+            self._events.append(event)
+
+    def after(self, number: int) -> Sequence[EventView]:
+        """The events that are kept and whose number is greater, oldest first."""
+        with self._lock:
+            new = min(self._count - number, len(self._events))
+            return [self._events[index] for index in range(len(self._events) - new, len(self._events))]
+
+
+class Heartbeats:
+    """One clock of heartbeats for all robots; only stamps that we sent count as echoes of ours.
+
+    Attributes:
+        name: Our name.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Send as `name`."""
+        self.name = name
+        self._sent: deque[int] = deque(maxlen=_KEPT)
+        self._round_trips: dict[str, tuple[float, int]] = {}
+
+    def due(self, now_ns: int) -> int | None:
+        """The stamp of a heartbeat to send now, or None."""
+        if self._sent and now_ns - self._sent[-1] < _PERIOD_NS:
+            return None
+        self._sent.append(now_ns)
+        return now_ns
+
+    def on_mode(self, robot: str, mode: ModeReport, at_ns: int) -> None:
+        """Measure the round trip from a mode report received at `at_ns`, monotonic, where it echoes us."""
+        if mode.station == self.name and mode.beat_ns in self._sent and mode.beat_age_ns <= _ECHO_WITHIN_NS:
+            self._round_trips[robot] = (max(at_ns - mode.beat_ns - mode.beat_age_ns, 0) * 1e-9, at_ns)
+
+    def round_trip_s(self, robot: str, now_ns: int) -> float | None:
+        """From our heartbeat to the echo, without the time the robot kept it; None without a recent echo."""
+        round_trip_s, at_ns = self._round_trips.get(robot, (None, 0))
+        return round_trip_s if now_ns - at_ns <= _ECHO_WITHIN_NS else None
 
 
 class Robot:
@@ -149,6 +217,6 @@ class Fleet:
     def mark_lost(self, now_ns: int) -> None:
         """Mark the robots of which nothing arrives any more as lost."""
         for robot in self.robots.values():
-            if robot.is_alive and now_ns - robot.received_ns > LOST_AFTER_NS:
+            if robot.is_alive and now_ns - robot.received_ns > _LOST_AFTER_NS:
                 robot.is_alive = False
                 self._events.add(robot.robot, "lost: no messages any more", level="error")

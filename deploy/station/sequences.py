@@ -5,9 +5,8 @@ import enum
 from collections.abc import Iterable
 from typing import Final
 
-from segway_ecc.deploy.station.connection import Reply, RobotConnection
-from segway_ecc.deploy.station.deadman import fitted
-from segway_ecc.deploy.station.requests import WITHIN_NS
+from segway_ecc.deploy.station.control import fitted
+from segway_ecc.deploy.station.requests import WITHIN_NS, Reply, RobotConnection
 from segway_ecc.deploy.station.robot_messages import SetpointReport
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint

@@ -10,11 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Final, Self
 
-from segway_ecc.deploy.station.command_handler import CommandHandler
-from segway_ecc.deploy.station.connection import Reply, once
-from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.robot_tasks import SubmittedCommand
+from segway_ecc.deploy.station.command_handler import CommandHandler, SubmittedCommand
+from segway_ecc.deploy.station.fleet import EventLog, Heartbeats
+from segway_ecc.deploy.station.requests import Reply, once
 from segway_ecc.deploy.station.ros_bridge import RosBridge
 from segway_ecc.deploy.station.sequences import read_sequence
 from segway_ecc.deploy.station.views import Act, Command, Drive, EventView, FleetView

@@ -115,6 +115,11 @@ class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     time_s: float
     robots: Sequence[RobotView]
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether there are robots, and each that still publishes has sent all that it publishes once a second."""
+        return bool(self.robots) and all(robot.timing or not robot.is_alive for robot in self.robots)
+
 
 class EventView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="event"):
     """Something that happened.

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.bundle_part import robots
+from segway_ecc.deploy.station.station_bundle import robots
 from segway_ecc.deploy.support.archive_server import ArchiveServer
 from segway_ecc.deploy.support.bundle import write_bundle
 from segway_ecc.deploy.support.file_store import FileStore

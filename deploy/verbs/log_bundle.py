@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.deploy.station.bundle_part import robots
+from segway_ecc.deploy.station.station_bundle import robots
 from segway_ecc.deploy.support.bundle import write_bundle
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table

@@ -67,11 +67,6 @@ def exit_code(fleet: FleetView) -> int:
     return 0 if all(robot.is_alive for robot in fleet.robots) else RobotLostError.exit_code
 
 
-def is_settled(fleet: FleetView) -> bool:
-    """Whether every robot that still publishes has sent all that it publishes once a second."""
-    return bool(fleet.robots) and all(robot.timing or not robot.is_alive for robot in fleet.robots)
-
-
 def screen(robot: RobotView) -> str:
     """One robot as lines of text."""
     rows = {
@@ -101,7 +96,7 @@ def _look(fleet: Callable[[], FleetView], wait_s: float, stop: list[str]) -> Fle
         picture = fleet()
         if len(picture.robots) != count:
             count, since_s = len(picture.robots), time.monotonic()
-        if is_settled(picture) and time.monotonic() - since_s > _SETTLED_S:
+        if picture.is_settled and time.monotonic() - since_s > _SETTLED_S:
             return picture
         if stop:
             raise AbandonedError(f"abandoned by {stop[0]} while looking for robots")

@@ -7,8 +7,8 @@ Each is reached over channels of its own, and time is given.
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
-from segway_ecc.deploy.station.heartbeats import Heartbeats
-from segway_ecc.deploy.station.stops import AGAIN_NS
+from segway_ecc.deploy.station.fleet import Heartbeats
+from segway_ecc.deploy.station.requests import AGAIN_NS
 from segway_ecc.hil.placement.network import Channel, NowNs
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Action, Mode

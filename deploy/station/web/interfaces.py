@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Protocol, TypeAlias
 
 from segway_ecc.deploy.station.archive_client import Progress
-from segway_ecc.deploy.station.connection import Reply
+from segway_ecc.deploy.station.requests import Reply
 from segway_ecc.deploy.station.views import Command, Drive, FleetStatus
 from segway_ecc.deploy.support.log_folder import LogFile
 from segway_ecc.node.cycle.setpoints import Setpoint

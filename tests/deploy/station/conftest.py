@@ -12,12 +12,10 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.command_handler import CommandHandler
-from segway_ecc.deploy.station.connection import ServiceResponse
-from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.command_handler import CommandHandler, SubmittedCommand
+from segway_ecc.deploy.station.fleet import EventLog, Heartbeats
+from segway_ecc.deploy.station.requests import ServiceResponse
 from segway_ecc.deploy.station.robot_messages import ModeReport, SetpointReport
-from segway_ecc.deploy.station.robot_tasks import SubmittedCommand
 from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Action, Mode

@@ -72,8 +72,8 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    monkeypatch.setattr("segway_ecc.deploy.station.archive_fetch._RETRY_S", 0.001)
-    monkeypatch.setattr("segway_ecc.deploy.station.archive_fetch._POLL_S", 0.001)
+    monkeypatch.setattr("segway_ecc.deploy.station.archive_client._RETRY_S", 0.001)
+    monkeypatch.setattr("segway_ecc.deploy.station.archive_client._POLL_S", 0.001)
     return Bench(tmp_path)
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.connection import ServiceResponse
-from segway_ecc.deploy.station.events import EventLog
+from segway_ecc.deploy.station.fleet import EventLog
+from segway_ecc.deploy.station.requests import ServiceResponse
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.node.safety.modes import Action, Mode

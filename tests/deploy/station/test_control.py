@@ -4,7 +4,7 @@ from collections.abc import Callable
 import pytest
 
 from segway_ecc.deploy.station.control import Control
-from segway_ecc.deploy.station.events import EventLog
+from segway_ecc.deploy.station.fleet import EventLog
 from segway_ecc.deploy.station.views import Act
 
 

@@ -7,10 +7,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from segway_ecc.deploy.station.discovery import MOST_ROBOTS
-from segway_ecc.deploy.station.events import EventLog
-from segway_ecc.deploy.station.fleet import Fleet
-from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.fleet import MOST_ROBOTS, EventLog, Fleet, Heartbeats
 from segway_ecc.deploy.station.robot_messages import Health, ModeReport, Pitch, SetpointReport, Supply
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.node.safety.modes import Mode

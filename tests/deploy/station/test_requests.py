@@ -3,8 +3,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.connection import ServiceResponse, once
-from segway_ecc.deploy.station.requests import Requests
+from segway_ecc.deploy.station.requests import Requests, ServiceResponse, once
 from segway_ecc.node.safety.modes import Action
 
 S = 1_000_000_000

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.station.bundle_part import robots
+from segway_ecc.deploy.station.station_bundle import robots
 from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Part, Stored, write_bundle
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.deploy.support.parts import machine

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.station.views import FleetView, RobotView
-from segway_ecc.deploy.verbs.station_status import exit_code, is_settled, screen
+from segway_ecc.deploy.verbs.station_status import exit_code, screen
 from segway_ecc.node.cli.main import main
 from tests.ros_domains import next_domain
 
@@ -50,9 +50,9 @@ def test_the_exit_code(robots: tuple[RobotView, ...], code: int) -> None:
 
 
 def test_fleet_is_settled_once_every_robot_has_sent_all() -> None:
-    assert not is_settled(fleet())
-    assert is_settled(fleet(WELL, LOST))
-    assert not is_settled(fleet(WELL, FAULT))
+    assert not fleet().is_settled
+    assert fleet(WELL, LOST).is_settled
+    assert not fleet(WELL, FAULT).is_settled
 
 
 def test_the_screen() -> None:

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from segway_ecc.deploy.station.connection import Reply
+from segway_ecc.deploy.station.requests import Reply
 from segway_ecc.deploy.station.views import Command, Drive, EventView, FleetView, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.deploy.station.events import EventLog
+from segway_ecc.deploy.station.fleet import EventLog
 
 
 def test_the_ring_keeps_the_newest_and_the_numbers_go_on() -> None:

@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.connection import ServiceResponse
+from segway_ecc.deploy.station.requests import ServiceResponse, Stop, StopState
 from segway_ecc.deploy.station.robot_messages import ModeReport
-from segway_ecc.deploy.station.stops import Stop, StopState
 from segway_ecc.node.safety.modes import Action, Mode
 
 MS = 1_000_000

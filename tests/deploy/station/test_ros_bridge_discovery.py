@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.deploy.station.discovery import MODE_TYPE, robots_in, topic
+from segway_ecc.deploy.station.ros_bridge import MODE_TYPE, robots_in, topic
 
 
 def test_a_robot_is_a_mode_of_the_right_type() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.posture import PostureRequest
+from segway_ecc.deploy.station.requests import PostureRequest
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.safety.modes import Mode
 

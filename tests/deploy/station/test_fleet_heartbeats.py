@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.station.heartbeats import Heartbeats
+from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.safety.modes import Mode
 

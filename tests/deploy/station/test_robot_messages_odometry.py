@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from segway_ecc.deploy.station.odometry import read_odometry
+from segway_ecc.deploy.station.robot_messages import read_odometry
 from segway_ecc.node.recording import cdr
 
 
