@@ -17,8 +17,7 @@ from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.access import Access, load_access, new_access
-from segway_ecc.deploy.station.web.listening import bind, site_address_of, tls_context, url
-from segway_ecc.deploy.station.web.origins import SiteAddress
+from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, tls_context, url
 from segway_ecc.deploy.support.archive_calls import ArchiveCalls
 from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.interrupts import ends_at_once

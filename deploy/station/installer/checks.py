@@ -8,7 +8,7 @@ from segway_ecc.deploy.station.installer.machine import USER, Owner, TargetMachi
 from segway_ecc.deploy.station.installer.program import is_hidden
 from segway_ecc.deploy.station.installer.rendering import ENVIRONMENT, STATION
 from segway_ecc.deploy.station.installer.settings import InstallSettings
-from segway_ecc.deploy.station.web.listening import bind, tls_context
+from segway_ecc.deploy.station.web.site_address import bind, tls_context
 from segway_ecc.node.errors import ConfigurationError, NodeError
 
 

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""The routes."""
+"""The routes, and the page's files."""
 
 import asyncio
+import importlib.resources
 import logging
 from collections import Counter
 from collections.abc import Awaitable, Callable
+from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Final, TypeAlias
 
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
@@ -14,7 +17,6 @@ from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
 from segway_ecc.deploy.station.web.browser import Browser, Client, SharedServices
 from segway_ecc.deploy.station.web.downloads import Downloads
-from segway_ecc.deploy.station.web.files import page_files
 from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError, json_response, refusal
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
@@ -35,6 +37,13 @@ _HEADERS: Final = {
 _WITH_FORMS: Final = ("/logs", "/robots/")
 _Handler: TypeAlias = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _logger = logging.getLogger(__name__)
+_TYPES: Final = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    "": "text/plain",
+}
 
 
 class WebApplication:
@@ -56,7 +65,7 @@ class WebApplication:
         self._shared = shared
         self._hub = hub
         self._authentication = authentication
-        self._files = page_files()
+        self._files = _page_files()
         self._downloads = downloads
 
     def app(self) -> web.Application:
@@ -107,7 +116,8 @@ class WebApplication:
         file = self._files.get(request.match_info.get("path", "index.html"))
         if file is None:
             raise RefusedRequestError(Cause.NOT_FOUND)
-        return web.Response(body=file.content, content_type=file.kind, charset=file.charset)
+        content, kind = file
+        return web.Response(body=content, content_type=kind, charset="utf-8")
 
     async def _health(self, _: web.Request) -> web.Response:
         if self._hub.is_stalled:
@@ -208,3 +218,16 @@ async def _prepare(request: web.Request, response: web.StreamResponse) -> None:
     is_ours = request.path == "/" or request.path.startswith("/static/")
     response.headers["Cache-Control"] = "no-cache" if is_ours else "no-store"
     response.headers.popall("Server", None)
+
+
+def _page_files(folder: Traversable | None = None, prefix: str = "") -> dict[str, tuple[bytes, str]]:
+    """Every file of the page by its path, with its MIME type; nothing else can be requested, whatever path is given."""
+    found: dict[str, tuple[bytes, str]] = {}
+    for item in (folder or importlib.resources.files("segway_ecc.deploy.station") / "page").iterdir():
+        path = f"{prefix}{item.name}"
+        kind = _TYPES.get(Path(item.name).suffix)
+        if item.is_dir():
+            found |= _page_files(item, f"{path}/")
+        elif kind is not None and not item.name.startswith("."):
+            found[path] = (item.read_bytes(), kind)
+    return found

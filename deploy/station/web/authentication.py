@@ -9,12 +9,11 @@ from typing import Final
 import msgspec
 from aiohttp import web
 
-from segway_ecc.deploy.station.web.access import Access, Role
+from segway_ecc.deploy.station.web.access import LONGEST_S, Access, Role, Session, Sessions
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
-from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError
-from segway_ecc.deploy.station.web.sessions import LONGEST_S, Session, Sessions
+from segway_ecc.deploy.station.web.site_address import SiteAddress
 
 _BODY_S: Final = 5.0
 

@@ -8,22 +8,44 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final
+from typing import IO, Final, Protocol, TypeAlias
 
 from aiohttp import web
 
+from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.views import FleetView
-from segway_ecc.deploy.station.web.interfaces import Archive, Bundle
 from segway_ecc.deploy.station.web.log_pages import RobotLogs, logs_page, path_of
 from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError, json_response
 from segway_ecc.deploy.support.log_folder import LogFile, logs_in, open_log
 from segway_ecc.node.errors import NodeError
 
+Bundle: TypeAlias = Callable[[str], IO[bytes]]
+"""Makes the support bundle of a robot, a zip, as an open file with a descriptor, which is the caller's to close; it may
+take a minute, and is called in a thread of its own."""
 _PIECE_BYTES: Final = 256 * 1024
 _NOT_PLAIN: Final = re.compile(r"[^A-Za-z0-9._-]")
 _AT_ONCE: Final = 8
 _MOST_LISTED: Final = 20
 _FRESH_NS: Final = 2_000_000_000
+
+
+class Archive(Protocol):
+    """Fetches the logs of robots; `deploy.station.archive_client.ArchiveClient` is one. Its methods may wait."""
+
+    def logs(self, robot: str) -> Sequence[LogFile]:
+        """The logs that a robot offers; raises a NodeError with the reason where it offers none."""
+
+    def begin(self, robot: str, name: str) -> None:
+        """Begin to fetch one; raises a NodeError with the reason where it cannot."""
+
+    def progress(self, robot: str) -> Mapping[str, Progress]:
+        """The progress of a robot's logs, by name; does not wait."""
+
+    def open(self, robot: str, name: str) -> tuple[int, int]:
+        """The descriptor and size of one that was fetched; raises FileNotFoundError."""
+
+    def close(self) -> None:
+        """End all fetches; may be called again."""
 
 
 class Downloads:

@@ -20,13 +20,12 @@ from segway_ecc.deploy.station.web.access import Access
 from segway_ecc.deploy.station.web.app import WebApplication
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
-from segway_ecc.deploy.station.web.browser import SharedServices
+from segway_ecc.deploy.station.web.browser import Robots, SharedServices
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
-from segway_ecc.deploy.station.web.downloads import Downloads
-from segway_ecc.deploy.station.web.interfaces import Archive, Bundle, Robots
+from segway_ecc.deploy.station.web.downloads import Archive, Bundle, Downloads
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.site_address import SiteAddress
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
 _KEPT_ALIVE_S: Final = 15.0

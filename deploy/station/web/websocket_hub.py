@@ -11,8 +11,7 @@ import msgspec
 from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import FleetView, HelloView
-from segway_ecc.deploy.station.web.browser import Browser
-from segway_ecc.deploy.station.web.interfaces import Robots
+from segway_ecc.deploy.station.web.browser import Browser, Robots
 from segway_ecc.deploy.station.web.limits import Limits, site_of
 from segway_ecc.deploy.station.web.refusals import Cause
 

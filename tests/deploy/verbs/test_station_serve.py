@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.web.listening import bind, site_address_of, url
-from segway_ecc.deploy.station.web.origins import SiteAddress
+from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, url
 from segway_ecc.deploy.verbs import station_serve
 from tests.command import Outcome
 

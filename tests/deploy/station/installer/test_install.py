@@ -13,7 +13,7 @@ from segway_ecc.deploy.station.installer.machine import TargetMachine
 from segway_ecc.deploy.station.installer.rendering import ENVIRONMENT, FIREWALL, RULES, STATION, SYSUSERS, UNITS
 from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.listening import bind
+from segway_ecc.deploy.station.web.site_address import bind
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from tests.deploy.station.installer.conftest import COMMAND, Fake
 

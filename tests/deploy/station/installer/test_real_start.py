@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.station.installer.health import wait_until_healthy
-from segway_ecc.deploy.station.web.listening import bind
+from segway_ecc.deploy.station.web.site_address import bind
 from tests.deploy.station.installer.conftest import Fake, Outcome
 
 # What systemd does with a unit, as far as a start needs it.

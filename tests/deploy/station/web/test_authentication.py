@@ -8,8 +8,8 @@ from multidict import CIMultiDict
 from segway_ecc.deploy.station.web.audit import AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.origins import SiteAddress
 from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError
+from segway_ecc.deploy.station.web.site_address import SiteAddress
 
 OURS = "127.0.0.1:8700"
 

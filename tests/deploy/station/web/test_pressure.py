@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from yarl import URL
 
+from segway_ecc.deploy.station.web.access import IDLE_S
 from segway_ecc.deploy.station.web.limits import Limits, Rate
-from segway_ecc.deploy.station.web.sessions import IDLE_S
 from tests.deploy.station.web.attempts import OPERATOR
 from tests.deploy.station.web.raw_requests import hang_up, login, raw, still_answers
 from tests.deploy.station.web.serving import browser, served

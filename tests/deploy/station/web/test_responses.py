@@ -11,7 +11,7 @@ from typing import IO
 import pytest
 
 from segway_ecc.deploy.station.views import RobotView
-from segway_ecc.deploy.station.web.origins import SiteAddress
+from segway_ecc.deploy.station.web.site_address import SiteAddress
 from tests.deploy.station.web.attempts import OPERATOR, VIEWER
 from tests.deploy.station.web.raw_requests import login, logs, raw, still_answers
 from tests.deploy.station.web.scripted_station import ScriptedStation

@@ -12,7 +12,7 @@ import pytest
 
 from segway_ecc.deploy.station.views import Act
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.listening import tls_context
+from segway_ecc.deploy.station.web.site_address import tls_context
 from tests.deploy.station.web.scripted_station import full_robot
 from tests.deploy.station.web.serving import browser, closed, command, drive, receive, served
 from tests.deploy.station.web.socket_helpers import asked, until

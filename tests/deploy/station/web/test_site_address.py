@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.station.web.origins import SiteAddress
+from segway_ecc.deploy.station.web.site_address import SiteAddress
 
 LOOPBACK = SiteAddress("http", 8700)
 LAN = SiteAddress("https", 8700, frozenset({"base", "base.local"}), is_loopback=False)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.deploy.station.web.access import Role
+from segway_ecc.deploy.station.web.access import Role, Sessions, named
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.sessions import Sessions, named
 
 S = 1_000_000_000
 MINUTE = 60 * S

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.deploy.station.views import Act, Command, Drive
-from segway_ecc.deploy.station.web.messages import RefusedMessageError, decode
+from segway_ecc.deploy.station.web.browser import RefusedMessageError, decode
 from segway_ecc.deploy.station.web.refusals import Cause
 from tests.fuzzing import fuzzed
 
