@@ -283,7 +283,6 @@ def test_there_are_drive_families() -> None:
     [
         "firmware_io/drives/{}/frames.py",
         "firmware_io/drives/{}/driver.py",
-        "firmware_io/drives/{}/limits.py",
         "firmware_io/drives/{}/settings.py",
         "firmware_io/drives/{}/stop.py",
         "hil/devices/{}.py",
@@ -306,7 +305,6 @@ def test_there_are_imus() -> None:
     [
         "firmware_io/imus/{}/frames.py",
         "firmware_io/imus/{}/driver.py",
-        "firmware_io/imus/{}/limits.py",
         "firmware_io/imus/{}/settings.py",
         "hil/devices/{}.py",
     ],

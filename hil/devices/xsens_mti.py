@@ -4,8 +4,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, SAMPLE_TIME_TICKS, Message, encode
-from segway_ecc.firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
+from segway_ecc.firmware_io.imus.xsens_mti.frames import (
+    GROUP_COUNTS,
+    MAX_ANGULAR_VELOCITY,
+    MAX_LINEAR_ACCELERATION,
+    SAMPLE_TIME_TICKS,
+    Message,
+    encode,
+)
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 

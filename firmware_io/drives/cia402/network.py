@@ -11,8 +11,8 @@ import canopen
 from canopen.sdo.client import SdoClient
 
 from segway_ecc.firmware_io.drives.cia402.frames import NmtState, Service, unpack_heartbeat
-from segway_ecc.firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS
 from segway_ecc.firmware_io.drives.cia402.restoring import Exchange
+from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 

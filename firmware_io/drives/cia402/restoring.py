@@ -4,7 +4,7 @@
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from segway_ecc.firmware_io.drives.cia402.limits import ANSWER_WITHIN_NS
+from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS
 
 _READ: Final = 0x40
 """The specifier of a request to read."""

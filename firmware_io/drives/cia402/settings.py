@@ -10,6 +10,10 @@ from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
 Units = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
 
+HEARTBEAT_PERIOD_MS: Final = 20
+"""The drive's producer heartbeat time (0x1017), ms."""
+ANSWER_WITHIN_NS: Final = 300_000_000
+"""An SDO request that is not answered by then has failed."""
 _DEFAULT_HOST: Final = 127
 
 

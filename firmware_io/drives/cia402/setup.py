@@ -18,18 +18,9 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     pack_nmt,
     rated_torque,
 )
-from segway_ecc.firmware_io.drives.cia402.limits import (
-    ANSWER_WITHIN_NS,
-    BOOT_WITHIN_NS,
-    HEARTBEAT_PERIOD_MS,
-    MAX_SYNCS,
-    SETTLE_NS,
-    SUPPLY_PERIOD_US,
-    WATCHDOG_ALLOWED_MS,
-)
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
 from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
-from segway_ecc.firmware_io.drives.cia402.settings import SetUpPlan
+from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, SetUpPlan
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
 from segway_ecc.firmware_io.errors import HardwareError, LinkLostError
 from segway_ecc.firmware_io.links.link import Frame, Link
@@ -39,6 +30,16 @@ PROFILE: Final = 402
 EVERY_SYNC: Final = 1
 AT_ONCE: Final = 255
 """An RPDO of this transmission type acts when it arrives, be that before or after SYNC, whose identifier is lower."""
+_WATCHDOG_ALLOWED_MS: Final = (20, 50)
+"""Range of the drive's consumer heartbeat time (0x1016) that the robot may be armed with, ms."""
+_SUPPLY_PERIOD_US: Final = 100_000
+"""How often the drive sends the voltage of its supply, as near as a count of SYNCs comes, us."""
+_MAX_SYNCS: Final = 240
+"""The most SYNCs that a PDO can be sent every so many of (CiA 301, transmission type)."""
+_BOOT_WITHIN_NS: Final = 5_000_000_000
+"""After the order to start anew, a drive that has not reported by then is not there."""
+_SETTLE_NS: Final = 100_000_000
+"""After all drives have reported."""
 _DISABLE_VOLTAGE: Final = 2
 """Of 0x6007: where the host's heartbeat stops, the motor is to run free, as when a robot is disarmed."""
 _DISABLE_DRIVE: Final = 0
@@ -107,7 +108,7 @@ class _SetUp:
         self._write(0x1016, 1, plan.host_node_id << 16 | plan.watchdog_ms)
         found = self._read(0x1016, 1)
         host, time_ms = found >> 16, found & 0xFFFF
-        low, high = WATCHDOG_ALLOWED_MS
+        low, high = _WATCHDOG_ALLOWED_MS
         if host != plan.host_node_id or not low <= time_ms <= high:
             raise SetUpError(
                 f"its watchdog 0x1016:01 is set to {time_ms} ms for node {host}, asked was {plan.watchdog_ms} ms for "
@@ -145,7 +146,7 @@ class _SetUp:
 
     def _map_supply(self) -> None:
         """Have the supply's voltage sent now and then; a drive need not support that."""
-        every = min(max(SUPPLY_PERIOD_US // self._plan.cycle_us, EVERY_SYNC), MAX_SYNCS)
+        every = min(max(_SUPPLY_PERIOD_US // self._plan.cycle_us, EVERY_SYNC), _MAX_SYNCS)
         try:
             self._map(self._node.tpdo[3], Service.TPDO3, every)
         except SetUpError as error:
@@ -208,9 +209,9 @@ def commission(
     for wheel in wheels:
         link.send(_nmt(NmtCommand.RESET_COMMUNICATION, wheel))
     try:
-        network.wait_until(lambda: all(network.boots[wheel.node_id] for wheel in wheels), BOOT_WITHIN_NS)
+        network.wait_until(lambda: all(network.boots[wheel.node_id] for wheel in wheels), _BOOT_WITHIN_NS)
         # A drive that was switched on a moment ago reports that, and then the reset.
-        network.wait_until(lambda: False, SETTLE_NS)
+        network.wait_until(lambda: False, _SETTLE_NS)
     except LinkLostError as error:
         for wheel in wheels:
             wheel.trouble = str(error)

@@ -19,9 +19,8 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     unpack_heartbeat,
     unpack_supply,
 )
-from segway_ecc.firmware_io.drives.cia402.limits import HEARTBEAT_PERIOD_MS
 from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
-from segway_ecc.firmware_io.drives.cia402.settings import Cia402WheelSettings
+from segway_ecc.firmware_io.drives.cia402.settings import HEARTBEAT_PERIOD_MS, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.cia402.states import (
     WITHOUT_TORQUE,
     Controlword,

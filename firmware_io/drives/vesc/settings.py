@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Settings in a robot file for VESC controllers."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import msgspec
 
-from segway_ecc.firmware_io.drives.vesc.limits import MAX_CURRENT, TIMEOUT_ALLOWED_S
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
 
+_MAX_CURRENT: Final = 1_000.0
+"""More motor current than any VESC gives, A; a robot file that asks for more is wrong."""
 _WATCHDOG_DEFAULT = BusSettings().watchdog_s
 
 
@@ -27,7 +28,7 @@ class VescWheelSettings(WheelSettings, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Refuse a torque that no VESC gives; ValueError."""
-        if self.max_current > MAX_CURRENT:
+        if self.max_current > _MAX_CURRENT:
             raise ValueError(
                 f"max_torque {self.max_torque:g} N m takes {self.max_current:g} A of motor current; "
                 "are torque_constant and gear_ratio right?"
@@ -46,7 +47,7 @@ class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):
         left: The controller of the left wheel.
         right: The controller of the right wheel.
         timeout_set_s: The time-out that was set in both controllers with VESC Tool, s. It has no default: who writes
-            it confirms that it was set.
+            it confirms that it was set. 0.02 to 0.1; the firmware looks every 10 ms.
         status_rate_hz: The rate that was set for STATUS and STATUS_5, 1/s.
         serial: The UART of one controller, to fall back on.
         serial_controller: Whose UART it is; the other one is reached through it, over CAN.
@@ -54,7 +55,7 @@ class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):
 
     left: VescWheelSettings
     right: VescWheelSettings
-    timeout_set_s: Annotated[float, msgspec.Meta(ge=TIMEOUT_ALLOWED_S[0], le=TIMEOUT_ALLOWED_S[1])]
+    timeout_set_s: Annotated[float, msgspec.Meta(ge=0.02, le=0.1)]
     status_rate_hz: Annotated[float, msgspec.Meta(ge=50.0, le=1_000.0)] = 200.0
     serial: SerialSettings | None = None
     serial_controller: Literal["left", "right"] = "left"

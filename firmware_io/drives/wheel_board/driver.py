@@ -12,13 +12,14 @@ from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
+    MAX_VOLTAGE,
     BoardSetup,
     BoardState,
     BoardStatus,
     FrameId,
     WheelCommand,
 )
-from segway_ecc.firmware_io.drives.wheel_board.limits import COMMAND_LIMITS, WATCHDOG_ALLOWED_S
+from segway_ecc.firmware_io.drives.wheel_board.settings import WATCHDOG_ALLOWED_S
 from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.links.link import Frame, Link
 
@@ -41,7 +42,7 @@ class WheelBoard(PhasedDrive):
 
     name = "board"
     commands: Mapping[str, str] = {"left.voltage": "V", "right.voltage": "V"}
-    limits: Sequence[float] = tuple(COMMAND_LIMITS.values())
+    limits: Sequence[float] = (MAX_VOLTAGE, MAX_VOLTAGE)
 
     def __init__(
         self,

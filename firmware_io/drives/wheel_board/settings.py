@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Settings in a robot file for a wheel board."""
 
+from typing import Final
+
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings
+
+WATCHDOG_ALLOWED_S: Final = (0.02, 0.05)
+"""Range of the board's watchdog that the robot may be armed with."""
 
 
 class WheelBoardSettings(BusSettings, frozen=True, kw_only=True, tag="wheel_board"):

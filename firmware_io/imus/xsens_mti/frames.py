@@ -12,7 +12,6 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from segway_ecc.firmware_io.imus.xsens_mti.limits import MAX_ANGULAR_VELOCITY, MAX_LINEAR_ACCELERATION
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 
@@ -77,6 +76,10 @@ DEFAULT_IDS: Final = {
 }
 """Arbitration ids as the sensor is delivered."""
 
+MAX_ANGULAR_VELOCITY: Final = 35.0
+"""Largest magnitude on each axis, rad/s; the gyroscopes end at 2000 deg/s, a little below."""
+MAX_LINEAR_ACCELERATION: Final = 100.0
+"""Largest magnitude on each axis, m/s2; the accelerometers end at 10 g, a little below."""
 GROUP_COUNTS: Final = 1 << 16
 SAMPLE_TIME_TICKS: Final = 1 << 32
 
