@@ -4,7 +4,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.odrive.commands import TORQUE_CONTROL
+from segway_ecc.firmware_io.drives.odrive.messages import TORQUE_CONTROL
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices._odrive_axis import SimulatedAxis
 

@@ -3,9 +3,8 @@
 
 from typing import Final
 
-from segway_ecc.firmware_io.drives.odrive.commands import TORQUE_CONTROL, AxisState
-from segway_ecc.firmware_io.drives.odrive.errors import WATCHDOG
-from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.frames import WATCHDOG, Firmware
+from segway_ecc.firmware_io.drives.odrive.messages import TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveWheelSettings
 from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE

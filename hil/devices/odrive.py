@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.firmware_io.drives.odrive import commands as c
-from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, LAYOUTS, Firmware, Message, decode, encode
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
@@ -20,24 +19,24 @@ TICK_NS: Final = 1_000_000
 """Period of the firmware's server of the bus."""
 _NAMES: Final = ("left", "right")
 _FULL: Final = 8
-_VERSION: Final = t.Version(2, 4, 4, 58, 0, 6, 10, 0)
-_SETPOINTS: Final = (c.SetInputPosition, c.SetInputVelocity, c.SetInputTorque)
+_VERSION: Final = m.Version(2, 4, 4, 58, 0, 6, 10, 0)
+_SETPOINTS: Final = (m.SetInputPosition, m.SetInputVelocity, m.SetInputTorque)
 _TELEMETRY: Final[Mapping[type[Message], Callable[[SimulatedAxis], Message]]] = {
-    t.Heartbeat: lambda axis: t.Heartbeat(axis.error, axis.state),
-    t.ProcedureHeartbeat: lambda axis: t.ProcedureHeartbeat(axis.error, axis.state, axis.procedure_result),
-    t.EncoderEstimates: lambda axis: t.EncoderEstimates(axis.position_rev, axis.velocity_rev_s),
-    t.EncoderCount: lambda axis: t.EncoderCount(axis.counts, axis.counts % axis.counts_per_turn),
-    t.Currents: lambda axis: t.Currents(axis.current_a, axis.current_a),
-    t.Torques: lambda axis: t.Torques(axis.torque_nm, axis.torque_nm),
-    t.BusVoltageCurrent: lambda axis: t.BusVoltageCurrent(axis.supply_voltage, axis.supply_current_a),
-    t.Errors: lambda axis: t.Errors(axis.error, axis.error),
-    t.Temperatures: lambda _: t.Temperatures(30.0, None),
-    t.MotorError: lambda _: t.MotorError(0),
-    t.EncoderError: lambda _: t.EncoderError(0),
-    t.Version: lambda _: _VERSION,
+    m.Heartbeat: lambda axis: m.Heartbeat(axis.error, axis.state),
+    m.ProcedureHeartbeat: lambda axis: m.ProcedureHeartbeat(axis.error, axis.state, axis.procedure_result),
+    m.EncoderEstimates: lambda axis: m.EncoderEstimates(axis.position_rev, axis.velocity_rev_s),
+    m.EncoderCount: lambda axis: m.EncoderCount(axis.counts, axis.counts % axis.counts_per_turn),
+    m.Currents: lambda axis: m.Currents(axis.current_a, axis.current_a),
+    m.Torques: lambda axis: m.Torques(axis.torque_nm, axis.torque_nm),
+    m.BusVoltageCurrent: lambda axis: m.BusVoltageCurrent(axis.supply_voltage, axis.supply_current_a),
+    m.Errors: lambda axis: m.Errors(axis.error, axis.error),
+    m.Temperatures: lambda _: m.Temperatures(30.0, None),
+    m.MotorError: lambda _: m.MotorError(0),
+    m.EncoderError: lambda _: m.EncoderError(0),
+    m.Version: lambda _: _VERSION,
 }
 """What an axis sends in each message that is simulated."""
-_UNASKED: Final = (t.Heartbeat, t.ProcedureHeartbeat)
+_UNASKED: Final = (m.Heartbeat, m.ProcedureHeartbeat)
 """What is not sent on request."""
 
 
@@ -137,13 +136,13 @@ class SimulatedOdrive:
                     self._send(axis, cycle.message)
 
     def _cycles(self, settings: OdriveSettings) -> list[_Cycle]:
-        torque = t.Currents if self.firmware is Firmware.V0_5 else t.Torques
-        beat = t.Heartbeat if self.firmware is Firmware.V0_5 else t.ProcedureHeartbeat
+        torque = m.Currents if self.firmware is Firmware.V0_5 else m.Torques
+        beat = m.Heartbeat if self.firmware is Firmware.V0_5 else m.ProcedureHeartbeat
         periods: list[tuple[type[Message], float]] = [
             (beat, settings.heartbeat_period_s),
-            (t.EncoderEstimates, settings.encoder_period_s),
+            (m.EncoderEstimates, settings.encoder_period_s),
             (torque, settings.torque_period_s),
-            (t.BusVoltageCurrent, 0.1),
+            (m.BusVoltageCurrent, 0.1),
         ]
         return [_Cycle(message, round(period_s * 1e9)) for message, period_s in periods]
 
@@ -180,37 +179,37 @@ class SimulatedOdrive:
     def _obey(self, axis: SimulatedAxis, message: Message, now_ns: int) -> None:
         """Obey a message; a control mode is changed by its own frame only."""
         match message:
-            case c.SetAxisState(state):
+            case m.SetAxisState(state):
                 axis.request(state, now_ns)
-            case c.SetControllerMode(control_mode, input_mode):
+            case m.SetControllerMode(control_mode, input_mode):
                 axis.control_mode, axis.input_mode = control_mode, input_mode
-            case c.SetInputTorque(torque):
+            case m.SetInputTorque(torque):
                 axis.set_input(torque)
-            case c.SetInputVelocity(velocity, torque):
+            case m.SetInputVelocity(velocity, torque):
                 axis.set_input(torque, velocity)
-            case c.SetInputPosition(position, velocity, torque):
+            case m.SetInputPosition(position, velocity, torque):
                 axis.set_input(torque, velocity, position)
             case _:
                 self._manage(axis, message)
 
     def _manage(self, axis: SimulatedAxis, message: Message) -> None:
         match message:
-            case c.Estop():
+            case m.Estop():
                 axis.latch(ESTOP[self.firmware])
-            case c.ClearErrors():
+            case m.ClearErrors():
                 self._clear_board()
-            case c.ClearAxisErrors():
+            case m.ClearAxisErrors():
                 axis.error = 0
-            case c.Reboot():
+            case m.Reboot():
                 for each in self.axes:
                     each.restart()
-            case c.RebootAction(action) if action == 0:
+            case m.RebootAction(action) if action == 0:
                 axis.restart()
-            case c.SetLimits(velocity, current):
+            case m.SetLimits(velocity, current):
                 axis.velocity_limit_rev_s, axis.current_limit_a = velocity, current
-            case c.SetLinearCount(counts):
+            case m.SetLinearCount(counts):
                 axis.set_origin(counts / axis.counts_per_turn)
-            case c.SetAbsolutePosition(position):
+            case m.SetAbsolutePosition(position):
                 axis.set_origin(position)
 
     def _send(self, axis: SimulatedAxis, kind: type[Message]) -> None:

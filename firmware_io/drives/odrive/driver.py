@@ -4,28 +4,34 @@
 import math
 import time
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
-from segway_ecc.firmware_io.drives.odrive import commands as c
-from segway_ecc.firmware_io.drives.odrive.commands import PASSTHROUGH, TORQUE_CONTROL, AxisState
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VERSION, Firmware, Message, encode, request
-from segway_ecc.firmware_io.drives.odrive.limits import IN_FLIGHT_NS, RESEND_NS, STEPS_BITS
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
+from segway_ecc.firmware_io.drives.odrive.messages import PASSTHROUGH, TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.freshness import NowNs
 from segway_ecc.firmware_io.links.link import Frame, Link
 
-_ZERO = c.SetInputTorque(0.0)
-_TORQUE_MODE = c.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
+_ZERO = m.SetInputTorque(0.0)
+_TORQUE_MODE = m.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
 _NEVER = -(1 << 62)
+_RESEND_NS: Final = 50_000_000
+"""A step that the axis has not confirmed is sent again after this long."""
+_IN_FLIGHT_NS: Final = 5_000_000
+"""What arrives this soon after a frame was sent may have been on its way before; a frame waits a few ms at the most."""
+_STEPS_BITS: Final = 4_000
+"""What it takes on the serial line to disable both axes and enable them again: 380 bytes of ten bits."""
 _CALIBRATE = "calibrate it where it is not: stop the node, wheels in the air, FULL_CALIBRATION_SEQUENCE, save"
 
 
 class Odrive(PhasedDrive):
     """One wheel on an axis of an ODrive; see `Drive`.
 
-    An axis that has not yet proved its watchdog (see `watchdog`) must receive nothing for a while. "Zero is sent, not
+    An axis whose watchdog is not proved yet (`WatchdogProof`) must receive nothing for a while. "Zero is sent, not
     silence" stands for: a drive never holds an old torque because its host sent nothing. An idle axis has its motor
     switched off, so silence leaves no torque standing. That is why silence begins only once a heartbeat has shown that
     the axis is idle, and ends, with zero and idle sent again and again, when heartbeats stop or show another state.
@@ -47,9 +53,9 @@ class Odrive(PhasedDrive):
         self.listens_to = self._axis.listens_to
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # All steps of both wheels may be on their way over the serial line.
-        line_s = 0.0 if settings.serial is None else STEPS_BITS / settings.serial.baudrate
-        self._settled_ns = round((loop_period_s + line_s) * 1e9) + IN_FLIGHT_NS
-        self._resend_ns = max(RESEND_NS, self._settled_ns + round(2e9 * beat_s))
+        line_s = 0.0 if settings.serial is None else _STEPS_BITS / settings.serial.baudrate
+        self._settled_ns = round((loop_period_s + line_s) * 1e9) + _IN_FLIGHT_NS
+        self._resend_ns = max(_RESEND_NS, self._settled_ns + round(2e9 * beat_s))
         self._cleared: tuple[str, ...] = ()
         self._stepped_ns = _NEVER
         self._first_step_ns: int | None = None
@@ -129,7 +135,7 @@ class Odrive(PhasedDrive):
                 # An axis that no longer follows commands gets zero.
                 wanted = commands[0] if self._axis.is_closed_loop and math.isfinite(commands[0]) else 0.0
                 limited = min(max(wanted, -self._wheel.max_torque), self._wheel.max_torque)
-                self._send(c.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
+                self._send(m.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
             case Phase.ENABLING:
                 self._step()
             case Phase.OFF:
@@ -193,7 +199,7 @@ class Odrive(PhasedDrive):
         self._send(_TORQUE_MODE)
         self._send(_ZERO)
         self._clear()
-        self._send(c.SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
+        self._send(m.SetAxisState(AxisState.CLOSED_LOOP_CONTROL))
 
     def _rest(self) -> None:
         """Keep the axis idle, find out what it is, and let its watchdog prove itself."""
@@ -202,7 +208,7 @@ class Odrive(PhasedDrive):
             self._send(_ZERO)
             if now_ns - self._stepped_ns >= self._resend_ns:
                 self._stepped_ns = now_ns
-                self._send(c.SetAxisState(AxisState.IDLE))
+                self._send(m.SetAxisState(AxisState.IDLE))
         elif axis.search.found is None or axis.proof.is_proven:
             self._send(_ZERO)
         elif axis.proof.needs_clearing(now_ns):
@@ -217,11 +223,11 @@ class Odrive(PhasedDrive):
     def _stop(self) -> None:
         self._stepped_ns = self._now_ns()
         self._send(_ZERO)
-        self._send(c.SetAxisState(AxisState.IDLE))
+        self._send(m.SetAxisState(AxisState.IDLE))
 
     def _clear(self) -> None:
         self._cleared = self._axis.errors or self._cleared
-        self._send(c.ClearAxisErrors() if self._axis.search.found is Firmware.V0_6 else c.ClearErrors())
+        self._send(m.ClearAxisErrors() if self._axis.search.found is Firmware.V0_6 else m.ClearErrors())
 
     def _send(self, command: Message) -> None:
         self._put(encode(self._axis.search.found or Firmware.V0_5, self._wheel.node_id, command))

@@ -12,8 +12,7 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from segway_ecc.firmware_io.drives.odrive import commands as c
-from segway_ecc.firmware_io.drives.odrive import telemetry as t
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
@@ -27,12 +26,9 @@ ESTIMATES: Final = 0x09
 _FULL: Final = 8
 _FEEDFORWARD: Final = 0.001
 """rev/s and N m; 0.6 can be configured otherwise, which is not supported."""
-_SDO: Final = struct.Struct("<BHx")
-_ADDRESS: Final = struct.Struct("<BIH")
-_NAN: Final = math.nan
 
 Message = tuple[Any, ...]
-"""One of the classes of `commands` and `telemetry`."""
+"""One of the classes of `messages`."""
 
 
 @enum.unique
@@ -74,137 +70,135 @@ _sent: Final = functools.partial(_asked, least=_FULL)
 """A frame of the axis, as its fields stand; always eight bytes."""
 
 
-def _pack_heartbeat(h: t.Heartbeat) -> bytes:
+def _pack_heartbeat(h: m.Heartbeat) -> bytes:
     last = h.controller_error | h.trajectory_done << 7
     return struct.pack("<IBBBB", h.axis_error, h.state, h.motor_error, h.encoder_error, last)
 
 
-def _unpack_heartbeat(data: bytes) -> t.Heartbeat:
+def _unpack_heartbeat(data: bytes) -> m.Heartbeat:
     error, state, motor, encoder, last = struct.unpack("<IBBBB", data)
-    return t.Heartbeat(error, state, bool(motor & 1), bool(encoder & 1), bool(last & 1), bool(last >> 7))
+    return m.Heartbeat(error, state, bool(motor & 1), bool(encoder & 1), bool(last & 1), bool(last >> 7))
 
 
-def _unpack_procedure_heartbeat(data: bytes) -> t.ProcedureHeartbeat:
+def _unpack_procedure_heartbeat(data: bytes) -> m.ProcedureHeartbeat:
     error, state, result, flags = struct.unpack("<IBBBx", data)
-    return t.ProcedureHeartbeat(error, state, result, bool(flags & 1))
+    return m.ProcedureHeartbeat(error, state, result, bool(flags & 1))
 
 
-def _pack_input_position(p: c.SetInputPosition) -> bytes:
+def _pack_input_position(p: m.SetInputPosition) -> bytes:
     feedforwards = (round(p.velocity_rev_s / _FEEDFORWARD), round(p.torque_nm / _FEEDFORWARD))
     return struct.pack("<fhh", p.position_rev, *feedforwards)
 
 
-def _unpack_input_position(data: bytes) -> c.SetInputPosition:
+def _unpack_input_position(data: bytes) -> m.SetInputPosition:
     position, velocity, torque = struct.unpack("<fhh", data)
-    return c.SetInputPosition(position, velocity * _FEEDFORWARD, torque * _FEEDFORWARD)
+    return m.SetInputPosition(position, velocity * _FEEDFORWARD, torque * _FEEDFORWARD)
 
 
-def _unpack_temperatures(data: bytes) -> t.Temperatures:
+def _unpack_temperatures(data: bytes) -> m.Temperatures:
     # The drive sends NaN for a sensor that it does not have.
     first, second = (None if math.isnan(value) else value for value in struct.unpack("<ff", data))
-    return t.Temperatures(first, second)
-
-
-def _pack_sdo(opcode: int, endpoint: int, value: bytes) -> bytes:
-    if len(value) > _FULL - _SDO.size:
-        raise OverflowError
-    return _SDO.pack(opcode, endpoint) + value
-
-
-def _unpack_rx_sdo(data: bytes) -> c.RxSdo:
-    opcode, endpoint = _SDO.unpack_from(data)
-    return c.RxSdo(opcode, endpoint, data[_SDO.size :])
-
-
-def _pack_address(address: c.Address) -> bytes:
-    node_id, serial, connection = address
-    body = _ADDRESS.pack(node_id, serial & 0xFFFFFFFF, serial >> 32)
-    return body if connection is None else body + struct.pack("B", connection)
-
-
-def _unpack_address(data: bytes) -> c.Address:
-    node_id, low, high = _ADDRESS.unpack_from(data)
-    return c.Address(node_id, low | high << 32, data[_ADDRESS.size] if len(data) > _ADDRESS.size else None)
+    return m.Temperatures(first, second)
 
 
 _BOTH: Final[Mapping[int, _FrameLayout]] = {
-    0x02: _asked(c.Estop, length=0),
-    0x07: _asked(c.SetAxisState, "I"),
-    ESTIMATES: _sent(t.EncoderEstimates, "ff"),
-    0x0B: _asked(c.SetControllerMode, "II"),
-    0x0C: _FrameLayout(c.SetInputPosition, range(_FULL, _FULL + 1), _pack_input_position, _unpack_input_position),
-    0x0D: _asked(c.SetInputVelocity, "ff"),
-    0x0E: _asked(c.SetInputTorque, "f"),
-    0x0F: _asked(c.SetLimits, "ff"),
-    0x11: _asked(c.SetTrajectoryVelocityLimit, "f"),
-    0x12: _asked(c.SetTrajectoryAccelerationLimits, "ff"),
-    0x13: _asked(c.SetTrajectoryInertia, "f"),
-    0x14: _sent(t.Currents, "ff"),
-    0x17: _sent(t.BusVoltageCurrent, "ff"),
-    0x1A: _asked(c.SetPositionGain, "f"),
-    0x1B: _asked(c.SetVelocityGains, "ff"),
+    0x02: _asked(m.Estop, length=0),
+    0x07: _asked(m.SetAxisState, "I"),
+    ESTIMATES: _sent(m.EncoderEstimates, "ff"),
+    0x0B: _asked(m.SetControllerMode, "II"),
+    0x0C: _FrameLayout(m.SetInputPosition, range(_FULL, _FULL + 1), _pack_input_position, _unpack_input_position),
+    0x0D: _asked(m.SetInputVelocity, "ff"),
+    0x0E: _asked(m.SetInputTorque, "f"),
+    0x0F: _asked(m.SetLimits, "ff"),
+    0x14: _sent(m.Currents, "ff"),
+    0x17: _sent(m.BusVoltageCurrent, "ff"),
 }
 LAYOUTS: Final[Mapping[Firmware, Mapping[int, _FrameLayout]]] = {
     Firmware.V0_5: {
         **_BOTH,
-        HEARTBEAT: _FrameLayout(t.Heartbeat, range(_FULL, _FULL + 1), _pack_heartbeat, _unpack_heartbeat),
-        0x03: _sent(t.MotorError, "Q"),
-        0x04: _sent(t.EncoderError, "I"),
-        0x05: _sent(t.SensorlessError, "I"),
-        0x06: _asked(c.SetAxisNodeId, "I"),
-        0x0A: _sent(t.EncoderCount, "ii"),
-        0x10: _asked(c.StartAnticogging, length=0),
-        0x15: _sent(t.SensorlessEstimates, "ff"),
-        0x16: _asked(c.Reboot, length=0),
-        0x18: _asked(c.ClearErrors, length=0),
-        0x19: _asked(c.SetLinearCount, "i"),
-        0x1C: _sent(t.AdcVoltage, "f"),
-        0x1D: _sent(t.ControllerError, "I"),
+        HEARTBEAT: _FrameLayout(m.Heartbeat, range(_FULL, _FULL + 1), _pack_heartbeat, _unpack_heartbeat),
+        0x03: _sent(m.MotorError, "Q"),
+        0x04: _sent(m.EncoderError, "I"),
+        0x0A: _sent(m.EncoderCount, "ii"),
+        0x16: _asked(m.Reboot, length=0),
+        0x18: _asked(m.ClearErrors, length=0),
+        0x19: _asked(m.SetLinearCount, "i"),
+        0x1D: _sent(m.ControllerError, "I"),
     },
     Firmware.V0_6: {
         **_BOTH,
-        VERSION: _sent(t.Version, "8B"),
-        HEARTBEAT: _sent(t.ProcedureHeartbeat, "IBBB")._replace(unpack=_unpack_procedure_heartbeat),
-        0x03: _sent(t.Errors, "II"),
-        0x04: _FrameLayout(c.RxSdo, range(_SDO.size, _FULL + 1), lambda m: _pack_sdo(*m), _unpack_rx_sdo),
-        0x05: _FrameLayout(
-            t.TxSdo,
-            range(_SDO.size, _FULL + 1),
-            lambda m: _pack_sdo(0, *m),
-            lambda data: t.TxSdo(*_unpack_rx_sdo(data)[1:]),
-        ),
-        0x06: _FrameLayout(c.Address, range(_ADDRESS.size, _FULL + 1), _pack_address, _unpack_address),
-        0x15: _sent(t.Temperatures, "ff")._replace(
-            pack=lambda m: struct.pack("<ff", *(_NAN if value is None else value for value in m)),
+        VERSION: _sent(m.Version, "8B"),
+        HEARTBEAT: _sent(m.ProcedureHeartbeat, "IBBB")._replace(unpack=_unpack_procedure_heartbeat),
+        0x03: _sent(m.Errors, "II"),
+        0x15: _sent(m.Temperatures, "ff")._replace(
+            pack=lambda values: struct.pack("<ff", *(math.nan if value is None else value for value in values)),
             unpack=_unpack_temperatures,
         ),
-        0x16: _asked(c.RebootAction, "B", length=1),
-        0x18: _asked(c.ClearAxisErrors, "B", length=1),
-        0x19: _asked(c.SetAbsolutePosition, "f"),
-        0x1C: _sent(t.Torques, "ff"),
-        0x1D: _sent(t.Powers, "ff"),
-        0x1F: _asked(c.EnterDfuMode, length=0),
+        0x16: _asked(m.RebootAction, "B", length=1),
+        0x18: _asked(m.ClearAxisErrors, "B", length=1),
+        0x19: _asked(m.SetAbsolutePosition, "f"),
+        0x1C: _sent(m.Torques, "ff"),
+        0x1D: _sent(m.Powers, "ff"),
     },
 }
-"""Every frame by its command."""
+"""Every frame that is used here, by its command."""
 _COMMAND_OF: Final = {
     firmware: {layout.message: command for command, layout in layouts.items()} for firmware, layouts in LAYOUTS.items()
 }
 
+AXIS_ERRORS: Final[Mapping[Firmware, Mapping[int, str]]] = {
+    Firmware.V0_5: {
+        0x1: "INVALID_STATE",
+        0x40: "MOTOR_FAILED",
+        0x80: "SENSORLESS_ESTIMATOR_FAILED",
+        0x100: "ENCODER_FAILED",
+        0x200: "CONTROLLER_FAILED",
+        0x800: "WATCHDOG_TIMER_EXPIRED",
+        0x1000: "MIN_ENDSTOP_PRESSED",
+        0x2000: "MAX_ENDSTOP_PRESSED",
+        0x4000: "ESTOP_REQUESTED",
+        0x20000: "HOMING_WITHOUT_ENDSTOP",
+        0x40000: "OVER_TEMP",
+        0x80000: "UNKNOWN_POSITION",
+    },
+    Firmware.V0_6: {
+        0x1: "INITIALIZING",
+        0x2: "SYSTEM_LEVEL",
+        0x4: "TIMING_ERROR",
+        0x8: "MISSING_ESTIMATE",
+        0x10: "BAD_CONFIG",
+        0x20: "DRV_FAULT",
+        0x40: "MISSING_INPUT",
+        0x100: "DC_BUS_OVER_VOLTAGE",
+        0x200: "DC_BUS_UNDER_VOLTAGE",
+        0x400: "DC_BUS_OVER_CURRENT",
+        0x800: "DC_BUS_OVER_REGEN_CURRENT",
+        0x1000: "CURRENT_LIMIT_VIOLATION",
+        0x2000: "MOTOR_OVER_TEMP",
+        0x4000: "INVERTER_OVER_TEMP",
+        0x8000: "VELOCITY_LIMIT_VIOLATION",
+        0x10000: "POSITION_LIMIT_VIOLATION",
+        0x1000000: "WATCHDOG_TIMER_EXPIRED",
+        0x2000000: "ESTOP_REQUESTED",
+        0x4000000: "SPINOUT_DETECTED",
+        0x8000000: "BRAKE_RESISTOR_DISARMED",
+        0x10000000: "THERMISTOR_DISCONNECTED",
+        0x40000000: "CALIBRATION_ERROR",
+    },
+}
+"""Names by bit, as in `Axis.Error` of the ODrive v3 firmware 0.5.6, and in the DBC of 0.6.10."""
+WATCHDOG: Final[Mapping[Firmware, int]] = {Firmware.V0_5: 0x800, Firmware.V0_6: 0x1000000}
+"""The bit that the watchdog expired."""
 
-def motor_motion(estimates: t.EncoderEstimates) -> tuple[float, float]:
+
+def motor_motion(estimates: m.EncoderEstimates) -> tuple[float, float]:
     """Angle, rad, and velocity, rad/s, of the motor."""
     return estimates.position_rev * TURN, estimates.velocity_rev_s * TURN
 
 
-def angle_resolution(estimates: t.EncoderEstimates) -> float:
+def angle_resolution(estimates: m.EncoderEstimates) -> float:
     """Step of the motor's angle, rad, on the wire: of a float of 24 bits instead of Python's 53."""
     return math.ulp(max(1.0, abs(estimates.position_rev))) * (1 << 29) * TURN
-
-
-def command_of(firmware: Firmware, message: type[Any]) -> int:
-    """The command that carries a type of message; KeyError where that firmware has none."""
-    return _COMMAND_OF[firmware][message]
 
 
 def arbitration_id(node_id: int, command: int) -> int:
@@ -261,3 +255,10 @@ def decode(firmware: Firmware, identifier: int, data: bytes) -> Message:
 
 def _is_finite(message: tuple[object, ...]) -> bool:
     return all(math.isfinite(value) for value in message if isinstance(value, float))
+
+
+def error_names(firmware: Firmware, errors: int) -> tuple[str, ...]:
+    """The names of the bits that are set, lowest first; a bit without a name is given as a number."""
+    names = AXIS_ERRORS[firmware]
+    bits = (1 << index for index in range(errors.bit_length()) if errors >> index & 1)
+    return tuple(names.get(bit, f"0x{bit:X}") for bit in bits)

@@ -6,38 +6,39 @@ from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from segway_ecc.firmware_io.drives.odrive import telemetry as t
-from segway_ecc.firmware_io.drives.odrive.commands import AxisState
-from segway_ecc.firmware_io.drives.odrive.errors import WATCHDOG, error_names
-from segway_ecc.firmware_io.drives.odrive.firmware import FirmwareSearch
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
     ESTIMATES,
     HEARTBEAT,
+    LAYOUTS,
     VERSION,
+    WATCHDOG,
     Firmware,
     Message,
     angle_resolution,
     arbitration_id,
     decode,
+    error_names,
     motor_motion,
 )
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState
+from segway_ecc.firmware_io.drives.odrive.probes import FirmwareSearch, WatchdogProof
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.odrive.watchdog import WatchdogProof
 from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 
 _SHOWN_IN_HEALTH: Final[Mapping[type[Any], str]] = {
-    t.BusVoltageCurrent: "bus",
-    t.Temperatures: "temperature",
-    t.Currents: "motor_current",
-    t.Torques: "motor_torque",
-    t.Powers: "power",
-    t.Errors: "errors",
-    t.MotorError: "motor",
-    t.EncoderError: "encoder",
-    t.ControllerError: "controller",
+    m.BusVoltageCurrent: "bus",
+    m.Temperatures: "temperature",
+    m.Currents: "motor_current",
+    m.Torques: "motor_torque",
+    m.Powers: "power",
+    m.Errors: "errors",
+    m.MotorError: "motor",
+    m.EncoderError: "encoder",
+    m.ControllerError: "controller",
 }
 _NOT_CALIBRATED: Final = 14
 """Result of a procedure (`ProcedureResult` in the firmware of 0.6)."""
@@ -88,7 +89,7 @@ class AxisListener:
         }
         self._fresh = Freshness(stale_ns, now_ns)
         self._beat_ns: int | None = None
-        self._estimates = t.EncoderEstimates(0.0, 0.0)
+        self._estimates = m.EncoderEstimates(0.0, 0.0)
         self._torque = 0.0
         self._supply = 0.0
         self._newest: dict[type[Any], Any] = {}
@@ -98,8 +99,8 @@ class AxisListener:
         if (frame.arbitration_id, frame.is_extended) not in self.listens_to:
             return False
         firmware = self._meaning(frame.arbitration_id % COMMANDS)
-        if firmware is None:
-            return False  # what it means is not known yet
+        if firmware is None or frame.arbitration_id % COMMANDS not in LAYOUTS[firmware]:
+            return False  # what it means is not known yet, or nothing that is used here
         try:
             message = decode(firmware, frame.arbitration_id, frame.data)
         except FrameRefusedError as error:
@@ -172,24 +173,24 @@ class AxisListener:
 
     def _keep(self, message: Message, received_ns: int) -> None:
         match message:
-            case t.Heartbeat() | t.ProcedureHeartbeat():
-                result = message.procedure_result if isinstance(message, t.ProcedureHeartbeat) else None
+            case m.Heartbeat() | m.ProcedureHeartbeat():
+                result = message.procedure_result if isinstance(message, m.ProcedureHeartbeat) else None
                 self.is_uncalibrated = result == _NOT_CALIBRATED
                 self._take_heartbeat(message.axis_error, message.state, received_ns)
-            case t.EncoderEstimates():
+            case m.EncoderEstimates():
                 self._estimates = message
                 self._fresh.mark("estimates", received_ns)
-            case t.Version():
+            case m.Version():
                 before = self.search.found
                 self.search.answer(message)
                 if self.search.found is not before:
                     self.proof.reset()
-            case t.Torques():
+            case m.Torques():
                 self._measure(message.estimate_nm, received_ns)
-            case t.BusVoltageCurrent(voltage):
+            case m.BusVoltageCurrent(voltage):
                 self._supply = voltage
                 self._fresh.mark("supply", received_ns)
-            case t.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
+            case m.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
                 self._measure(message.measured_a * self._wheel.torque_constant, received_ns)
         if type(message) in _SHOWN_IN_HEALTH:
             self._newest[type(message)] = message

@@ -19,10 +19,10 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.messages import BusVoltageCurrent, EncoderEstimates, Heartbeat
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.odrive.telemetry import BusVoltageCurrent, EncoderEstimates, Heartbeat
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.serial_link import LOST
@@ -180,13 +180,13 @@ def _number(reply: bytes) -> int:
 def _texts(axis: int, message: Message) -> list[str]:
     """The lines for a command; none where the protocol has none that this robot needs."""
     match message:
-        case c.SetInputTorque(torque):
+        case m.SetInputTorque(torque):
             return [f"c {axis} {torque:.6f}"]
-        case c.SetAxisState(state):
+        case m.SetAxisState(state):
             return [f"w axis{axis}.requested_state {state}"]
-        case c.SetControllerMode(control_mode, input_mode):
+        case m.SetControllerMode(control_mode, input_mode):
             controller = f"w axis{axis}.controller.config"
             return [f"{controller}.control_mode {control_mode}", f"{controller}.input_mode {input_mode}"]
-        case c.ClearErrors():
+        case m.ClearErrors():
             return ["sc"]
     return []

@@ -5,11 +5,11 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
-from segway_ecc.firmware_io.drives.odrive.limits import MAX_NODE_ID
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.settings import BusSettings, Positive, WheelSettings
 
-NodeId = Annotated[int, msgspec.Meta(ge=0, le=MAX_NODE_ID)]
+NodeId = Annotated[int, msgspec.Meta(ge=0, le=62)]
+"""What can be addressed; node 63 is everybody's."""
 _LEAST_BAUDRATE: Final = 460_800
 """What a loop at 100 Hz needs to pass from the bus to the line in time."""
 Period = Annotated[float, msgspec.Meta(ge=0.001, le=0.1)]

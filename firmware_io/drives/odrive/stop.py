@@ -4,11 +4,10 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.odrive import commands as c
-from segway_ecc.firmware_io.drives.odrive.commands import AxisState
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, Firmware, Message, decode, encode
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState, Heartbeat
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.drives.odrive.telemetry import Heartbeat
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
@@ -28,7 +27,7 @@ class OdriveStopper:
     def __init__(self, settings: OdriveSettings) -> None:
         """Know the axes by their nodes."""
         self._names = {settings.wheel(name).node_id: name for name in self.drives}
-        still = (c.SetInputTorque(0.0), c.SetAxisState(AxisState.IDLE))
+        still = (m.SetInputTorque(0.0), m.SetAxisState(AxisState.IDLE))
         self._stop = [encode(_ANY, node_id, message) for node_id in self._names for message in still]
 
     def read(self, frame: Frame) -> Observation | None:
@@ -49,11 +48,11 @@ class OdriveStopper:
 
 def _meaning(message: Message) -> Meaning | None:
     match message:
-        case c.SetInputTorque(torque):
+        case m.SetInputTorque(torque):
             return Meaning.MOVE if torque else Meaning.ZERO
-        case c.SetAxisState(state):
+        case m.SetAxisState(state):
             return Meaning.DISABLE if state == AxisState.IDLE else Meaning.MOVE
-        case c.SetInputPosition() | c.SetInputVelocity():
+        case m.SetInputPosition() | m.SetInputVelocity():
             return Meaning.MOVE
         case Heartbeat(state=state):
             return Meaning.ON if state == AxisState.CLOSED_LOOP_CONTROL else Meaning.OFF

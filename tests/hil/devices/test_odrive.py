@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from segway_ecc.firmware_io.drives.odrive.commands import AxisState
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 from segway_ecc.hil.devices.device import Device

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
-from segway_ecc.firmware_io.drives.odrive.commands import AxisState
 from segway_ecc.firmware_io.drives.odrive.driver import Odrive
+from segway_ecc.firmware_io.drives.odrive.messages import AxisState
 from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.odrive import commands as c
+from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware, Message, encode, request
 from segway_ecc.firmware_io.drives.odrive.serial_codec import OdriveSerialCodec, checked
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -66,13 +66,13 @@ def test_checksums_are_those_of_the_firmwares_documents() -> None:
 @pytest.mark.parametrize(
     ("node", "message", "words"),
     [
-        (0, c.SetInputTorque(0.5), ["c 0 0.500000"]),
-        (1, c.SetInputTorque(-12.25), ["c 1 -12.250000"]),
-        (1, c.SetAxisState(8), ["w axis1.requested_state 8"]),
-        (0, c.ClearErrors(), ["sc"]),
+        (0, m.SetInputTorque(0.5), ["c 0 0.500000"]),
+        (1, m.SetInputTorque(-12.25), ["c 1 -12.250000"]),
+        (1, m.SetAxisState(8), ["w axis1.requested_state 8"]),
+        (0, m.ClearErrors(), ["sc"]),
         (
             1,
-            c.SetControllerMode(1, 1),
+            m.SetControllerMode(1, 1),
             ["w axis1.controller.config.control_mode 1", "w axis1.controller.config.input_mode 1"],
         ),
     ],
@@ -89,7 +89,7 @@ def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
             right={"node_id": 9, "axis": 0, "max_torque": 1.0},
         )
     )
-    words = swapped.encode(encode(Firmware.V0_5, 7, c.SetAxisState(1)))
+    words = swapped.encode(encode(Firmware.V0_5, 7, m.SetAxisState(1)))
     assert words is not None
     assert words.startswith(b"w axis1.requested_state 1*")
     swapped.request()
@@ -103,8 +103,8 @@ def test_axes_are_numbered_as_on_the_board(configure: Configure) -> None:
 @pytest.mark.parametrize(
     "frame",
     [
-        encode(Firmware.V0_5, 2, c.SetInputTorque(0.0)),
-        encode(Firmware.V0_5, 0, c.SetInputVelocity(1.0)),
+        encode(Firmware.V0_5, 2, m.SetInputTorque(0.0)),
+        encode(Firmware.V0_5, 0, m.SetInputVelocity(1.0)),
         request(0, 0x00),
         Frame(0x00E, bytes(8), is_extended=True),
         Frame(0x00E, b"\0\0\xc0\x7f" + bytes(4)),
