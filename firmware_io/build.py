@@ -20,7 +20,8 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.firmware_io.heartbeat import HeartbeatSender
-from segway_ecc.firmware_io.links.can_link import make_can_link, wall_ns
+from segway_ecc.firmware_io.links.can_link import wall_ns
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings

@@ -6,8 +6,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.finding import Finding, bad, good, graded, warning
 from segway_ecc.deploy.doctor.system import System, Workload
-from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
-from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
 
 _NETWORK: Final = "/sys/class/net"

@@ -12,7 +12,7 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.system import WriteSpeed
 from segway_ecc.firmware_io.build import sleep_until_ns
-from segway_ecc.firmware_io.links.interface_state import InterfaceState, read_interface_state
+from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
 from segway_ecc.firmware_io.links.serial_port import open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.node.cycle.real_time import real_time_priority

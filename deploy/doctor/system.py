@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
 from segway_ecc.firmware_io.build import HardwareSettings
-from segway_ecc.firmware_io.links.interface_state import InterfaceState
+from segway_ecc.firmware_io.links.can_interfaces import InterfaceState
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.timing import Summary

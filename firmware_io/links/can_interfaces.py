@@ -1,17 +1,52 @@
 # SPDX-License-Identifier: MIT
-"""Which CAN bus a configuration means, and whether it is there."""
+"""Which CAN bus a configuration means, whether it is there, and what the kernel knows of it.
+
+The last by one RTM_GETLINK over a netlink socket. Sources: linux/netlink.h, linux/rtnetlink.h, linux/if_link.h,
+linux/can/netlink.h. Netlink speaks the machine's own byte order.
+"""
 
 import contextlib
+import socket
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links.link import LinkState
+from segway_ecc.firmware_io.links.reopening import BackgroundTask
 
 NETWORK_DEVICES: Final = Path("/sys/class/net")
 _CAN_HARDWARE_TYPE: Final = "280"
 """ARPHRD_CAN of linux/if_arp.h, as sysfs prints it."""
 _IS_UP: Final = 1
 """IFF_UP of linux/if.h."""
+
+_HEADER: Final = struct.Struct("=IHHII")
+"""nlmsghdr: length, type, flags, sequence number, port."""
+_INTERFACE: Final = struct.Struct("=BxHiII")
+"""ifinfomsg: family, hardware type, index, flags, change mask."""
+_ATTRIBUTE: Final = struct.Struct("=HH")
+"""rtattr: length with this header, type."""
+_U32: Final = struct.Struct("=I")
+_TWO_U16: Final = struct.Struct("=HH")
+
+_REQUEST: Final = 1
+_GETLINK: Final = 18
+_NEWLINK: Final = 16
+_TYPE_BITS: Final = 0x3FFF
+"""What of an attribute's type is its number; the two bits above are flags."""
+_NAME, _LINKINFO = 3, 18
+_KIND, _DATA = 1, 2
+_BIT_TIMING, _STATE, _RESTART_MS, _ERROR_COUNTERS = 1, 4, 6, 8
+_STATES: Final = (LinkState.ACTIVE, LinkState.WARNING, LinkState.PASSIVE, LinkState.BUS_OFF)
+"""can_state 0 to 3; those above are of an interface that is down."""
+_NO_BITRATE: Final = (0, 0xFFFFFFFF)
+"""Not set, and set where the kernel does not see it (slcan)."""
+_REPLY_BYTES: Final = 1 << 15
+_NAME_BYTES: Final = 15
+"""IFNAMSIZ without its end."""
 
 
 def socketcan_interfaces(devices: Path | None = None) -> list[str]:
@@ -41,12 +76,6 @@ def resolve(interface: str, channel: str) -> tuple[str, str]:
     return "local", "robot" if channel == "auto" else channel
 
 
-def describe(asked: tuple[str, str], chosen: tuple[str, str]) -> str:
-    """The bus in use, and what was asked for where that was left open; each is an interface and a channel."""
-    text = " ".join(chosen)
-    return f"{text} (chosen by '{' '.join(asked)}')" if "auto" in asked else text
-
-
 def check_socketcan(channel: str, bitrate: int) -> None:
     """Find out whether a CAN network interface can be used.
 
@@ -73,6 +102,156 @@ def check_socketcan(channel: str, bitrate: int) -> None:
         )
 
 
-def cannot_open(description: str, error: Exception) -> BusNotFoundError:
-    """The error for a bus that is there but does not open."""
-    return BusNotFoundError(f"cannot open CAN bus {description}: {error}; check interface and channel")
+@dataclass(frozen=True, slots=True)
+class InterfaceState:
+    """A CAN interface; what its driver does not report is None. A virtual one reports only its kind.
+
+    Attributes:
+        kind: The kernel's name for the sort of interface: `can`, `vcan`.
+        is_up: Whether it is set up.
+        state: The controller's state.
+        bitrate: In bit/s.
+        restart_ms: After how long the kernel restarts a controller that is bus-off, ms; 0 for never.
+        tec: The controller's transmit error counter.
+        rec: Its receive error counter.
+    """
+
+    kind: str
+    is_up: bool
+    state: LinkState | None = None
+    bitrate: int | None = None
+    restart_ms: int | None = None
+    tec: int | None = None
+    rec: int | None = None
+
+    def __str__(self) -> str:
+        """In a few words, for people."""
+        if self.state is None and self.bitrate is None:
+            return f"{self.kind or 'unknown'}: no controller that reports"
+        words = [str(self.state or "down")]
+        words += [f"{self.bitrate} bit/s"] if self.bitrate is not None else []
+        words.append(
+            f"restarted {self.restart_ms} ms after bus-off" if self.restart_ms else "not restarted after bus-off"
+        )
+        return ", ".join(words)
+
+
+UNKNOWN: Final = InterfaceState("", is_up=False)
+"""An interface of which the kernel reports nothing."""
+
+
+def read_interface_state(name: str) -> InterfaceState:
+    """Ask the kernel for an interface; `UNKNOWN` where there is no such one, or the kernel does not answer.
+
+    The kernel answers at once, but may be blocked by somebody who is changing an interface: not for the loop.
+    """
+    try:
+        with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as sock:
+            sock.setblocking(False)  # noqa: FBT003 - the standard library's signature
+            sock.send(encode_request(name))
+            return parse_reply(sock.recv(_REPLY_BYTES))
+    except OSError:
+        return UNKNOWN
+
+
+def encode_request(name: str) -> bytes:
+    """The message that asks for one interface by name."""
+    text = name.encode()[:_NAME_BYTES] + b"\0"
+    attribute = _ATTRIBUTE.pack(_ATTRIBUTE.size + len(text), _NAME) + text
+    body = _INTERFACE.pack(socket.AF_UNSPEC, 0, 0, 0, 0) + attribute.ljust(-(-len(attribute) // 4) * 4, b"\0")
+    return _HEADER.pack(_HEADER.size + len(body), _GETLINK, _REQUEST, 1, 0) + body
+
+
+def parse_reply(reply: bytes) -> InterfaceState:
+    """Read the kernel's answer; `UNKNOWN` where it is not one about an interface. Never raises."""
+    fixed = _HEADER.size + _INTERFACE.size
+    if len(reply) < fixed:
+        return UNKNOWN
+    length, kind, *_ = _HEADER.unpack_from(reply)
+    if kind != _NEWLINK or not fixed <= length <= len(reply):
+        return UNKNOWN
+    flags = _INTERFACE.unpack_from(reply, _HEADER.size)[3]
+    info = _attributes(_attributes(reply[fixed:length]).get(_LINKINFO, b""))
+    name = info.get(_KIND, b"").rstrip(b"\0").decode("ascii", "replace")
+    # Only the kind `can` has a controller; in others the same numbers mean something else.
+    controller = _attributes(info.get(_DATA, b"")) if name == "can" else {}
+    state, bitrate = _u32(controller, _STATE), _u32(controller, _BIT_TIMING)
+    errors = controller.get(_ERROR_COUNTERS, b"")
+    tec, rec = _TWO_U16.unpack_from(errors) if len(errors) >= _TWO_U16.size else (None, None)
+    return InterfaceState(
+        name,
+        bool(flags & _IS_UP),
+        _STATES[state] if state is not None and state < len(_STATES) else None,
+        None if bitrate in _NO_BITRATE else bitrate,
+        _u32(controller, _RESTART_MS),
+        tec,
+        rec,
+    )
+
+
+def _u32(attributes: Mapping[int, bytes], number: int) -> int | None:
+    value = attributes.get(number, b"")
+    return int(_U32.unpack_from(value)[0]) if len(value) >= _U32.size else None
+
+
+def _attributes(data: bytes) -> dict[int, bytes]:
+    found: dict[int, bytes] = {}
+    offset = 0
+    while offset + _ATTRIBUTE.size <= len(data):
+        length, number = _ATTRIBUTE.unpack_from(data, offset)
+        if not _ATTRIBUTE.size <= length <= len(data) - offset:
+            break
+        found[number & _TYPE_BITS] = data[offset + _ATTRIBUTE.size : offset + length]
+        offset += -(-length // 4) * 4
+    return found
+
+
+class InterfaceWatch:
+    """Keeps the newest answer, and asks again at each look; a bus that is no network interface is never asked about.
+
+    Attributes:
+        state: The newest answer.
+    """
+
+    def __init__(self, name: str | None) -> None:
+        """Watch the network interface `name`."""
+        self.state = UNKNOWN
+        self._name = name
+        self._task: BackgroundTask[InterfaceState] | None = None
+        self._error_frames = 0
+
+    def read(self) -> InterfaceState:
+        """Ask now, and wait for the answer; for use off the loop."""
+        return UNKNOWN if self._name is None else read_interface_state(self._name)
+
+    def begin(self, state: InterfaceState) -> None:
+        """Start from an answer, and discard the answer to an earlier question."""
+        self.state = state
+        self._task = None
+
+    def look(self, error_frames: int) -> bool:
+        """See whether an answer has come, and ask anew.
+
+        Args:
+            error_frames: How many have been received so far.
+
+        Returns:
+            Whether `state` is new, and was asked for after the last error frame had come.
+        """
+        if self._name is None:
+            return False
+        is_news = False
+        if self._task is not None:
+            answer = self._task.take_outcome()
+            if answer is None:
+                return False
+            if isinstance(answer, InterfaceState):
+                self.state = answer
+                is_news = error_frames == self._error_frames
+        self._error_frames = error_frames
+        self._task = BackgroundTask(self.read)
+        return is_news
+
+    def as_text(self) -> Mapping[str, str]:
+        """The interface in a few words; nothing for a bus that is none."""
+        return {} if self._name is None else {"interface": str(self.state)}

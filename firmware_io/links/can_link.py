@@ -1,157 +1,314 @@
 # SPDX-License-Identifier: MIT
-"""A CAN bus through python-can, on any interface it offers, and the choice of link for a bus.
+"""What every CAN link does, whatever port it is open on: counting, stamps, the state of the bus, coming back."""
 
-python-can itself is imported where a bus goes through it: it takes a fifth of the time in which a robot starts.
-"""
-# ruff: noqa: PLC0415 - see above
-
-import contextlib
+import errno
+import functools
+import select
+import socket
 import time
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Iterator, Mapping
+from typing import Final, NamedTuple, Protocol
 
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink, CanBus, NowNs, wall_ns
-from segway_ecc.firmware_io.links.can_interfaces import (
-    cannot_open,
-    check_socketcan,
-    resolve,
-    socketcan_interfaces,
-)
-from segway_ecc.firmware_io.links.can_port import (
-    ERROR,
-    EXTENDED,
-    EXTENDED_IDENTIFIER,
-    GONE,
-    MAX_DATA,
-    MAX_FRAMES,
-    REMOTE,
-    STANDARD_IDENTIFIER,
-    Arrival,
-    PortError,
-    wire_length,
-)
-from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters
-from segway_ecc.firmware_io.links.local_link import LocalLink
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
+from segway_ecc.firmware_io.errors import BusNotFoundError
+from segway_ecc.firmware_io.links.can_errors import BusErrors
+from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, InterfaceWatch
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, Meter, NowNs, worst_case_bits
+from segway_ecc.firmware_io.links.reopening import Recovery
 
-if TYPE_CHECKING:
-    import can
+EXTENDED: Final = 0x80000000
+"""Flags of linux/can.h in an identifier."""
+REMOTE: Final = 0x40000000
+ERROR: Final = 0x20000000
+EXTENDED_IDENTIFIER: Final = 0x1FFFFFFF
+STANDARD_IDENTIFIER: Final = 0x7FF
 
-__all__ = ["CanLink", "PythonCanPort", "make_can_link", "resolve", "socketcan_interfaces", "wall_ns"]
+GONE: Final = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF})
+"""Error codes for an interface that is down or away."""
+MAX_FRAMES: Final = 512
+"""Taken in one drain, so that a flooded bus cannot stall the loop; the rest waits for the next."""
+MAX_DATA: Final = 8
 
-_KERNEL_ERROR_FRAMES: Final = frozenset({"socketcan", "socketcand", "gs_usb", "local", "virtual"})
-"""Interfaces whose error frames are those of linux/can/error.h; those of others are counted, and not understood."""
-_OPTIONS: Final[dict[str, dict[str, Any]]] = {"slcan": {"timeout": 0.0}}
-"""Options with which an interface does not wait for a frame that is not there."""
-_NS_PER_S: Final = 1e9
+Arrival = tuple[int, bytes, int]
+"""An identifier with flags, up to 8 bytes, and when it came on the wall clock, ns; 0 where that is not known."""
+
+_FAILURES: Final = 10
+"""Drains in a row that end in an error before the bus counts as gone: some backends give no better reason."""
+_TOGETHER_NS: Final = 100_000
+"""Two clocks that are read within this time give their offset."""
+_READINGS: Final = 3
+"""Tries at that; the last one counts in any case."""
+_MAX_IDENTIFIERS: Final = 4096
+"""Of our own that are kept, to know them again; a robot has some tens."""
 
 
-def make_can_link(
-    interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
-) -> Link:
-    """The link for a bus: over a raw socket where it is the kernel's CAN or the virtual bus, else through python-can.
+class PortError(Exception):
+    """Sending or receiving failed.
 
-    Args:
-        interface: A python-can interface, or `auto`; see `resolve`.
-        channel: Its channel, or `auto`.
-        bitrate: In bit/s.
-        now_ns: The clock of the loop.
-        wall_ns: The clock of receive stamps.
+    Attributes:
+        is_gone: Whether the interface is down or not there any more.
     """
-    chosen, name = resolve(interface, channel)
-    if chosen == "socketcan":
-        return SocketCanLink(name, bitrate, now_ns, wall_ns, asked=(interface, channel))
-    if chosen == "local":
-        return LocalLink(name, bitrate, now_ns, wall_ns, asked=(interface, channel))
-    return CanLink(interface, channel, bitrate, now_ns, wall_ns)
+
+    def __init__(self, text: str, *, is_gone: bool = False) -> None:
+        self.is_gone = is_gone
+        super().__init__(text)
 
 
-class CanLink(BaseCanLink):
-    """A link over one python-can bus."""
-
-    def __init__(
-        self, interface: str, channel: str, bitrate: int, now_ns: NowNs = time.monotonic_ns, wall_ns: NowNs = wall_ns
-    ) -> None:
-        """Describe the bus; `open` opens it. `bitrate` in bit/s is used by backends that set it themselves."""
-        chosen, name = resolve(interface, channel)
-        bus = CanBus.of((chosen, name), (interface, channel), bitrate)
-
-        def open_port(counters: LinkCounters) -> PythonCanPort:
-            import can
-
-            if chosen == "socketcan":
-                check_socketcan(name, bitrate)
-            try:
-                return PythonCanPort(chosen, name, bitrate, counters)
-            except (can.CanError, ValueError, ImportError) as error:
-                raise cannot_open(bus.description, error) from error
-
-        super().__init__(bus, open_port, now_ns, wall_ns)
-
-
-class PythonCanPort:
-    """An open python-can bus; see `CanPort`."""
-
-    def __init__(self, interface: str, channel: str, bitrate: int, counters: LinkCounters) -> None:
-        """Open it, or raise what the backend raises."""
-        import can
-
-        self._counters = counters
-        self._message = can.Message
-        self._understands_errors = interface in _KERNEL_ERROR_FRAMES
-        self._bus = can.Bus(channel=channel, interface=interface, bitrate=bitrate, **_OPTIONS.get(interface, {}))
+class CanPort(Protocol):
+    """An open connection to a CAN bus, used until it fails. Nothing here waits, except perhaps `close`."""
 
     def send(self, frame: Frame) -> None:
-        """Queue a frame; see `CanPort.send`."""
-        message = self._message(
-            arbitration_id=frame.arbitration_id,
-            data=None if frame.is_remote else frame.data,
-            dlc=wire_length(frame),
-            is_extended_id=frame.is_extended,
-            is_remote_frame=frame.is_remote,
-            check=False,
-        )
-        try:
-            self._bus.send(message, timeout=0)
-        except Exception as error:
-            raise _port_error(error) from error
+        """Queue a frame.
+
+        Raises:
+            PortError: It was not queued.
+        """
 
     def drain(self) -> Iterator[Arrival]:
-        """What has arrived; see `CanPort.drain`."""
-        for _ in range(MAX_FRAMES):
-            # Whatever it raises: on a damaged line, that is often what came of decoding it.
-            try:
-                message = self._bus.recv(0)
-                arrival = None if message is None else self._arrival(message)
-            except Exception as error:
-                raise _port_error(error) from error
-            if message is None:
-                return
-            if arrival is None:
-                self._counters.undecodable += 1
-            else:
-                yield arrival
+        """What has arrived, at most `MAX_FRAMES`.
+
+        Raises:
+            PortError: Receiving failed; what came before it was good.
+        """
 
     def close(self) -> None:
-        """Shut the bus down."""
-        with contextlib.suppress(Exception):  # one that is gone cannot be shut down
-            self._bus.shutdown()
-
-    def _arrival(self, message: "can.Message") -> Arrival | None:
-        """A message as it would be on a raw socket; None where it is no classic CAN frame."""
-        stamp_ns = int(message.timestamp * _NS_PER_S)
-        if message.is_error_frame:
-            classes = message.arbitration_id & EXTENDED_IDENTIFIER if self._understands_errors else 0
-            return classes | ERROR, bytes(message.data), stamp_ns
-        identifier, data = message.arbitration_id, bytes(message.data)
-        largest = EXTENDED_IDENTIFIER if message.is_extended_id else STANDARD_IDENTIFIER
-        is_whole = message.is_remote_frame or len(data) == message.dlc
-        if not (is_whole and message.dlc <= MAX_DATA and 0 <= identifier <= largest):
-            return None
-        flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
-        return identifier | flags, data, stamp_ns
+        """Close it; never raises."""
 
 
-def _port_error(error: Exception) -> PortError:
-    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-    return PortError(str(error), is_gone=code in GONE)
+def port_error(error: OSError) -> PortError:
+    """The error of a socket as that of a port."""
+    return PortError(str(error.strerror), is_gone=error.errno in GONE)
+
+
+def readiness(sock: socket.socket) -> Callable[[], object]:
+    """A function that is true where more has arrived at a socket.
+
+    Receiving where nothing has ends in an exception, which takes longer than to ask: many times, where caches are cold.
+    """
+    waiting = select.poll()
+    waiting.register(sock, select.POLLIN)
+    return functools.partial(waiting.poll, 0)
+
+
+def wire_word(frame: Frame) -> int:
+    """The identifier of a frame, with its flags."""
+    return frame.arbitration_id | (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
+
+
+def wire_data(frame: Frame) -> bytes:
+    """The data that a frame carries: a remote frame none."""
+    return b"" if frame.is_remote else frame.data
+
+
+def wire_length(frame: Frame) -> int:
+    """The length that a frame states: of its data; of a remote frame without any, all 8 bytes."""
+    return len(frame.data) or (MAX_DATA if frame.is_remote else 0)
+
+
+def wall_ns() -> int:
+    """The wall clock, ns: what SocketCAN stamps received frames with."""
+    return time.clock_gettime_ns(time.CLOCK_REALTIME)
+
+
+class CanBus(NamedTuple):
+    """Which bus a CAN link is on.
+
+    Attributes:
+        description: Which bus it is, for people.
+        bitrate: In bit/s.
+        kernel_name: The network interface, for what the kernel knows of it; None where the bus is not one.
+    """
+
+    description: str
+    bitrate: int
+    kernel_name: str | None
+
+
+class _Opened(NamedTuple):
+    port: CanPort
+    at_ns: int
+    interface: InterfaceState
+
+
+class CanLink:
+    """A CAN bus as a `Link`, over ports that are opened one after the other as often as the bus comes back.
+
+    A frame's `received_ns` is its own receive stamp moved to the loop's clock, kept between the last drain and now, so
+    that neither a step of the wall clock nor a backend with a clock of its own can make a frame look fresh or old.
+
+    On a CAN bus each identifier has one sender: what comes with one that we send is our own frame come back.
+
+    Attributes:
+        description: The interface in use, and what was asked for where that was left open.
+        receives_remote: Whether remote frames are handed out too, as simulated devices need; else only counted.
+    """
+
+    def __init__(
+        self, settings: CanBus, open_port: Callable[[LinkCounters], CanPort], now_ns: NowNs, wall_ns: NowNs
+    ) -> None:
+        """Describe the bus; `open` opens it, and `open_port` may take its time and raise BusNotFoundError."""
+        self.counters = LinkCounters()
+        self.description = settings.description
+        self.receives_remote = False
+        self._settings = settings
+        self._open_port = open_port
+        self._now_ns = now_ns
+        self._wall_ns = wall_ns
+        self._port: CanPort | None = None
+        self._failures = 0
+        self._drained_ns = 0
+        self._errors = BusErrors()
+        self._own: set[int] = set()
+        self._interface = InterfaceWatch(settings.kernel_name)
+        self._meter = Meter(self.counters, now_ns)
+        self._recovery = Recovery(
+            f"CAN bus {settings.description}", self._open, lambda opened: opened.port.close(), now_ns
+        )
+
+    @property
+    def state(self) -> LinkState:
+        """What the bus can still do, from its error frames."""
+        return self._errors.state if self._port is not None else LinkState.GONE
+
+    @property
+    def health(self) -> Mapping[str, str]:
+        """State, counts, rates since the last call, what the error frames reported, and what the kernel knows."""
+        if self._interface.look(self.counters.error_frames):
+            self._learn(self._interface.state)
+        bitrate = self._interface.state.bitrate or self._settings.bitrate
+        return {
+            "state": str(self.state),
+            **({"lost": self._recovery.reason} if self._recovery.reason else {}),
+            **({"reopening": self._recovery.failure} if self._recovery.failure else {}),
+            **self.counters.as_text(),
+            **self._meter.measure(bitrate),
+            **self._errors.as_text(),
+            **self._interface.as_text(),
+        }
+
+    def open(self) -> None:
+        """Open the bus; see `Link.open`."""
+        self.close()
+        self._use(self._recovery.open())
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame; see `Link.send`. A full queue drops it: an old command is worse than none."""
+        # To a controller that is bus-off the kernel takes frames and drops them, without an error.
+        port = self._port
+        if port is None or self._errors.state is LinkState.BUS_OFF:
+            self.counters.send_dropped += 1
+            return False
+        try:
+            port.send(frame)
+        except PortError as error:
+            self.counters.send_dropped += 1
+            if error.is_gone:
+                self._lose(port, error)
+            return False
+        self._count_sent(frame)
+        return True
+
+    def receive(self) -> list[Frame]:
+        """Take what has arrived; see `Link.receive`."""
+        port = self._port
+        if port is None:
+            opened = self._recovery.regain()
+            self._use(opened)
+            self.counters.reopened += 1
+            port = opened.port
+        frames: list[Frame] = []
+        now_ns, offset_ns = self._read_clocks()
+        since_ns, own = self._drained_ns, self._own
+        try:
+            for word, data, stamp_ns in port.drain():
+                is_extended = word >= EXTENDED
+                identifier = word & (EXTENDED_IDENTIFIER if is_extended else STANDARD_IDENTIFIER)
+                if word & (ERROR | REMOTE) or identifier | word & EXTENDED in own:
+                    self._take_other(word, identifier, data, now_ns, frames)
+                    continue
+                received_ns = stamp_ns + offset_ns
+                if not since_ns <= received_ns <= now_ns:
+                    received_ns = since_ns if received_ns < since_ns else now_ns
+                self.counters.received += 1
+                self.counters.bits += worst_case_bits(len(data), is_extended=is_extended)
+                if self._errors.state is LinkState.BUS_OFF:  # a controller that is off receives nothing
+                    self._errors.state = LinkState.ACTIVE
+                frames.append(Frame(identifier, data, received_ns, is_extended))
+        except PortError as error:
+            self._failures = 1 if frames else self._failures + 1
+            if error.is_gone or self._failures >= _FAILURES:
+                self._lose(port, error)
+                raise self._recovery.lost() from error
+            self.counters.undecodable += 1
+        else:
+            self._failures = 0
+        self._drained_ns = now_ns
+        return frames
+
+    def close(self) -> None:
+        """Close the bus, and whatever is on its way to be opened."""
+        self._recovery.end()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _read_clocks(self) -> tuple[int, int]:
+        """The loop's clock, and how far it is ahead of that of the stamps, ns.
+
+        Preempted between the one and the other by a millisecond, every frame would look a millisecond older than it is.
+        """
+        for _ in range(_READINGS):
+            now_ns = self._now_ns()
+            wall_ns = self._wall_ns()
+            if self._now_ns() - now_ns < _TOGETHER_NS:
+                break
+        return now_ns, now_ns - wall_ns
+
+    def _take_other(self, word: int, identifier: int, data: bytes, now_ns: int, frames: list[Frame]) -> None:
+        """What came and is no data frame of somebody else."""
+        # Error frames first: their identifier is a bit field that can equal a data frame's.
+        if word & ERROR:
+            self.counters.error_frames += 1
+            self._errors.take_frame(word & EXTENDED_IDENTIFIER, data)
+        elif word & REMOTE:
+            asked = Frame(identifier, b"", now_ns, word >= EXTENDED, is_remote=True)
+            self.counters.remote_frames += 1
+            self.counters.bits += worst_case_bits(0, is_extended=asked.is_extended)
+            if self.receives_remote:
+                frames.append(asked)
+        else:
+            self.counters.echoes += 1
+
+    def _count_sent(self, frame: Frame) -> None:
+        self.counters.sent += 1
+        is_extended = frame.is_extended
+        if frame.is_remote:
+            self.counters.bits += worst_case_bits(0, is_extended=is_extended)
+            return
+        self.counters.bits += worst_case_bits(len(frame.data), is_extended=is_extended)
+        key = frame.arbitration_id | (EXTENDED if is_extended else 0)
+        if key not in self._own and len(self._own) < _MAX_IDENTIFIERS:
+            self._own.add(key)
+
+    def _open(self) -> _Opened:
+        """Open a port; takes its time, and touches nothing that the loop uses."""
+        try:
+            port = self._open_port(self.counters)
+        except OSError as error:
+            raise BusNotFoundError(
+                f"cannot open CAN bus {self._settings.description}: {error}; check interface and channel"
+            ) from error
+        return _Opened(port, self._now_ns(), self._interface.read())
+
+    def _use(self, opened: _Opened) -> None:
+        self._port, self._drained_ns, state = opened
+        self._failures = 0
+        self._errors.begin()
+        self._interface.begin(state)
+        self._learn(state)
+
+    def _lose(self, port: CanPort, error: PortError) -> None:
+        self._recovery.lose(port.close, str(error))
+        self._port = None
+
+    def _learn(self, state: InterfaceState) -> None:
+        self._errors.learn(state.state, state.tec, state.rec)

@@ -2,11 +2,15 @@
 """The interface between a device and the wire, and what is counted there."""
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from segway_ecc.firmware_io.value import Value
+
+NowNs = Callable[[], int]
+"""The clock of the loop, monotonic, ns."""
+_NS_PER_S: Final = 1e9
 
 
 class Frame(Value, frozen=True):
@@ -75,6 +79,41 @@ class LinkCounters:
     def as_text(self) -> Mapping[str, str]:
         """Every count by name."""
         return {name: str(count) for name, count in asdict(self).items()}
+
+
+class Meter:
+    """Measures how fast a link's counts grow."""
+
+    def __init__(self, counters: LinkCounters, now_ns: NowNs) -> None:
+        """Begin now, from the counts as they are."""
+        self._counters = counters
+        self._now_ns = now_ns
+        self._looked_ns = now_ns()
+        self._counts = self._read()
+        self._per_s = (0.0,) * len(self._counts)
+
+    def measure(self, bitrate: int) -> Mapping[str, str]:
+        """The rates since the last call, as text; those of the last call where no time has passed since.
+
+        Args:
+            bitrate: Of the bus, bit/s, for the share of it that was in use.
+        """
+        now_ns, counts = self._now_ns(), self._read()
+        elapsed_s = (now_ns - self._looked_ns) / _NS_PER_S
+        if elapsed_s > 0.0:
+            self._per_s = tuple((new - old) / elapsed_s for new, old in zip(counts, self._counts, strict=True))
+            self._looked_ns, self._counts = now_ns, counts
+        sent, received, errors, bits = self._per_s
+        return {
+            "sent_per_s": f"{sent:.1f}",
+            "received_per_s": f"{received:.1f}",
+            "errors_per_s": f"{errors:.1f}",
+            "load_percent": f"{100.0 * bits / bitrate:.1f}",
+        }
+
+    def _read(self) -> tuple[int, ...]:
+        counters = self._counters
+        return counters.sent, counters.received, counters.error_frames, counters.bits
 
 
 class LinkStatus(Protocol):

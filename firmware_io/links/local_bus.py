@@ -12,9 +12,16 @@ from typing import Any
 import can
 from can.typechecking import AutoDetectedConfig
 
-from segway_ecc.firmware_io.links.can_port import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
-from segway_ecc.firmware_io.links.local_datagrams import BUFFER_BYTES, decode, encode, new_sender
-from segway_ecc.firmware_io.links.local_socket import PORT, LocalBusError, multicast_group, multicast_socket
+from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
+from segway_ecc.firmware_io.links.local_port import (
+    BUFFER_BYTES,
+    PORT,
+    decode,
+    encode,
+    multicast_group,
+    multicast_socket,
+    new_sender,
+)
 
 
 class LocalBus(can.BusABC):
@@ -26,7 +33,7 @@ class LocalBus(can.BusABC):
         self._sender = new_sender()
         try:
             self._socket = multicast_socket(self._group)
-        except LocalBusError as error:
+        except OSError as error:
             raise can.CanInitializationError(error.strerror or str(error), error.errno) from error
         self.channel_info = f"virtual bus '{channel}' on this machine"
         self.undecodable = 0

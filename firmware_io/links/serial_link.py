@@ -7,13 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from segway_ecc.firmware_io.errors import BusNotFoundError
-from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
-from segway_ecc.firmware_io.links.meter import Meter
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState, Meter, NowNs
 from segway_ecc.firmware_io.links.reopening import Recovery
 from segway_ecc.firmware_io.links.serial_port import open_remedy, open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
-
-NowNs = Callable[[], int]
 
 LOST: Final = "lost"
 """The cause under which a line counts what never arrived, by its sequence numbers."""

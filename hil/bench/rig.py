@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Final
 
 import segway_ecc.node.models
-from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
-from segway_ecc.firmware_io.links.interface_state import read_interface_state
-from segway_ecc.firmware_io.links.local_socket import multicast_group
+from segway_ecc.firmware_io.links.can_interfaces import read_interface_state, socketcan_interfaces
+from segway_ecc.firmware_io.links.local_port import multicast_group
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.native.load import load_native
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.firmware_io.links.can_link import socketcan_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat

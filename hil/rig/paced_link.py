@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from segway_ecc.firmware_io.links.can_link import make_can_link
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.link_front import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig

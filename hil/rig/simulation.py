@@ -8,7 +8,7 @@ from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink
+from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
@@ -75,7 +75,7 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     hardware, behind = _hardware(file), link
     while isinstance(behind, LinkFront):
         behind = behind.behind
-    if isinstance(behind, BaseCanLink):
+    if isinstance(behind, CanLink):
         behind.receives_remote = True  # devices on a real bus are asked by remote frame, as real ones can be
     drives, tick_ns = _drives(hardware, link, port)
     devices, imu = [drives], hardware.external_imu

@@ -8,9 +8,8 @@ import sys
 import time
 from typing import Final
 
-from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 from segway_ecc.hil.bench.rig import virtual_interface
 from segway_ecc.node.cli.options import add_json, print_json
 
@@ -35,9 +34,9 @@ def links_cost() -> dict[str, float] | None:
     if channel is None:
         return None
     with (
-        contextlib.closing(SocketCanLink(channel, _BITRATE)) as feeder,
-        contextlib.closing(CanLink("socketcan", channel, _BITRATE)) as python_can,
-        contextlib.closing(SocketCanLink(channel, _BITRATE)) as raw,
+        contextlib.closing(make_can_link("socketcan", channel, _BITRATE)) as feeder,
+        contextlib.closing(make_python_can_link("socketcan", channel, _BITRATE)) as python_can,
+        contextlib.closing(make_can_link("socketcan", channel, _BITRATE)) as raw,
     ):
         for each in (feeder, python_can, raw):
             each.open()

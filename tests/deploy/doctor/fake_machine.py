@@ -11,7 +11,7 @@ import msgspec
 
 from segway_ecc.deploy.doctor.finding import Finding
 from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload, WriteSpeed
-from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
+from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.node.config import NoHardwareSection, load_robot

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.firmware_io.links.interface_state import UNKNOWN
+from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.hil.pseudo_terminal import PtyPort
 

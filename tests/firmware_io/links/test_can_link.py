@@ -1,333 +1,427 @@
 # SPDX-License-Identifier: MIT
-import errno
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
-import can
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.errors import LinkLostError
-from segway_ecc.firmware_io.links.can_link import CanLink
-from segway_ecc.firmware_io.links.link import Frame, LinkState
+from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
+from segway_ecc.firmware_io.links import can_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState
+from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, REMOTE, Arrival, CanBus, CanLink, PortError
+from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 
 S = 1_000_000_000
-START_NS = 5 * S
-WALL_NS = 1_700_000_000 * S
-MICROSECOND = 1_000
 PATIENCE_S = 20.0
-"""How long a frame may take that is sure to come."""
+BUS_OFF, RESTARTED = ERROR | 0x40, ERROR | 0x100
+GONE = PortError("Network is down", is_gone=True)
+HICCUP = PortError("odd")
 
 
-class FakeBus:
-    """What python-can hands out, with everything that arrives or fails prepared."""
+class FakePort:
+    """A bus on which everything that arrives or fails is prepared."""
 
     def __init__(self) -> None:
-        self.arriving: deque[can.Message | Exception] = deque()
-        self.refusing: Exception | None = None
-        self.sent: list[can.Message] = []
-        self.timeouts: set[float | None] = set()
+        self.arriving: deque[Arrival | PortError] = deque()
+        self.refusing: PortError | None = None
+        self.sent: list[Frame] = []
         self.closed = 0
-        self.refusing_to_close: Exception | None = None
 
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        self.timeouts.add(timeout)
-        if not self.arriving:
-            return None
-        arriving = self.arriving.popleft()
-        if isinstance(arriving, Exception):
-            raise arriving
-        return arriving
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self.timeouts.add(timeout)
+    def send(self, frame: Frame) -> None:
         if self.refusing is not None:
             raise self.refusing
-        self.sent.append(msg)
+        self.sent.append(frame)
 
-    def shutdown(self) -> None:
+    def drain(self) -> Iterator[Arrival]:
+        while self.arriving:
+            arriving = self.arriving.popleft()
+            if isinstance(arriving, PortError):
+                raise arriving
+            yield arriving
+
+    def close(self) -> None:
         self.closed += 1
-        if self.refusing_to_close is not None:
-            raise self.refusing_to_close
 
 
-class Clocks:
-    """Both clocks of the loop, moved by hand."""
+class Bus:
+    """Opens ports, when it is let, and keeps them."""
 
     def __init__(self) -> None:
-        self.now_ns, self.wall_ns = START_NS, WALL_NS
+        self.ports: list[FakePort] = []
+        self.failure: Exception | None = None
+        self.gate = threading.Event()
+        self.gate.set()
+        self.attempts = 0
+        self.now_ns = 5 * S
 
-    def pass_s(self, seconds: float) -> None:
-        self.now_ns += round(seconds * S)
-        self.wall_ns += round(seconds * S)
+    def open(self, _counters: LinkCounters) -> FakePort:
+        self.attempts += 1
+        assert self.gate.wait(PATIENCE_S)
+        if self.failure is not None:
+            raise self.failure
+        self.ports.append(FakePort())
+        return self.ports[-1]
+
+    @property
+    def port(self) -> FakePort:
+        return self.ports[-1]
 
 
 @pytest.fixture
-def clocks() -> Clocks:
-    return Clocks()
+def bus() -> Iterator[Bus]:
+    bus = Bus()
+    yield bus
+    bus.gate.set()
 
 
 @pytest.fixture
-def bus(monkeypatch: pytest.MonkeyPatch) -> FakeBus:
-    fake = FakeBus()
-    monkeypatch.setattr(can, "Bus", lambda **_: fake)
-    return fake
-
-
-@pytest.fixture
-def link(bus: FakeBus, clocks: Clocks) -> CanLink:
-    link = CanLink("fake", "here", 500_000, lambda: clocks.now_ns, lambda: clocks.wall_ns)
+def link(bus: Bus) -> Iterator[CanLink]:
+    link = CanLink(CanBus("fake bus", 500_000, None), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
     link.open()
-    assert bus.closed == 0
-    return link
+    yield link
+    link.close()
 
 
-def _message(stamp_ns: int, identifier: int = 1, **kind: Any) -> can.Message:
-    return can.Message(timestamp=stamp_ns / S, arbitration_id=identifier, is_extended_id=False, **kind)
-
-
-def _kinds(message: can.Message) -> tuple[int, bytes, int, bool, bool]:
-    data = bytes(message.data)
-    return message.arbitration_id, data, message.dlc, message.is_extended_id, message.is_remote_frame
-
-
-def _stamps(link: CanLink) -> list[int]:
-    return [frame.received_ns for frame in link.receive()]
-
-
-def _receive(link: CanLink, count: int) -> list[Frame]:
-    """Receive as many frames; the operating system carries those of the local bus in its own time."""
-    frames: list[Frame] = []
+def until(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while len(frames) < count and time.monotonic() < deadline:
-        frames += link.receive()
-    return frames
+    while not condition():
+        assert time.monotonic() < deadline, "another thread did not do its part"
+        time.sleep(0.001)
 
 
-@pytest.fixture(params=["virtual", "local"])
-def pair(request: pytest.FixtureRequest, channel: str) -> Iterator[tuple[CanLink, can.BusABC]]:
-    link = CanLink(request.param, channel, 500_000)
-    link.open()
-    with can.Bus(interface=request.param, channel=channel) as peer:
-        yield link, peer
-    link.close()
+def is_back(link: CanLink) -> bool:
+    try:
+        link.receive()
+    except LinkLostError:
+        return False
+    return True
 
 
-def test_frames_cross_a_real_backend_both_ways(pair: tuple[CanLink, can.BusABC]) -> None:
-    link, peer = pair
-    assert link.send(Frame(0x110, b"12345678"))
-    assert link.send(Frame(0x1ABCDEF0, b"", is_extended=True))
-    arrived = [peer.recv(PATIENCE_S) for _ in range(2)]
-    assert [m and (m.arbitration_id, bytes(m.data), m.is_extended_id) for m in arrived] == [
-        (0x110, b"12345678", False),
-        (0x1ABCDEF0, b"", True),
+def lose(link: CanLink, bus: Bus) -> None:
+    bus.port.arriving.append(GONE)
+    with pytest.raises(LinkLostError, match=r"^CAN bus fake bus is gone: Network is down$"):
+        link.receive()
+
+
+def _error(word: int, **data: int) -> Arrival:
+    filled = bytearray(8)
+    for name, value in data.items():
+        filled[int(name[1:])] = value
+    return word, bytes(filled), 0
+
+
+def test_every_kind_of_frame_is_distinguished(link: CanLink, bus: Bus) -> None:
+    bus.port.arriving += [
+        (0x123, b"12", 0),
+        (0x123 | EXTENDED, b"", 0),
+        (0x123 | REMOTE, b"", 0),
+        (0x008 | ERROR | REMOTE | EXTENDED, bytes(8), 0),
+        (0x7FF | 0x1F000, b"3", 0),  # bits that no standard identifier has
     ]
-
-    peer.send(can.Message(arbitration_id=0x120, data=b"abc", is_extended_id=False))
-    peer.send(can.Message(arbitration_id=0x20, is_extended_id=False, is_error_frame=True))
-    peer.send(can.Message(arbitration_id=0x121, is_extended_id=False, is_remote_frame=True))
-    peer.send(can.Message(arbitration_id=0x120, data=b"", is_extended_id=True))
-    frames = _receive(link, 2)
-    assert [replace(frame, received_ns=0) for frame in frames] == [
-        Frame(0x120, b"abc"),
-        Frame(0x120, b"", is_extended=True),
+    assert [replace(frame, received_ns=0) for frame in link.receive()] == [
+        Frame(0x123, b"12"),
+        Frame(0x123, b"", is_extended=True),
+        Frame(0x7FF, b"3"),
     ]
-    assert link.receive() == []
     counters = link.counters
-    assert (counters.sent, counters.received, counters.error_frames, counters.remote_frames) == (2, 2, 1, 1)
+    assert (counters.received, counters.remote_frames, counters.error_frames) == (3, 1, 1)
 
 
-def test_error_frame_is_never_data_whatever_its_other_flags(link: CanLink, bus: FakeBus) -> None:
-    bus.arriving.append(_message(WALL_NS, 0x120, is_error_frame=True, is_remote_frame=True))
+def test_bits_are_those_of_the_longest_stuffing_both_ways(link: CanLink, bus: Bus) -> None:
+    # Davis et al. 2007: 55 + 10 n for a standard identifier and n bytes, 80 + 10 n for an extended one.
+    bus.port.arriving += [(1, b"12345678", 0), (1 | EXTENDED, b"123", 0), (2 | REMOTE, bytes(8), 0)]
+    link.receive()
+    assert link.counters.bits == 135 + 110 + 55
+    link.send(Frame(3, b"1"))
+    link.send(Frame(3, bytes(8), is_extended=True, is_remote=True))
+    assert link.counters.bits == 300 + 65 + 80
+
+
+def test_what_we_send_as_data_is_ours_when_it_comes_back(link: CanLink, bus: Bus) -> None:
+    link.send(Frame(0x100, b"1"))
+    link.send(Frame(0x200, b"2", is_extended=True))
+    link.send(Frame(0x300, b"", is_remote=True))
+    bits = link.counters.bits
+    words = [0x100, 0x100 | EXTENDED, 0x200, 0x200 | EXTENDED, 0x300, 0x100 | REMOTE]
+    bus.port.arriving += [(word, b"1", 0) for word in words]
+    received = [(frame.arbitration_id, frame.is_extended) for frame in link.receive()]
+    assert received == [(0x100, True), (0x200, False), (0x300, False)]
+    assert (link.counters.echoes, link.counters.received, link.counters.remote_frames) == (2, 3, 1)
+    assert link.counters.bits - bits == 90 + 65 + 65 + 55, "an echo was on the wire once"
+
+
+def test_a_frame_that_was_not_sent_is_not_ours(link: CanLink, bus: Bus) -> None:
+    bus.port.refusing = HICCUP
+    assert not link.send(Frame(0x100, b"1"))
+    bus.port.arriving.append((0x100, b"1", 0))
+    assert len(link.receive()) == 1
+
+
+def test_remote_frames_are_received_only_where_wanted(link: CanLink, bus: Bus) -> None:
+    asked = (0x300 | REMOTE, b"", 0)
+    bus.port.arriving.append(asked)
     assert link.receive() == []
-    assert (link.counters.error_frames, link.counters.remote_frames, link.counters.received) == (1, 0, 0)
+    link.receives_remote = True
+    bus.port.arriving.append(asked)
+    (frame,) = link.receive()
+    assert (frame.arbitration_id, frame.data, frame.is_remote, frame.is_extended) == (0x300, b"", True, False)
+    assert (link.counters.remote_frames, link.counters.received) == (2, 0)
 
 
-def test_the_kernels_stamp_is_moved_to_the_loops_clock(link: CanLink, bus: FakeBus, clocks: Clocks) -> None:
-    clocks.pass_s(0.01)
-    bus.arriving += [_message(WALL_NS + 2_000_000), _message(WALL_NS + 9_000_000)]
-    assert _stamps(link) == pytest.approx([START_NS + 2_000_000, START_NS + 9_000_000], abs=MICROSECOND)
+def test_only_so_many_identifiers_of_our_own_are_kept(link: CanLink, bus: Bus) -> None:
+    for number in range(5000):
+        link.send(Frame(number, b"", is_extended=True))
+    assert len(link._own) == 4096
+    bus.port.arriving += [(4095 | EXTENDED, b"", 0), (4096 | EXTENDED, b"", 0)]
+    assert [frame.arbitration_id for frame in link.receive()] == [4096]
 
 
-@pytest.mark.parametrize(("step_s", "bound_s"), [(3600.0, 0.01), (-3600.0, 0.02)], ids=["forwards", "backwards"])
-def test_a_stepped_wall_clock_makes_no_frame_older_than_the_last_drain_or_newer_than_now(
-    link: CanLink, bus: FakeBus, clocks: Clocks, step_s: float, bound_s: float
-) -> None:
-    clocks.pass_s(0.01)
+def test_error_frames_make_the_state(link: CanLink, bus: Bus) -> None:
+    steps = [
+        (_error(0x204 | ERROR, _1=0x08, _6=97, _7=2), LinkState.WARNING),
+        (_error(0x204 | ERROR, _1=0x20, _6=128, _7=2), LinkState.PASSIVE),
+        (_error(0x020 | ERROR), LinkState.PASSIVE),
+        (_error(BUS_OFF), LinkState.BUS_OFF),
+        (_error(RESTARTED), LinkState.ACTIVE),
+        (_error(0x204 | ERROR, _1=0x04, _6=0, _7=96), LinkState.WARNING),
+        (_error(0x004 | ERROR, _1=0x40), LinkState.ACTIVE),
+    ]
+    for arrival, state in steps:
+        bus.port.arriving.append(arrival)
+        assert link.receive() == []
+        assert link.state is state
+    health = link.health
+    assert (health["state"], health["tec"], health["rec"]) == ("active", "0", "96")
+    assert (health["errors.controller"], health["errors.bus_off"], health["error_frames"]) == ("4", "1", "7")
+
+
+def test_nothing_is_handed_to_a_controller_that_is_bus_off(link: CanLink, bus: Bus) -> None:
+    bus.port.arriving.append(_error(BUS_OFF))
     link.receive()
-    clocks.pass_s(0.01)
-    bus.arriving.append(_message(clocks.wall_ns - 5_000_000))
-    clocks.wall_ns += round(step_s * S)
-    assert _stamps(link) == [START_NS + round(bound_s * S)]
-
-
-@pytest.mark.parametrize(("stamp_ns", "bound_s"), [(0, 0.01), (77 * S, 0.01), (2 * WALL_NS, 0.02)])
-def test_a_backend_with_a_clock_of_its_own_is_kept_within_the_same_bounds(
-    link: CanLink, bus: FakeBus, clocks: Clocks, stamp_ns: int, bound_s: float
-) -> None:
-    clocks.pass_s(0.01)
-    link.receive()
-    clocks.pass_s(0.01)
-    bus.arriving.append(_message(stamp_ns))
-    assert _stamps(link) == [START_NS + round(bound_s * S)]
-
-
-def test_nothing_is_older_than_the_opening(link: CanLink, bus: FakeBus, clocks: Clocks) -> None:
-    clocks.pass_s(0.01)
-    bus.arriving.append(_message(WALL_NS - 60 * S))
-    assert _stamps(link) == [START_NS]
-
-
-def test_a_flooded_bus_is_taken_in_bounded_portions_in_order(link: CanLink, bus: FakeBus) -> None:
-    bus.arriving += [_message(WALL_NS, number) for number in range(1200)]
-    portions = [[frame.arbitration_id for frame in link.receive()] for _ in range(4)]
-    assert [len(portion) for portion in portions] == [512, 512, 176, 0]
-    assert [identifier for portion in portions for identifier in portion] == list(range(1200))
-
-
-def test_neither_way_waits(link: CanLink, bus: FakeBus) -> None:
-    link.send(Frame(1, b""))
-    link.receive()
-    assert bus.timeouts == {0}, "python-can takes no time-out for as long as it takes"
-
-
-def test_a_full_queue_drops_the_frame_at_once(channel: str) -> None:
-    link = CanLink("virtual", channel, 500_000)
-    link.open()
-    with can.Bus(interface="virtual", channel=channel, rx_queue_size=1):
-        assert link.send(Frame(1, b""))
-        assert not link.send(Frame(2, b""))
-        link.close()
-    assert (link.counters.sent, link.counters.send_dropped) == (1, 1)
-
-
-@pytest.mark.parametrize("failure", [can.CanOperationError("full"), can.CanTimeoutError(), OSError(errno.ENOBUFS, "")])
-def test_a_failure_to_send_is_counted_and_not_raised(link: CanLink, bus: FakeBus, failure: Exception) -> None:
-    bus.refusing = failure
     assert not link.send(Frame(1, b""))
-    bus.refusing = None
+    assert (bus.port.sent, link.counters.send_dropped, link.counters.sent) == ([], 1, 0)
+
+    bus.port.arriving.append(_error(RESTARTED))
+    link.receive()
     assert link.send(Frame(1, b""))
-    assert (link.counters.sent, link.counters.send_dropped) == (1, 1)
-
-
-@pytest.mark.parametrize("code", [errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF])
-@pytest.mark.parametrize("kind", [can.CanOperationError, OSError])
-def test_a_gone_interface_is_a_lost_link(link: CanLink, bus: FakeBus, kind: type[Exception], code: int) -> None:
-    bus.arriving.append(OSError(code, "gone") if kind is OSError else can.CanOperationError("gone", code))
-    with pytest.raises(LinkLostError, match=r"^CAN bus fake here is gone: .*gone"):
-        link.receive()
-
-
-def test_a_bus_that_is_closed_under_a_link_is_a_lost_link(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    link = CanLink("local", channel, 500_000)
-    with can.Bus(interface="local", channel=channel) as bus:
-        monkeypatch.setattr(can, "Bus", lambda **_: bus)
-        link.open()
-    with pytest.raises(LinkLostError, match="is gone"):
-        link.receive()
-    link.close()
-
-
-@pytest.mark.parametrize("hiccup", [can.CanOperationError("odd"), OSError(errno.EIO, "odd"), IndexError("t12")])
-def test_any_other_failure_to_receive_is_counted_and_what_arrived_is_kept(
-    link: CanLink, bus: FakeBus, hiccup: Exception
-) -> None:
-    bus.arriving += [_message(WALL_NS, 1), hiccup, _message(WALL_NS, 2)]
-    assert [frame.arbitration_id for frame in (*link.receive(), *link.receive())] == [1, 2]
-    assert (link.counters.received, link.counters.undecodable) == (2, 1)
-
-
-def test_a_closed_link_counts_what_is_sent_and_cannot_be_received_from(link: CanLink, bus: FakeBus) -> None:
-    link.close()
-    link.close()
-    assert bus.closed == 1
-    assert not link.send(Frame(1, b""))
-    assert link.counters.send_dropped == 1
-    with pytest.raises(LinkLostError, match="CAN bus fake here is not open"):
-        link.receive()
 
 
 @pytest.mark.parametrize(
-    ("frame", "expected"),
-    [
-        (Frame(0x123, b"12"), (0x123, b"12", 2, False, False)),
-        (Frame(0x123, b"", is_remote=True), (0x123, b"", 8, False, True)),
-        (Frame(0x123, b"1234", is_remote=True), (0x123, b"", 4, False, True)),
-        (Frame(0x1ABCDEF0, b"", is_extended=True, is_remote=True), (0x1ABCDEF0, b"", 8, True, True)),
-    ],
+    ("later", "state"), [([], LinkState.BUS_OFF), ([(1, b"", 0)], LinkState.ACTIVE)], ids=["none", "one"]
 )
-def test_a_frame_is_handed_to_python_can_as_it_is(
-    link: CanLink, bus: FakeBus, frame: Frame, expected: tuple[object, ...]
-) -> None:
-    assert link.send(frame)
-    assert [_kinds(message) for message in bus.sent] == [expected]
+def test_frame_received_after_bus_off_ends_it(link: CanLink, bus: Bus, later: list[Arrival], state: LinkState) -> None:
+    bus.port.arriving += [(1, b"", 0), _error(BUS_OFF), *later]
+    link.receive()
+    assert link.state is state
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        can.Message(arbitration_id=0x800, is_extended_id=False, data=b"1", check=False),
-        can.Message(arbitration_id=0x20000000, is_extended_id=True, data=b"1", check=False),
-        can.Message(arbitration_id=-1, is_extended_id=False, data=b"1", check=False),
-        can.Message(arbitration_id=1, is_extended_id=False, data=b"12", dlc=8, check=False),
-        can.Message(arbitration_id=1, is_extended_id=False, data=bytes(12), is_fd=True),
-        can.Message(arbitration_id=1, is_extended_id=False, dlc=9, is_remote_frame=True, check=False),
-    ],
-    ids=["standard id", "extended id", "negative id", "cut short", "too long", "remote and too long"],
-)
-def test_what_is_no_classic_frame_is_counted_and_what_follows_is_taken(
-    link: CanLink, bus: FakeBus, message: can.Message
-) -> None:
-    bus.arriving += [message, _message(WALL_NS, 0x7FF, data=b"good")]
-    assert [(f.arbitration_id, f.data) for f in link.receive()] == [(0x7FF, b"good")]
-    assert (link.counters.undecodable, link.counters.received) == (1, 1)
-
-
-@pytest.mark.parametrize("seconds", [float("nan"), float("inf")])
-def test_a_stamp_that_is_no_time_is_counted_like_any_other_failure(link: CanLink, bus: FakeBus, seconds: float) -> None:
-    bus.arriving.append(can.Message(timestamp=seconds, arbitration_id=1, data=b"1", is_extended_id=False))
-    assert link.receive() == []
-    assert link.counters.undecodable == 1
-
-
-BUS_OFF = can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True, is_extended_id=False)
-
-
-@pytest.mark.parametrize(
-    ("interface", "state"),
-    [("local", LinkState.BUS_OFF), ("gs_usb", LinkState.BUS_OFF), ("pcan", LinkState.ACTIVE), ("x", LinkState.ACTIVE)],
-)
-def test_only_error_frames_of_the_kernels_kind_are_understood(
-    monkeypatch: pytest.MonkeyPatch, interface: str, state: LinkState
-) -> None:
-    bus = FakeBus()
-    monkeypatch.setattr(can, "Bus", lambda **_: bus)
-    link = CanLink(interface, "here", 500_000)
-    link.open()
-    bus.arriving.append(BUS_OFF)
-    assert link.receive() == []
-    assert (link.state, link.counters.error_frames) == (state, 1)
-
-
-@pytest.mark.parametrize("interface", ["virtual", "local"])
-def test_our_own_frames_that_come_back_are_no_news(channel: str, interface: str) -> None:
-    """The real backends echo where they are told to; a bus on which somebody repeats us looks the same."""
-    link = CanLink(interface, channel, 500_000)
-    link.open()
-    with can.Bus(interface=interface, channel=channel) as mirror:
-        link.send(Frame(0x110, b"12"))
-        message = mirror.recv(PATIENCE_S)
-        assert message is not None
-        mirror.send(message)
-        mirror.send(can.Message(arbitration_id=0x111, data=b"end", is_extended_id=False))
-        assert [(f.arbitration_id, f.data) for f in _receive(link, 1)] == [(0x111, b"end")]
-    assert (link.counters.echoes, link.counters.received) == (1, 1)
-    link.close()
-
-
-def test_a_bus_that_does_not_shut_down_cleanly_is_closed_all_the_same(link: CanLink, bus: FakeBus) -> None:
-    bus.refusing_to_close = can.CanOperationError("the adapter is not there")
-    link.close()
+def test_a_lost_bus_comes_back_by_itself(link: CanLink, bus: Bus) -> None:
+    lose(link, bus)
     assert link.state is LinkState.GONE
+    assert link.health["lost"] == "Network is down"
+    bus.gate.clear()
+    for _ in range(3):
+        with pytest.raises(LinkLostError, match=r"^CAN bus fake bus is gone: Network is down$"):
+            link.receive()
+        assert not link.send(Frame(1, b""))
+    assert (link.counters.send_dropped, link.counters.reopened) == (3, 0)
+    bus.gate.set()
+    until(lambda: is_back(link))
+
+    assert (link.state, link.counters.reopened, len(bus.ports)) == (LinkState.ACTIVE, 1, 2)
+    assert [port.closed for port in bus.ports] == [1, 0], "the lost one was closed, and before the next was opened"
+    assert "lost" not in link.health
+    assert link.send(Frame(1, b""))
+    bus.port.arriving.append((2, b"", 0))
+    assert len(link.receive()) == 1
+
+
+def test_a_bus_found_lost_on_sending_is_lost(link: CanLink, bus: Bus) -> None:
+    """The kernel tells it once, to whoever asks first."""
+    bus.port.refusing = GONE
+    assert not link.send(Frame(1, b""))
+    assert (link.state, link.counters.send_dropped) == (LinkState.GONE, 1)
+    with pytest.raises(LinkLostError, match="gone"):
+        link.receive()
+    until(lambda: is_back(link))
+
+
+def test_a_bus_that_stays_away_is_tried_again_at_its_distance(link: CanLink, bus: Bus) -> None:
+    lose(link, bus)
+    bus.failure = BusNotFoundError("it is down; set it up")
+    until(lambda: not is_back(link) and link.health.get("reopening") == "it is down; set it up")
+    for _ in range(5):
+        assert not is_back(link)
+    assert bus.attempts == 2
+    bus.now_ns += 100_000_000
+    until(lambda: not is_back(link) and bus.attempts == 3)
+    bus.failure = None
+    bus.now_ns += 100_000_000
+
+    def returns() -> bool:
+        bus.now_ns += 100_000_000
+        return is_back(link)
+
+    until(returns)
+    assert link.counters.reopened == 1
+    assert "reopening" not in link.health
+
+
+def test_reopening_discards_error_state_and_keeps_counts(link: CanLink, bus: Bus) -> None:
+    bus.port.arriving.append(_error(BUS_OFF | 0x200, _6=255))
+    link.receive()
+    lose(link, bus)
+    until(lambda: is_back(link))
+    assert link.state is LinkState.ACTIVE
+    assert "tec" not in link.health
+    assert link.health["errors.bus_off"] == "1"
+
+
+def test_a_bus_that_only_fails_is_gone_in_the_end(link: CanLink, bus: Bus) -> None:
+    for _ in range(9):
+        bus.port.arriving.append(HICCUP)
+        assert link.receive() == []
+    bus.port.arriving.append(HICCUP)
+    with pytest.raises(LinkLostError, match="fake bus is gone: odd"):
+        link.receive()
+    assert link.counters.undecodable == 9
+
+
+@pytest.mark.parametrize("good", [[], [(1, b"", 0)]], ids=["an empty drain", "a frame before the failure"])
+def test_a_bus_that_works_in_between_is_not_gone(link: CanLink, bus: Bus, good: list[Arrival]) -> None:
+    for number in range(40):
+        if number % 8 == 7 and not good:
+            link.receive()
+        bus.port.arriving += [*(good if number % 8 == 7 else []), HICCUP]
+        link.receive()
+    assert link.counters.undecodable == 40
+
+
+def test_frames_that_waited_while_it_was_opened_again_are_no_older_than_that(link: CanLink, bus: Bus) -> None:
+    lose(link, bus)
+    bus.now_ns += S
+    with pytest.raises(LinkLostError):
+        link.receive()
+    until(lambda: len(bus.ports) == 2)
+    bus.port.arriving.append((1, b"", 0))
+    bus.now_ns += S
+    received: list[Frame] = []
+
+    def arrives() -> bool:
+        try:
+            received.extend(link.receive())
+        except LinkLostError:
+            return False
+        return bool(received)
+
+    until(arrives)
+    assert received[0].received_ns == 6 * S
+
+
+def test_a_link_closed_while_it_is_opened_again_leaves_nothing_open(link: CanLink, bus: Bus) -> None:
+    lose(link, bus)
+    bus.gate.clear()
+    with pytest.raises(LinkLostError):
+        link.receive()
+    until(lambda: bus.attempts == 2)
+    link.close()
+    bus.gate.set()
+    until(lambda: [port.closed for port in bus.ports] == [1, 1])
+    with pytest.raises(LinkLostError, match=r"^CAN bus fake bus is not open$"):
+        link.receive()
+    assert (link.state, link.counters.reopened) == (LinkState.GONE, 0)
+
+
+def test_a_lost_link_that_is_closed_closes_what_it_lost(link: CanLink, bus: Bus) -> None:
+    lose(link, bus)
+    link.close()
+    assert (bus.ports[0].closed, bus.attempts) == (1, 1)
+
+
+def test_a_link_may_be_opened_again(link: CanLink, bus: Bus) -> None:
+    link.open()
+    assert [port.closed for port in bus.ports] == [1, 0]
+    link.close()
+    link.open()
+    assert [port.closed for port in bus.ports] == [1, 1, 0]
+    assert link.counters.reopened == 0, "that counts what came back by itself"
+
+
+def test_health_is_text_with_rates_since_the_last_look(link: CanLink, bus: Bus) -> None:
+    bus.now_ns += 2 * S
+    for _ in range(10):
+        link.send(Frame(1, bytes(8)))
+    health = link.health
+    assert (health["sent_per_s"], health["sent"], health["load_percent"]) == ("5.0", "10", "0.1")
+    assert all(isinstance(value, str) for value in health.values())
+    assert "interface" not in health, "it is no network interface"
+    assert link.description == "fake bus"
+
+
+@pytest.fixture
+def kernel(monkeypatch: pytest.MonkeyPatch) -> dict[str, InterfaceState]:
+    known: dict[str, InterfaceState] = {}
+    monkeypatch.setattr(can_interfaces, "read_interface_state", lambda name: known.get(name, UNKNOWN))
+    return known
+
+
+def _kernel_link(bus: Bus) -> CanLink:
+    return CanLink(CanBus("can0", 500_000, "can0"), bus.open, lambda: bus.now_ns, lambda: bus.now_ns)
+
+
+def test_a_bus_that_is_off_already_when_it_is_opened_is_known_to_be(
+    bus: Bus, kernel: dict[str, InterfaceState]
+) -> None:
+    kernel["can0"] = InterfaceState("can", True, LinkState.BUS_OFF, 250_000, 100, 248, 1)  # noqa: FBT003 - in order
+    link = _kernel_link(bus)
+    link.open()
+    assert link.state is LinkState.BUS_OFF
+    assert not link.send(Frame(1, b""))
+    bus.now_ns += S
+    bus.port.arriving.append((2, bytes(8), 0))
+    link.receive()
+    health = link.health
+    assert (health["tec"], health["interface"]) == ("248", "bus-off, 250000 bit/s, restarted 100 ms after bus-off")
+    assert health["load_percent"] == "0.1", "135 of 250,000 bits"
+
+
+def test_kernel_state_replaces_missing_error_frames(bus: Bus, kernel: dict[str, InterfaceState]) -> None:
+    kernel["can0"] = InterfaceState("vcan", is_up=True)
+    link = _kernel_link(bus)
+    link.open()
+    bus.port.arriving.append(_error(0x204 | ERROR, _1=0x10, _6=1, _7=130))
+    link.receive()
+    for _ in range(20):
+        assert link.health["state"] == "passive", "an interface that tells nothing changes nothing"
+        time.sleep(0.001)
+    kernel["can0"] = InterfaceState("can", True, LinkState.BUS_OFF, 500_000, 0, 249, 130)  # noqa: FBT003 - in order
+    until(lambda: link.health["state"] == "bus-off")
+    assert (link.health["tec"], link.health["rec"]) == ("249", "130")
+
+
+@pytest.mark.parametrize(("held_up", "age_ns"), [(0, 0), (1, 0), (2, 0), (9, 2_000_000)])
+def test_being_held_up_between_two_clocks_makes_no_frame_older(bus: Bus, held_up: int, age_ns: int) -> None:
+    """Held up for 2 ms after each of the first readings of the loop's clock; the wall clock is an hour ahead of it."""
+    readings = 0
+
+    def now_ns() -> int:
+        return bus.now_ns
+
+    def wall_ns() -> int:
+        nonlocal readings
+        readings += 1
+        if 1 < readings <= held_up + 1:
+            bus.now_ns += 2_000_000
+        return bus.now_ns + 3600 * S
+
+    link = CanLink(CanBus("fake bus", 500_000, None), bus.open, now_ns, wall_ns)
+    link.open()
+    link.receive()
+    bus.now_ns += S
+    bus.port.arriving.append((1, b"", bus.now_ns + 3600 * S))
+    arrived_ns = bus.now_ns
+    (frame,) = link.receive()
+    assert arrived_ns - frame.received_ns == age_ns
+    link.close()

@@ -15,10 +15,10 @@ import can
 import can.bus
 import pytest
 
-from segway_ecc.firmware_io.links import local_socket
 from segway_ecc.firmware_io.links.local_bus import LocalBus
-from segway_ecc.firmware_io.links.local_socket import PORT, multicast_group
+from segway_ecc.firmware_io.links.local_port import PORT, multicast_group
 
+INET_ATON = socket.inet_aton
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""
 DATAGRAM = struct.Struct("<4sQQIBx8s")
@@ -229,7 +229,8 @@ def test_a_closed_bus_raises_python_cans_error(channel: str) -> None:
 
 
 def test_error_of_a_bus_that_cannot_be_joined_names_the_remedy(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
+    elsewhere = socket.inet_aton("192.0.2.1")  # for documentation, on no machine's device
+    monkeypatch.setattr(socket, "inet_aton", lambda text: elsewhere if text == "127.0.0.1" else INET_ATON(text))
     with pytest.raises(can.CanInitializationError, match="No such device; bring the loopback device up: ip link set"):
         can.Bus(interface="local", channel=channel)
 

@@ -21,7 +21,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     Wheel,
     WheelCommand,
 )
-from segway_ecc.firmware_io.links.can_link import make_can_link
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import BenchSite, Contestant, plant, run_contestant

@@ -6,7 +6,7 @@ from msgspec import structs
 
 from segway_ecc.firmware_io.build import Clocks, can_link
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
-from segway_ecc.firmware_io.links.base_can_link import BaseCanLink
+from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.errors import NoSimulationError
@@ -53,7 +53,7 @@ def test_devices_can_be_asked_by_remote_frame_whatever_stands_in_front_of_their_
     front: Callable[[Link], Link],
 ) -> None:
     bus = can_link(CAN, Clocks())
-    assert isinstance(bus, BaseCanLink)
+    assert isinstance(bus, CanLink)
     assert not bus.receives_remote
     simulated_robot(load_robot("cart-can"), front(bus))
     assert bus.receives_remote

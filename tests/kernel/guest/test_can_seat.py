@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""CanLink and the CAN seat on the kernel's own CAN: python-can's socketcan interface over vcan0."""
+"""A link through python-can and the CAN seat on the kernel's own CAN: the socketcan interface over vcan0."""
 
 import contextlib
 import json
@@ -13,7 +13,9 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
-from segway_ecc.firmware_io.links.can_link import CanLink, resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.can_ports import make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from segway_ecc.hil.case_study.offline import OfflineSeat
@@ -31,7 +33,7 @@ def ip_link(*words: str) -> None:
 
 @contextlib.contextmanager
 def opened(channel: str = "vcan0") -> Iterator[CanLink]:
-    link = CanLink("socketcan", channel, BITRATE)
+    link = make_python_can_link("socketcan", channel, BITRATE)
     link.open()
     try:
         yield link
@@ -63,7 +65,7 @@ def test_auto_picks_the_first_interface_and_says_so() -> None:
     assert resolve("auto", "auto") == ("socketcan", "vcan0")
     assert resolve("auto", "vcan1") == ("socketcan", "vcan1")
     assert resolve("auto", "elsewhere") == ("local", "elsewhere")
-    assert CanLink("auto", "auto", BITRATE).description == "socketcan vcan0 (chosen by 'auto auto')"
+    assert make_python_can_link("auto", "auto", BITRATE).description == "socketcan vcan0 (chosen by 'auto auto')"
 
 
 def test_a_robot_on_auto_says_that_it_is_on_vcan0() -> None:
@@ -123,7 +125,7 @@ def test_an_interface_that_is_set_down_is_a_lost_link() -> None:
 
 def test_an_interface_that_is_not_there_is_told_with_those_that_are() -> None:
     with pytest.raises(BusNotFoundError) as caught:
-        CanLink("socketcan", "nosuch0", BITRATE).open()
+        make_python_can_link("socketcan", "nosuch0", BITRATE).open()
 
     assert str(caught.value) == (
         "no CAN interface is called 'nosuch0'; there is vcan0, vcan1. "
@@ -134,7 +136,7 @@ def test_an_interface_that_is_not_there_is_told_with_those_that_are() -> None:
 @pytest.mark.usefixtures("vcan1_down")
 def test_an_interface_that_is_down_is_told_with_the_command_that_sets_it_up() -> None:
     with pytest.raises(BusNotFoundError) as caught:
-        CanLink("socketcan", "vcan1", BITRATE).open()
+        make_python_can_link("socketcan", "vcan1", BITRATE).open()
 
     assert str(caught.value).startswith("CAN interface vcan1 is down; set it up: sudo ip link set vcan1 up")
 

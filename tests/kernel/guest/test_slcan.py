@@ -18,9 +18,10 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import LinkLostError
-from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.can_interfaces import read_interface_state
+from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910
@@ -89,7 +90,7 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
-def receive(link: SocketCanLink, count: int) -> list[Frame]:
+def receive(link: CanLink, count: int) -> list[Frame]:
     frames: list[Frame] = []
 
     def are_there() -> bool:
@@ -116,25 +117,25 @@ def adapter() -> Iterator[Adapter]:
 
 
 @pytest.fixture
-def link(adapter: Adapter) -> Iterator[SocketCanLink]:
+def link(adapter: Adapter) -> Iterator[CanLink]:
     adapter.ip_link("type", "can", "bitrate", str(BITRATE))
     adapter.ip_link("up")
     # Close what may be open, 500 kbit/s, open.
     adapter.expect(b"C\rS6\rO\r")
-    link = SocketCanLink(adapter.interface, BITRATE)
+    link = make_can_link("socketcan", adapter.interface, BITRATE)
     link.open()
     yield link
     link.close()
 
 
-def test_what_is_sent_is_on_the_line_byte_for_byte(adapter: Adapter, link: SocketCanLink) -> None:
+def test_what_is_sent_is_on_the_line_byte_for_byte(adapter: Adapter, link: CanLink) -> None:
     for frame, words in FRAMES + REMOTE:
         assert link.send(frame)
         adapter.expect(words)
     assert link.counters.sent == len(FRAMES) + len(REMOTE)
 
 
-def test_what_is_on_the_line_is_received(adapter: Adapter, link: SocketCanLink) -> None:
+def test_what_is_on_the_line_is_received(adapter: Adapter, link: CanLink) -> None:
     for frame, words in FRAMES:
         adapter.say(words)
         assert receive(link, 1) == [frame]
@@ -144,7 +145,7 @@ def test_what_is_on_the_line_is_received(adapter: Adapter, link: SocketCanLink) 
     assert link.counters.received == len(FRAMES)
 
 
-def test_frames_that_come_in_pieces_or_many_at_once_are_received(adapter: Adapter, link: SocketCanLink) -> None:
+def test_frames_that_come_in_pieces_or_many_at_once_are_received(adapter: Adapter, link: CanLink) -> None:
     stream = b"".join(words for _, words in FRAMES)
     adapter.say(stream)
     assert receive(link, len(FRAMES)) == [frame for frame, _ in FRAMES]
@@ -153,14 +154,14 @@ def test_frames_that_come_in_pieces_or_many_at_once_are_received(adapter: Adapte
     assert receive(link, len(FRAMES)) == [frame for frame, _ in FRAMES]
 
 
-def test_after_garbage_the_next_frame_is_received(adapter: Adapter, link: SocketCanLink) -> None:
+def test_after_garbage_the_next_frame_is_received(adapter: Adapter, link: CanLink) -> None:
     for garbage in (b"\r", b"\x07", b"t12\r", b"t1239\r", b"tXYZ0\r", b"t12320\r", b"z\r", b"\xff\xfe\r"):
         adapter.say(garbage + b"t7770\r")
         assert [frame.arbitration_id for frame in receive(link, 1)] == [0x777]
     assert link.receive() == []
 
 
-def test_what_the_adapter_tells_of_the_bus_makes_the_state(adapter: Adapter, link: SocketCanLink) -> None:
+def test_what_the_adapter_tells_of_the_bus_makes_the_state(adapter: Adapter, link: CanLink) -> None:
     # State reports of the kernel's driver: s, the state, receive and transmit error counters in three digits each.
     for words, state in (
         (b"sw096001\r", LinkState.WARNING),
@@ -177,16 +178,16 @@ def test_what_the_adapter_tells_of_the_bus_makes_the_state(adapter: Adapter, lin
     assert link.counters.send_dropped == 1
 
 
-def test_the_error_counters_are_those_that_the_adapter_told(adapter: Adapter, link: SocketCanLink) -> None:
+def test_the_error_counters_are_those_that_the_adapter_told(adapter: Adapter, link: CanLink) -> None:
     adapter.say(b"sw097012\r")
     until(lambda: link.receive() == [] and link.state is LinkState.WARNING)
     assert (link.health["rec"], link.health["tec"]) == ("97", "12")
 
 
-def test_a_bus_that_is_off_already_is_known_when_it_is_opened(adapter: Adapter, link: SocketCanLink) -> None:
+def test_a_bus_that_is_off_already_is_known_when_it_is_opened(adapter: Adapter, link: CanLink) -> None:
     adapter.say(b"sb000250\r")
     until(lambda: link.receive() == [] and link.state is LinkState.BUS_OFF)
-    late = SocketCanLink(adapter.interface, BITRATE)
+    late = make_can_link("socketcan", adapter.interface, BITRATE)
     late.open()
     assert late.state is LinkState.BUS_OFF
     assert late.health["interface"] == "bus-off, 500000 bit/s, not restarted after bus-off"
@@ -205,7 +206,7 @@ def test_what_we_read_over_netlink_is_what_ip_says(adapter: Adapter) -> None:
     assert state.restart_ms == info["info_data"]["restart_ms"]
 
 
-def test_an_adapter_that_is_pulled_is_a_lost_link(adapter: Adapter, link: SocketCanLink) -> None:
+def test_an_adapter_that_is_pulled_is_a_lost_link(adapter: Adapter, link: CanLink) -> None:
     adapter.ip_link("down")
     with pytest.raises(LinkLostError, match=f"^CAN bus socketcan {adapter.interface} is gone: Network is down$"):
         link.receive()

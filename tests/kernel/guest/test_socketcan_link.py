@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""SocketCanLink, and CanLink beside it, on the kernel's own CAN: vcan0, and vcan1, which goes and comes back."""
+"""Links over raw sockets and through python-can on the kernel's own CAN: vcan0, and vcan1, which goes and returns."""
 
 import contextlib
 import socket
@@ -13,10 +13,9 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import LinkLostError
-from segway_ecc.firmware_io.links.can_link import CanLink, make_can_link
-from segway_ecc.firmware_io.links.interface_state import read_interface_state
+from segway_ecc.firmware_io.links.can_interfaces import read_interface_state
+from segway_ecc.firmware_io.links.can_ports import SocketCanPort, make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkState
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 BITRATE = 500_000
 PATIENCE_S = 10.0
@@ -27,11 +26,11 @@ Make = Callable[[str], Link]
 
 
 def over_raw_socket(channel: str) -> Link:
-    return SocketCanLink(channel, BITRATE)
+    return make_can_link("socketcan", channel, BITRATE)
 
 
 def over_python_can(channel: str) -> Link:
-    return CanLink("socketcan", channel, BITRATE)
+    return make_python_can_link("socketcan", channel, BITRATE)
 
 
 BOTH = pytest.mark.parametrize("make", [over_raw_socket, over_python_can])
@@ -104,7 +103,9 @@ def vcan1() -> Iterator[None]:
 
 def test_the_kernels_can_goes_over_a_raw_socket() -> None:
     link = make_can_link("auto", "auto", BITRATE)
-    assert isinstance(link, SocketCanLink)
+    link.open()
+    assert isinstance(link._port, SocketCanPort)
+    link.close()
     assert link.description == "socketcan vcan0 (chosen by 'auto auto')"
 
 

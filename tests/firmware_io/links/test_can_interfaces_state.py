@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.links.interface_state import (
+from segway_ecc.firmware_io.links.can_interfaces import (
     UNKNOWN,
     InterfaceState,
     encode_request,

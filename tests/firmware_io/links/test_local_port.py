@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import select
+import socket
 import time
 from collections.abc import Iterator
 
@@ -8,12 +9,12 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
-from segway_ecc.firmware_io.links import local_socket
+from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.links.local_datagrams import encode
-from segway_ecc.firmware_io.links.local_link import LocalLink
-from segway_ecc.firmware_io.links.local_socket import PORT, multicast_group, multicast_socket
+from segway_ecc.firmware_io.links.local_port import PORT, encode, multicast_group, multicast_socket
 
+INET_ATON = socket.inet_aton
 PATIENCE_S = 20.0
 """How long a frame may take that is sure to come."""
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
@@ -21,7 +22,7 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 @pytest.fixture
 def link(channel: str) -> Iterator[Link]:
-    link = LocalLink(channel, 500_000)
+    link = make_can_link("local", channel, 500_000)
     link.open()
     yield link
     link.close()
@@ -111,7 +112,7 @@ def test_error_frames_are_understood(link: Link, channel: str) -> None:
 
 
 def test_other_channels_are_other_buses(link: Link, channel: str) -> None:
-    other = LocalLink(f"{channel} other", 500_000)
+    other = make_can_link("local", f"{channel} other", 500_000)
     other.open()
     other.send(Frame(1, b"x"))
     other.close()
@@ -125,12 +126,13 @@ def test_a_flood_is_taken_in_pieces(link: Link, bus: can.BusABC) -> None:
 
 
 def test_error_of_a_bus_that_cannot_be_joined_names_the_remedy(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(local_socket, "_LOOPBACK", "192.0.2.1")  # for documentation, on no machine's device
+    elsewhere = socket.inet_aton("192.0.2.1")  # for documentation, on no machine's device
+    monkeypatch.setattr(socket, "inet_aton", lambda text: elsewhere if text == "127.0.0.1" else INET_ATON(text))
     with pytest.raises(BusNotFoundError, match="bring the loopback device up: ip link set"):
-        LocalLink(channel, 500_000).open()
+        make_can_link("local", channel, 500_000).open()
 
 
-def test_a_socket_that_is_closed_under_it_is_a_lost_bus(link: LocalLink) -> None:
+def test_a_socket_that_is_closed_under_it_is_a_lost_bus(link: CanLink) -> None:
     port = link._port
     assert port is not None
     port.close()
@@ -144,7 +146,7 @@ def test_nothing_waits(link: Link) -> None:
     assert link.send(Frame(1, b""))
 
 
-def test_closed_bus_receives_nothing(link: LocalLink, bus: can.BusABC) -> None:
+def test_closed_bus_receives_nothing(link: CanLink, bus: can.BusABC) -> None:
     link.close()
     assert not link.send(Frame(1, b""))
     assert not select.select([bus.fileno()], [], [], 0)[0]

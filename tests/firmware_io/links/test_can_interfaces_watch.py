@@ -5,9 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from segway_ecc.firmware_io.links import interface_watch
-from segway_ecc.firmware_io.links.interface_state import UNKNOWN, InterfaceState
-from segway_ecc.firmware_io.links.interface_watch import InterfaceWatch
+from segway_ecc.firmware_io.links import can_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState, InterfaceWatch
 from segway_ecc.firmware_io.links.link import LinkState
 
 PATIENCE_S = 20.0
@@ -33,7 +32,7 @@ class Kernel:
 @pytest.fixture
 def kernel(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Kernel:
     kernel = Kernel(request.node.name)
-    monkeypatch.setattr(interface_watch, "read_interface_state", kernel.answer)
+    monkeypatch.setattr(can_interfaces, "read_interface_state", kernel.answer)
     return kernel
 
 
@@ -76,7 +75,7 @@ def test_one_question_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
         assert gate.wait(PATIENCE_S)
         return PASSIVE
 
-    monkeypatch.setattr(interface_watch, "read_interface_state", answer)
+    monkeypatch.setattr(can_interfaces, "read_interface_state", answer)
     watch = InterfaceWatch("slow")
     assert [watch.look(0) for _ in range(20)] == [False] * 20
     until(lambda: "slow" in asked)

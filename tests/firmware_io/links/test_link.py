@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.firmware_io.links.link import LinkCounters
-from segway_ecc.firmware_io.links.meter import Meter
+from segway_ecc.firmware_io.links.link import LinkCounters, Meter
 
 S = 1_000_000_000
 

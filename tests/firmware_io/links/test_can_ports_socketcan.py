@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
-from segway_ecc.firmware_io.links import can_interfaces, interface_watch
-from segway_ecc.firmware_io.links.interface_state import UNKNOWN
+from segway_ecc.firmware_io.links import can_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN
+from segway_ecc.firmware_io.links.can_link import CanLink
+from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 S = 1_000_000_000
 WALL_NS = 1_700_000_000 * S
@@ -79,15 +80,15 @@ def sock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[FakeSocket
     (tmp_path / "can0" / "type").write_text("280\n")
     (tmp_path / "can0" / "flags").write_text("0x40081\n")
     monkeypatch.setattr(can_interfaces, "NETWORK_DEVICES", tmp_path)
-    monkeypatch.setattr(interface_watch, "read_interface_state", lambda _: UNKNOWN)
+    monkeypatch.setattr(can_interfaces, "read_interface_state", lambda _: UNKNOWN)
     monkeypatch.setattr(socket, "socket", lambda *_: fake)
     yield fake
     os.close(fake.readable)
 
 
 @pytest.fixture
-def link(sock: FakeSocket) -> SocketCanLink:
-    link = SocketCanLink("can0", 500_000, lambda: START_NS + 10_000_000, lambda: WALL_NS)
+def link(sock: FakeSocket) -> CanLink:
+    link = make_can_link("socketcan", "can0", 500_000, lambda: START_NS + 10_000_000, lambda: WALL_NS)
     link._now_ns = lambda: START_NS
     link.open()
     link._now_ns = lambda: START_NS + 10_000_000
@@ -119,14 +120,14 @@ def test_the_socket_is_set_up_for_a_loop(sock: FakeSocket) -> None:
 
 def test_without_the_right_to_a_large_buffer_it_takes_what_it_gets(sock: FakeSocket) -> None:
     sock.refusing["force"] = PermissionError(errno.EPERM, "")
-    SocketCanLink("can0", 500_000).open()
+    make_can_link("socketcan", "can0", 500_000).open()
     assert sock.options[1, socket.SO_RCVBUF] == 1 << 20
 
 
 def test_socket_that_cannot_be_bound_is_closed_and_reported_in_one_line(sock: FakeSocket) -> None:
     sock.refusing["bind"] = OSError(errno.ENODEV, "No such device")
     with pytest.raises(BusNotFoundError) as error:
-        SocketCanLink("can0", 500_000).open()
+        make_can_link("socketcan", "can0", 500_000).open()
     assert str(error.value) == (
         "cannot open CAN bus socketcan can0: [Errno 19] No such device; check interface and channel"
     )
@@ -145,14 +146,12 @@ def test_socket_that_cannot_be_bound_is_closed_and_reported_in_one_line(sock: Fa
         (Frame(1, b"", is_extended=True, is_remote=True), "010000c008000000 0000000000000000"),
     ],
 )
-def test_a_frame_is_sent_as_the_kernel_wants_it(
-    link: SocketCanLink, sock: FakeSocket, frame: Frame, expected: str
-) -> None:
+def test_a_frame_is_sent_as_the_kernel_wants_it(link: CanLink, sock: FakeSocket, frame: Frame, expected: str) -> None:
     assert link.send(frame)
     assert sock.sent == [bytes.fromhex(expected)]
 
 
-def test_frames_are_read_with_the_kernels_stamps(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_frames_are_read_with_the_kernels_stamps(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving += [
         _arrival(0x123, b"\x01\x02", WALL_NS - 7_000_001),
         _arrival(0x80000123, b"12345678", WALL_NS - 3),
@@ -168,13 +167,13 @@ def test_frames_are_read_with_the_kernels_stamps(link: SocketCanLink, sock: Fake
     ]
 
 
-def test_error_frames_make_the_state(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_error_frames_make_the_state(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving.append(_arrival(0x20000040, bytes(8)))
     assert link.receive() == []
     assert link.state is LinkState.BUS_OFF
 
 
-def test_what_the_receive_queue_lost_is_counted(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_what_the_receive_queue_lost_is_counted(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving += [_arrival(1, stamp_ns=0), _arrival(1, stamp_ns=0, drops=5), _arrival(1, stamp_ns=0, drops=5)]
     link.receive()
     assert link.counters.overflows == 5
@@ -183,21 +182,21 @@ def test_what_the_receive_queue_lost_is_counted(link: SocketCanLink, sock: FakeS
     assert link.counters.overflows == 5 + (0xFFFFFFFF - 5) + 3
 
 
-def test_a_flooded_bus_is_taken_in_bounded_portions(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_a_flooded_bus_is_taken_in_bounded_portions(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving += [_arrival(number, stamp_ns=0) for number in range(1200)]
     portions = [[frame.arbitration_id for frame in link.receive()] for _ in range(4)]
     assert [len(portion) for portion in portions] == [512, 512, 176, 0]
     assert sum(portions, []) == list(range(1200))  # noqa: RUF017 - three short lists
 
 
-def test_a_frame_of_another_size_is_counted_and_passed_over(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_a_frame_of_another_size_is_counted_and_passed_over(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving += [(b"short", [], 0, ()), _arrival(7)]
     assert [frame.arbitration_id for frame in link.receive()] == [7]
     assert link.counters.undecodable == 1
 
 
 @pytest.mark.parametrize("code", [errno.ENOBUFS, errno.EAGAIN, errno.EINVAL])
-def test_a_frame_that_finds_no_room_is_dropped(link: SocketCanLink, sock: FakeSocket, code: int) -> None:
+def test_a_frame_that_finds_no_room_is_dropped(link: CanLink, sock: FakeSocket, code: int) -> None:
     sock.refusing["send"] = OSError(code, "no")
     assert not link.send(Frame(1, b""))
     assert (link.counters.send_dropped, link.state) == (1, LinkState.ACTIVE)
@@ -205,7 +204,7 @@ def test_a_frame_that_finds_no_room_is_dropped(link: SocketCanLink, sock: FakeSo
 
 @pytest.mark.parametrize("code", [errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF])
 @pytest.mark.parametrize("way", ["send", "receive"])
-def test_a_gone_interface_is_a_lost_link(link: SocketCanLink, sock: FakeSocket, way: str, code: int) -> None:
+def test_a_gone_interface_is_a_lost_link(link: CanLink, sock: FakeSocket, way: str, code: int) -> None:
     error = OSError(code, "it is away")
     if way == "send":
         sock.refusing["send"] = error
@@ -219,7 +218,7 @@ def test_a_gone_interface_is_a_lost_link(link: SocketCanLink, sock: FakeSocket, 
     assert sock.closed >= 1
 
 
-def test_any_other_failure_to_receive_is_counted(link: SocketCanLink, sock: FakeSocket) -> None:
+def test_any_other_failure_to_receive_is_counted(link: CanLink, sock: FakeSocket) -> None:
     sock.arriving += [_arrival(1), OSError(errno.EIO, "odd"), _arrival(2)]
     assert [frame.arbitration_id for frame in (*link.receive(), *link.receive())] == [1, 2]
     assert link.counters.undecodable == 1

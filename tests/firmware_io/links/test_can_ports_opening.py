@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,10 +8,9 @@ import pytest
 
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links import can_interfaces
-from segway_ecc.firmware_io.links.can_link import CanLink, make_can_link, resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.can_interfaces import resolve, socketcan_interfaces
+from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.firmware_io.links.local_link import LocalLink
-from segway_ecc.firmware_io.links.socketcan_link import SocketCanLink
 
 UP, DOWN = "0x40081", "0x40080"
 """Flags of linux/if.h and if_arp.h as sysfs prints them; the last bit is IFF_UP."""
@@ -56,29 +56,44 @@ def test_auto_is_a_real_bus_where_there_is_one(
 
 
 def test_the_kernels_can_and_the_virtual_bus_go_over_a_raw_socket_and_all_else_through_python_can(
-    devices: Path,
+    devices: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert isinstance(make_can_link("virtual", "x", 500_000), CanLink)
-    assert isinstance(make_can_link("auto", "auto", 500_000), LocalLink)
-    assert make_can_link("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
+    opened: list[object] = []
+
+    def refuse(*kind: int) -> None:
+        opened.append(kind)
+        raise OSError("no sockets")
+
+    def python_can(**options: object) -> None:
+        opened.append(options["interface"])
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    monkeypatch.setattr(can, "Bus", python_can)
+    make_can_link("virtual", "x", 500_000).open()
+    virtual = make_can_link("auto", "auto", 500_000)
+    assert virtual.description == "local robot (chosen by 'auto auto')"
     _add_device(devices, "can0")
     chosen = make_can_link("auto", "auto", 500_000), make_can_link("socketcan", "can0", 500_000)
-    assert all(isinstance(link, SocketCanLink) for link in chosen)
     assert [link.description for link in chosen] == ["socketcan can0 (chosen by 'auto auto')", "socketcan can0"]
-    assert SocketCanLink("can0", 500_000).description == "socketcan can0"
+    for link in (virtual, *chosen):
+        with pytest.raises(BusNotFoundError, match="no sockets"):
+            link.open()
+    raw = (socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    assert opened == ["virtual", (socket.AF_INET, socket.SOCK_DGRAM), raw, raw]
+    assert make_can_link("socketcan", "can0", 500_000).description == "socketcan can0"
 
 
 def test_description_has_the_choice_and_its_reason(devices: Path) -> None:
-    assert CanLink("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
+    assert make_python_can_link("auto", "auto", 500_000).description == "local robot (chosen by 'auto auto')"
     _add_device(devices, "can0")
-    assert CanLink("auto", "can0", 500_000).description == "socketcan can0 (chosen by 'auto can0')"
-    assert CanLink("virtual", "x", 500_000).description == "virtual x"
+    assert make_python_can_link("auto", "can0", 500_000).description == "socketcan can0 (chosen by 'auto can0')"
+    assert make_python_can_link("virtual", "x", 500_000).description == "virtual x"
 
 
 @pytest.mark.parametrize(
     ("present", "found"), [([], "this machine has no CAN interface"), (["can0", "vcan1"], "there is can0, vcan1")]
 )
-@pytest.mark.parametrize("make", [CanLink, make_can_link])
+@pytest.mark.parametrize("make", [make_python_can_link, make_can_link])
 def test_missing_interface_is_one_line_with_the_remedy(
     devices: Path, present: list[str], found: str, make: Callable[[str, str, int], Link]
 ) -> None:
@@ -92,7 +107,7 @@ def test_missing_interface_is_one_line_with_the_remedy(
     assert str(error.value) == f"{expected} up first"
 
 
-@pytest.mark.parametrize("make", [CanLink, make_can_link])
+@pytest.mark.parametrize("make", [make_python_can_link, make_can_link])
 def test_an_interface_that_is_down_is_one_line_with_the_command(
     devices: Path, make: Callable[[str, str, int], Link]
 ) -> None:
@@ -113,7 +128,7 @@ def test_an_interface_that_goes_while_it_is_looked_at_is_down(devices: Path) -> 
 @pytest.mark.parametrize("interface", ["no-such-interface", "slcan"])
 def test_a_bus_that_cannot_be_opened_is_one_line_that_names_it(interface: str) -> None:
     with pytest.raises(BusNotFoundError, match=f"^cannot open CAN bus {interface} /no/such/port: .+") as error:
-        CanLink(interface, "/no/such/port", 500_000).open()
+        make_python_can_link(interface, "/no/such/port", 500_000).open()
     assert "\n" not in str(error.value)
 
 
@@ -124,7 +139,7 @@ def test_whatever_a_backend_raises_on_opening_is_ours(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(can, "Bus", fail)
     with pytest.raises(BusNotFoundError, match="cannot open CAN bus fake here: out of order"):
-        CanLink("fake", "here", 500_000).open()
+        make_python_can_link("fake", "here", 500_000).open()
 
 
 @pytest.mark.parametrize(("interface", "more"), [("fake", {}), ("slcan", {"timeout": 0.0})])
@@ -133,7 +148,7 @@ def test_bit_rate_reaches_the_backend_and_slcan_does_not_wait(
 ) -> None:
     asked: dict[str, object] = {}
     monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
-    CanLink(interface, "here", 125_000).open()
+    make_python_can_link(interface, "here", 125_000).open()
     assert asked == {"channel": "here", "interface": interface, "bitrate": 125_000, **more}
 
 
@@ -142,5 +157,5 @@ def test_an_interface_that_is_up_is_opened(devices: Path, monkeypatch: pytest.Mo
     _add_device(devices, "can0", flags=flags)
     asked: dict[str, object] = {}
     monkeypatch.setattr(can, "Bus", lambda **options: asked.update(options))
-    CanLink("auto", "auto", 500_000).open()
+    make_python_can_link("auto", "auto", 500_000).open()
     assert asked == {"channel": "can0", "interface": "socketcan", "bitrate": 500_000}
