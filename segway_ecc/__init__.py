@@ -12,11 +12,8 @@ if TYPE_CHECKING:
     from segway_ecc.firmware_io.errors import SegwayEccError
     from segway_ecc.node.config import RobotFile, load_robot
     from segway_ecc.node.cycle.setpoints import Setpoint
-    from segway_ecc.node.model.methods import Method
-    from segway_ecc.node.model.model import Model
-    from segway_ecc.node.model.sectioned import SectionedModel
-    from segway_ecc.node.model.simulate import simulate
-    from segway_ecc.node.model.variables import Variable, Write
+    from segway_ecc.node.model.model import Model, Variable, Write, simulate
+    from segway_ecc.node.model.sectioned import Method, SectionedModel
     from segway_ecc.node.models.load import load_model
 
 __all__ = [
@@ -34,17 +31,17 @@ __all__ = [
 ]
 
 _MODULES: Final = {
-    "Method": "node.model.methods",
+    "Method": "node.model.sectioned",
     "Model": "node.model.model",
     "RobotFile": "node.config",
     "SectionedModel": "node.model.sectioned",
     "SegwayEccError": "firmware_io.errors",
     "Setpoint": "node.cycle.setpoints",
-    "Variable": "node.model.variables",
-    "Write": "node.model.variables",
+    "Variable": "node.model.model",
+    "Write": "node.model.model",
     "load_model": "node.models.load",
     "load_robot": "node.config",
-    "simulate": "node.model.simulate",
+    "simulate": "node.model.model",
 }
 
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from segway_ecc.hil.faults.injection import Injection, Injections
 from segway_ecc.hil.rig.plant import advance_of
-from segway_ecc.node.model.model import Model
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Model, Variable
 
 _PREFIXES = {
     "imu": ("imu.",),

@@ -15,9 +15,8 @@ from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import ModelSection, RobotFile
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.wiring import wire
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.robot import Robot
 

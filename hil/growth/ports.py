@@ -14,9 +14,8 @@ from segway_ecc.node.config import ModelSection, RobotFile
 from segway_ecc.node.cycle.interfaces import NoStage
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.robot import Robot

@@ -3,9 +3,8 @@
 
 from collections.abc import Sequence
 
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 
 class Echo(SectionedModel):

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
 
 STEP_SIZE: Final = 0.005

@@ -3,7 +3,7 @@
 
 from typing import Final
 
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
 
 WHEEL_OUTPUTS: Final = tuple(
     Variable(f"{side}.{name}", unit)

@@ -16,9 +16,8 @@ from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPU
 from segway_ecc.hil.plants.segway_body import SegwayBody
 from segway_ecc.hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
 from segway_ecc.hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 
 STEP_SIZE: Final = 0.001

@@ -10,8 +10,7 @@ from typing import Final
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
-from segway_ecc.node.model.model import Model
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Model, Variable, Write
 
 SETPOINT_SIGNALS: Final = ("setpoint.linear_velocity", "setpoint.angular_velocity")
 """In the order of `Setpoint`: m/s, rad/s."""

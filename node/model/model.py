@@ -1,10 +1,45 @@
 # SPDX-License-Identifier: MIT
-"""The interface of every model, whatever it is written in."""
+"""The interface of every model, whatever it is written in, its named variables, and a model stepped through time."""
 
-from collections.abc import Sequence
-from typing import Protocol
+import enum
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.errors import UnknownNameError
+
+
+@enum.unique
+class Write(enum.StrEnum):
+    """When a write to a variable takes effect."""
+
+    NOW = "now"
+    """At the next step."""
+    STATIC = "static"
+    """At the next step, through the static equations, which the write runs again."""
+    RESET = "reset"
+    """When the model is initialized again."""
+    NEVER = "never"
+    """The variable cannot be written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One input, output, parameter or state of a model.
+
+    Attributes:
+        name: Name as the model gives it; unique within the model.
+        unit: SI unit symbol, "1" for none.
+        value: Start value, in `unit`.
+        write: When a write takes effect.
+        why: What decides that, in a few words; empty where the model's author declares it.
+    """
+
+    name: str
+    unit: str = "1"
+    value: float = 0.0
+    write: Write = Write.NEVER
+    why: str = ""
 
 
 class Model(Protocol):
@@ -67,3 +102,38 @@ class Model(Protocol):
             UnknownNameError: The model has no such name.
             ModelError: The variable cannot be written, or the value is not finite.
         """
+
+
+class Sample(NamedTuple):
+    """A model at one moment: time (s), the inputs held from then on, and the outputs."""
+
+    time: float
+    u: Sequence[float]
+    y: Sequence[float]
+
+
+def simulate(model: Model, inputs: Mapping[str, float], duration: float) -> Iterator[Sample]:
+    """Hold inputs for some time, from initialize to terminate.
+
+    Args:
+        model: The model.
+        inputs: Values of inputs by name; the others keep their start values.
+        duration: How long, s; rounded to whole steps. A model that asks to stop ends sooner.
+
+    Yields:
+        The start, and the end of each step.
+
+    Raises:
+        UnknownNameError: The model has no such input.
+    """
+    names = [v.name for v in model.inputs]
+    for name in inputs:
+        if name not in names:
+            raise UnknownNameError(f"input of model '{model.name}'", name, names)
+    u = [inputs.get(v.name, v.value) for v in model.inputs]
+    yield Sample(0.0, u, model.initialize(u))
+    for step in range(1, round(duration / model.step_size) + 1):
+        yield Sample(step * model.step_size, u, model.step(u))
+        if model.stopped:
+            break
+    model.terminate()

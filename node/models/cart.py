@@ -25,9 +25,8 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 STEP_SIZE: Final = 0.01
 

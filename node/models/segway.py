@@ -12,9 +12,8 @@ from typing import ClassVar, Final
 from msgspec.structs import astuple
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.segway_estimate import Estimate, Estimator, SegwayMeasurement, within
 from segway_ecc.node.models.segway_law import Law, Motion, Torques, stopped, torques
 from segway_ecc.node.models.segway_parameters import PUBLISHED

@@ -4,7 +4,7 @@
 import enum
 from dataclasses import dataclass
 
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
 
 
 @enum.unique

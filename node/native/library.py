@@ -24,8 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
-from segway_ecc.node.model.model import Model
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Model, Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
 
 

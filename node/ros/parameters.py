@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.untyped import RosObject
 

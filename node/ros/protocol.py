@@ -9,7 +9,7 @@ import msgspec
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Heartbeat, Report, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.safety.modes import Action, Answer
 
 _NUMBER_BYTES: Final = 9

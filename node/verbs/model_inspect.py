@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from segway_ecc.node.cli.options import add_json, add_model, print_json, print_table
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.models.locate import locate
 from segway_ecc.node.native.description import Description

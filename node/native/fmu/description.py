@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.fmu.facts import Causality, Facts, FmuVariable
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim

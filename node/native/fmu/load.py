@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.fmu.archive import unpack
 from segway_ecc.node.native.fmu.binary import exported, find_library, private_copy
 from segway_ecc.node.native.fmu.compile import shim

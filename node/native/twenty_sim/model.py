@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.twenty_sim.names import Table, choose, label_of, unique
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts, find_method, number, setting

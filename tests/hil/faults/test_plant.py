@@ -8,8 +8,8 @@ import pytest
 from segway_ecc.hil.faults.fault import _FOR_GOOD, KINDS, Fault, Target, Type
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.faults.plant import DisturbedPlant
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
 
 STEP_S = 0.01
 TARGETS: Sequence[Target] = ("imu", "encoder", "left_motor", "right_motor", "battery")

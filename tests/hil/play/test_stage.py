@@ -19,7 +19,7 @@ from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import Action, Answer, Mode, Modes
 from segway_ecc.testing import ScriptedClock

@@ -4,8 +4,8 @@
 from collections.abc import Sequence
 
 from segway_ecc.hil.rig.plant import advance_of
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
 
 
 class Counter(SectionedModel):

@@ -11,8 +11,8 @@ from segway_ecc.hil.errors import PlantMismatchError
 from segway_ecc.hil.rig.link_front import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus, SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
 
 TICK_NS = 5_000_000
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.testing import Bench, RecordingHardware
 
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode
 from segway_ecc.testing import Bench, RecordingHardware
 

@@ -15,9 +15,8 @@ from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Action, Mode, Transition
 from segway_ecc.node.safety.settings import ChecklistSettings, FollowingErrorSettings, LateCyclesLimit, SafetySettings

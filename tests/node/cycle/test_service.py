@@ -14,9 +14,8 @@ import pytest
 from segway_ecc.node.cycle.service import NotifySocket, Service, service_of, status_text
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.cycle.timing import LoopCounters
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.testing import Bench, RecordingHardware
 
 PERIOD_NS = 10_000_000

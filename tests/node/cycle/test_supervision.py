@@ -8,9 +8,8 @@ import pytest
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import UnknownNameError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.safety.settings import StationSettings
 from segway_ecc.testing import Bench, RecordingHardware

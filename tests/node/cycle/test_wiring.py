@@ -8,8 +8,8 @@ from segway_ecc.firmware_io.hardware import NoHardware, Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.wiring import PUBLISHED_SIGNALS, Origin, SignalSource, wire
 from segway_ecc.node.errors import ConfigurationError, UnknownNameError
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
 from segway_ecc.testing import RecordingHardware
 
 

@@ -6,9 +6,8 @@ from fractions import Fraction
 import pytest
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 NOT_FINITE = [math.nan, math.inf, -math.inf]
 

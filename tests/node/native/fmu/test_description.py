@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Variable, Write
+from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import read_facts

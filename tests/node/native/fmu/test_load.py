@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
-from segway_ecc.node.model.variables import Write
+from segway_ecc.node.model.model import Write
 from segway_ecc.node.native.fmu.load import FmuModel, load_fmu
 from tests.fixtures.tiny_fmu import make
 from tests.fixtures.tiny_fmu.make import NAME_OF_INPUT, Shape, compile_model, description, sources, truth

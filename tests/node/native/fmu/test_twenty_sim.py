@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Write as Effect
+from segway_ecc.node.model.model import Write as Effect
 from segway_ecc.node.native.fmu.load import FmuModel, load_fmu
 from tests.fixtures.twenty_sim import fmu, models, more_models
 from tests.fixtures.twenty_sim.made import FmuKind, Input, Made, Write

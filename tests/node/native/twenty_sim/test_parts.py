@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.model.variables import Write
+from segway_ecc.node.model.model import Write
 from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.model.variables import Write
+from segway_ecc.node.model.model import Write
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import parameter_effects, state_effects
 from segway_ecc.node.native.twenty_sim.parts import Parts, find_parts

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from segway_ecc.node.model.methods import ADVANCE, Dynamic, Method
+from segway_ecc.node.model.sectioned import ADVANCE, Dynamic, Method
 
 ORDERS = {Method.EULER: 1, Method.RUNGE_KUTTA_2: 2, Method.RUNGE_KUTTA_4: 4}
 

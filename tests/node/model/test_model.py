@@ -5,10 +5,8 @@ from typing import ClassVar
 import pytest
 
 from segway_ecc.node.errors import UnknownNameError
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.simulate import held_inputs, simulate
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable, simulate
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 
 class Sum(SectionedModel):
@@ -64,4 +62,4 @@ def test_a_model_that_asks_to_stop_ends_sooner() -> None:
 
 def test_an_input_that_does_not_exist_is_refused_with_those_that_do() -> None:
     with pytest.raises(UnknownNameError, match=r"^no input of model 'sum' is called 'C'; there is A, B$"):
-        held_inputs(Sum(), {"C": 1.0})
+        next(simulate(Sum(), {"C": 1.0}, 1.0))
