@@ -34,6 +34,7 @@ ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 TESTED_BY: Final = {
     "node/safety/pre_arm": ["pre_arm", "monitor"],
     "node/safety/modes": ["modes", "modes_machine"],
+    "node/safety/plausibility": ["plausibility", "plausibility_following"],
     "firmware_io/drives/stopper": ["stoppers", "watch"],
     "firmware_io/guard/guard": ["guard", "stoppers"],
     "firmware_io/guard/watch": ["watch", "guard"],

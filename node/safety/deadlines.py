@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""When the deadlines that were missed are too many to control a robot with."""
+"""When the deadlines that were missed are too many to control a robot with, and the rate that the loop achieves."""
 
 from collections import deque
 from typing import Final
@@ -9,6 +9,9 @@ from segway_ecc.node.safety.settings import LateCyclesLimit
 
 LATE_FRACTION: Final = 0.5
 """A cycle that starts later than this fraction of a period has missed its deadline."""
+WINDOW_S: Final = 1.0
+"""The rate is measured over this long, s."""
+_NS_PER_S: Final = 1_000_000_000
 
 
 class DeadlineWatch:
@@ -43,3 +46,24 @@ class DeadlineWatch:
         if not missed.maxlen or len(missed) < missed.maxlen or self._deadline - missed[0] >= self._window:
             return None
         return f"{len(missed)} of the last {self._window} deadlines were missed"
+
+
+class RateMeter:
+    """Cycles per second over the last second."""
+
+    def __init__(self, period_ns: int) -> None:
+        """Measure cycles that should be a period apart, ns."""
+        self.wanted_hz = _NS_PER_S / period_ns
+        self._starts_ns: deque[int] = deque(maxlen=max(round(WINDOW_S * self.wanted_hz), 1) + 1)
+
+    def mark(self, start_ns: int) -> None:
+        """Note when a cycle started, ns, monotonic."""
+        self._starts_ns.append(start_ns)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Over as many cycles as should make a second; None before there were that many."""
+        starts_ns = self._starts_ns
+        if len(starts_ns) != starts_ns.maxlen:
+            return None
+        return (len(starts_ns) - 1) * _NS_PER_S / max(starts_ns[-1] - starts_ns[0], 1)

@@ -6,14 +6,11 @@ from typing import Final
 
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.check import Check, Signal, View, periods_in
-from segway_ecc.node.safety.deadlines import DeadlineWatch
-from segway_ecc.node.safety.following import FollowingError
-from segway_ecc.node.safety.plausibility import Frozen, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.deadlines import DeadlineWatch, RateMeter
+from segway_ecc.node.safety.plausibility import FollowingError, Frozen, RangeCheck, VelocityAgreement, YawAgreement
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
-from segway_ecc.node.safety.range_check import RangeCheck
-from segway_ecc.node.safety.rate import RateMeter, StillWatch
 from segway_ecc.node.safety.settings import SafetySettings
-from segway_ecc.node.safety.tilt import TiltWatch, imu_vectors
+from segway_ecc.node.safety.tilt import StillWatch, TiltWatch, imu_vectors
 
 _SIDES: Final = ("left", "right")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")

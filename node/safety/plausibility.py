@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Values that cannot be what the robot does: frozen, or against each other."""
+"""Values that cannot be what the robot does or should: out of range, frozen, against each other or the set-point."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -7,13 +7,34 @@ from operator import itemgetter
 from typing import Final
 
 from segway_ecc.node.safety.check import Check, Signal, View, periods_in
-from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
+from segway_ecc.node.safety.settings import FollowingErrorSettings, VelocityConsistency, YawConsistency
 
 MOVING: Final = 0.5
 """A wheel that turns faster than this moves, rad/s: an encoder of 128 counts shows it within 0.1 s."""
 
 _LAG_PERIODS: Final = 2
 """A velocity may be this many periods older than the angle: while the wheel speeds up, that makes them differ."""
+
+
+class RangeCheck(Check):
+    """A value that must lie in a window; what is not a number lies in none. See `Check`."""
+
+    def __init__(self, signal: Signal, low: float, high: float, unit: str) -> None:
+        """Let a signal be from `low` to `high`, both in its unit."""
+        self.needs: tuple[int, ...] = (signal.index,)
+        self._name = signal.name
+        self._index = signal.index
+        self._low = low
+        self._high = high
+        self._unit = unit
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        value = view.values[self._index]
+        if not view.has(self.needs) or self._low <= value <= self._high:
+            return None
+        window = f"{self._low:g} to {self._high:g} {self._unit}"
+        return f"{self._name} is {value:.2f} {self._unit}, allowed is {window}"
 
 
 class Frozen(Check):
@@ -134,3 +155,104 @@ class VelocityAgreement(Check):
         if abs(off) <= self._tolerance + abs(velocity - old_velocity) * _LAG_PERIODS / span:
             return None
         return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"
+
+
+class FollowingError(Check):
+    """The velocities that the wheels give the robot, too far from those that were asked for too long; see `Check`.
+
+    CiA 402 calls it following error, and watches it with a window and a time-out. A robot takes a while to get from one
+    set-point to another, and may go anywhere between them meanwhile: a velocity is right while it lies between the
+    smallest and the largest that were asked within the time that the robot takes to settle, give or take the window.
+    """
+
+    def __init__(self, left: int, right: int, settings: FollowingErrorSettings, period_s: float) -> None:
+        """Watch the wheels whose velocities, rad/s, are at these places."""
+        self.needs: tuple[int, ...] = (left, right)
+        self._ahead = 0.5 * settings.wheel_radius
+        self._turning = settings.wheel_radius / settings.track
+        self._left, self._right = left, right
+        self._allowed = periods_in(settings.for_s, period_s)
+        span, may_rest = periods_in(settings.settle_s, period_s), settings.may_rest
+        linear, angular = settings.linear_window, settings.angular_window
+        self._linear = None if linear is None else _Way("ahead", "m/s", linear, span, may_rest=may_rest)
+        self._angular = None if angular is None else _Way("turning", "rad/s", angular, span, may_rest=may_rest)
+        self._now = 0
+        self._held = 0
+        self._is_following = False
+
+    def look(self, view: View) -> str | None:
+        """See `Check`."""
+        setpoint = view.setpoint
+        if setpoint is None:
+            self._is_following = False
+        if setpoint is None or not view.has(self.needs):
+            self._held = 0
+            return None
+        left, right = view.values[self._left], view.values[self._right]
+        linear, angular = setpoint
+        self._now += view.periods
+        begins, self._is_following = not self._is_following, True
+        wrong = None
+        if self._linear is not None:
+            wrong = self._linear.look(linear, self._ahead * (left + right), self._now, begins=begins)
+        if self._angular is not None:
+            turns = self._angular.look(angular, self._turning * (right - left), self._now, begins=begins)
+            wrong = turns if wrong is None else wrong
+        self._held = 0 if wrong is None else self._held + view.periods
+        return wrong if self._held >= self._allowed else None
+
+
+class _Way:
+    """One of the two velocities, against what was asked of it lately."""
+
+    def __init__(self, name: str, unit: str, window: float, span: int, *, may_rest: bool) -> None:
+        """Allow it to be off by `window`, in `unit`, from what was asked within `span` periods."""
+        self._name = name
+        self._unit = unit
+        self._window = window
+        self._may_rest = may_rest
+        self._largest = _Largest(span)
+        self._largest_back = _Largest(span)  # of what is asked with its sign turned round
+
+    def look(self, asked: float, velocity: float, now: int, *, begins: bool) -> str | None:
+        """Keep what is asked in period `now`, and report a velocity that is wrong.
+
+        A robot that `begins` to follow may still move as it does.
+        """
+        if begins:
+            self._largest.clear()
+            self._largest_back.clear()
+            self._largest.add(velocity, now)
+            self._largest_back.add(-velocity, now)
+        high, low = self._largest.add(asked, now), -self._largest_back.add(-asked, now)
+        if self._may_rest:
+            low, high = min(low, 0.0), max(high, 0.0)
+        if low - self._window <= velocity <= high + self._window:
+            return None
+        return f"the robot goes {velocity:.2f} {self._unit} {self._name}, asked is {low:.2f} to {high:.2f} {self._unit}"
+
+
+class _Largest:
+    """The largest of the values that there were lately.
+
+    It keeps only what can still become the largest: adding a value costs little, however long the span is.
+    """
+
+    def __init__(self, span: int) -> None:
+        """Remember values for so many periods after they were last added."""
+        self._span = span
+        self._kept: deque[tuple[int, float]] = deque()
+
+    def clear(self) -> None:
+        """Discard everything."""
+        self._kept.clear()
+
+    def add(self, value: float, now: int) -> float:
+        """Add a value, which is finite, in period `now`; the largest now."""
+        kept = self._kept
+        while kept and kept[-1][1] <= value:
+            kept.pop()
+        kept.append((now, value))
+        while kept[0][0] < now - self._span:
+            kept.popleft()
+        return kept[0][1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How far the body leans, from the IMU alone and independent of the robot's control model."""
+"""How far the body leans, and whether it is still, from the IMU alone and independent of the robot's control model."""
 
 from collections.abc import Sequence
 from math import atan2, hypot, inf
@@ -94,6 +94,27 @@ class TiltWatch(Check):
         if not rate <= self._rate_limit:
             return f"the body tilts at {rate:.2f} rad/s, beyond {self._rate_limit:g} rad/s"
         return None
+
+
+class StillWatch:
+    """For how many periods an IMU has been still."""
+
+    def __init__(self, rate_limit: float, acceleration_limit: float) -> None:
+        """Call still what turns no faster, rad/s, and whose acceleration is no further from gravity, m/s2."""
+        self.periods = 0
+        self._rate_limit = rate_limit
+        self._acceleration_limit = acceleration_limit
+
+    def look(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
+        """Take a sample, so many periods after the last."""
+        (gx, gy, gz), (ax, ay, az) = gyro, accelerometer
+        turns = hypot(gx, gy, gz) > self._rate_limit
+        moves = abs(hypot(ax, ay, az) - GRAVITY) > self._acceleration_limit
+        self.periods = 0 if turns or moves else self.periods + periods
+
+    def interrupt(self) -> None:
+        """Begin anew: no sample was to be had."""
+        self.periods = 0
 
 
 def imu_vectors(values: Sequence[float], imu: tuple[int, ...]) -> tuple[Vector, Vector]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.node.safety.deadlines import LATE_FRACTION, DeadlineWatch
+from segway_ecc.node.safety.deadlines import LATE_FRACTION, WINDOW_S, DeadlineWatch, RateMeter
 from segway_ecc.node.safety.settings import LateCyclesLimit
 
 MS = 1_000_000
@@ -73,3 +73,32 @@ def test_a_gap_that_is_longer_than_everything_is_counted_as_it_should_be() -> No
 def test_without_a_window_none_is_counted() -> None:
     watch = row(1000)
     assert all(watch.look(1, late * MS) is None for late in [9, 0] * 500)
+
+
+def test_the_rate_is_known_after_a_second_s_cycles_and_not_before() -> None:
+    meter = RateMeter(10 * MS)
+    assert (meter.wanted_hz, WINDOW_S) == (100.0, 1.0)
+    for n in range(100):
+        meter.mark(n * 10 * MS)
+        assert meter.rate_hz is None
+    meter.mark(1000 * MS)
+    assert meter.rate_hz == pytest.approx(100.0)
+
+
+def test_the_rate_is_that_of_the_last_second_only() -> None:
+    meter = RateMeter(10 * MS)
+    for n in range(200):
+        meter.mark(n * 20 * MS)
+    assert meter.rate_hz == pytest.approx(50.0)
+    for n in range(101):
+        meter.mark((4000 + n * 10) * MS)
+    assert meter.rate_hz == pytest.approx(100.0)
+
+
+def test_a_step_of_seconds_and_a_clock_that_stands_still_give_a_rate() -> None:
+    meter = RateMeter(3000 * MS)
+    rates: list[float | None] = []
+    for start_ms in (0, 4000, 4000):
+        meter.mark(start_ms * MS)
+        rates.append(meter.rate_hz)
+    assert rates == [None, 0.25, 1e9]

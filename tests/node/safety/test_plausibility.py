@@ -5,7 +5,7 @@ import random
 import pytest
 
 from segway_ecc.node.safety.check import Signal, View
-from segway_ecc.node.safety.plausibility import MOVING, Frozen, VelocityAgreement, YawAgreement
+from segway_ecc.node.safety.plausibility import MOVING, Frozen, RangeCheck, VelocityAgreement, YawAgreement
 from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
 
 STEP = 0.005
@@ -284,3 +284,30 @@ def test_a_lost_wheel_begins_anew() -> None:
 def test_a_velocity_that_is_no_number_does_not_agree() -> None:
     check = velocity(0.01)
     assert [check.look(see(0.0, math.nan)) is None for _ in range(4)] == [True, True, False, False]
+
+
+SUPPLY = RangeCheck(Signal("supply.voltage", 1), 20.0, 30.0, "V")
+
+
+def look_at_supply(value: float, *, valid: bool = True) -> str | None:
+    return SUPPLY.look(View((99.0, value), (True, valid), 1))
+
+
+@pytest.mark.parametrize("value", [20.0, 25.0, 30.0])
+def test_the_window_and_its_ends_are_allowed(value: float) -> None:
+    assert look_at_supply(value) is None
+
+
+def test_value_out_of_range_is_reported_with_the_range() -> None:
+    assert look_at_supply(19.99) == "supply.voltage is 19.99 V, allowed is 20 to 30 V"
+    assert look_at_supply(30.01) == "supply.voltage is 30.01 V, allowed is 20 to 30 V"
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_outside(value: float) -> None:
+    assert look_at_supply(value) is not None
+
+
+def test_a_value_that_is_not_valid_is_not_looked_at() -> None:
+    assert look_at_supply(99.0, valid=False) is None
+    assert SUPPLY.needs == (1,)

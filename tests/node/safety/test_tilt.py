@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from segway_ecc.node.safety.check import View
-from segway_ecc.node.safety.tilt import GRAVITY, TiltEstimate, TiltWatch
+from segway_ecc.node.safety.tilt import GRAVITY, StillWatch, TiltEstimate, TiltWatch
 
 STEP = 0.005
 G = 9.80665
 STILL = (0.0, 0.0, 0.0)
+UPRIGHT = (0.0, 0.0, G)
 
 
 def leaning(pitch: float, magnitude: float = G) -> tuple[float, float, float]:
@@ -195,3 +196,43 @@ def test_a_watch_makes_up_for_skipped_periods() -> None:
     checked.look(view(STILL, leaning(0.0)))
     checked.look(view((0.0, 1.0, 0.0), (0.0, 0.0, 2.0 * G), periods=10))
     assert checked.estimate.tilt == pytest.approx(0.05, abs=1e-3)
+
+
+def test_an_imu_is_still_for_as_long_as_it_neither_turns_nor_moves() -> None:
+    still = StillWatch(0.1, 0.5)
+    assert still.periods == 0
+    still.look((0.06, 0.08, 0.0), UPRIGHT, 1)
+    still.look((0.0, 0.0, 0.1), (0.0, 0.0, G + 0.49), 2)
+    still.look((0.0, 0.0, 0.0), (0.0, 0.0, G - 0.49), 1)
+    still.look((0.0, 0.0, 0.0), (G, 0.0, 0.0), 1)
+    assert still.periods == 5
+
+
+@pytest.mark.parametrize("gyro", [(0.11, 0.0, 0.0), (0.0, 0.0, -0.11), (0.07, 0.07, 0.07)])
+def test_what_turns_is_not_still(gyro: tuple[float, float, float]) -> None:
+    still = StillWatch(0.1, 0.5)
+    still.look((0.0, 0.0, 0.0), UPRIGHT, 1)
+    still.look(gyro, UPRIGHT, 1)
+    assert still.periods == 0
+
+
+@pytest.mark.parametrize("z", [G - 0.51, G + 0.51, 0.0])
+def test_what_is_pushed_is_not_still(z: float) -> None:
+    still = StillWatch(0.1, 0.5)
+    still.look((0.0, 0.0, 0.0), UPRIGHT, 1)
+    still.look((0.0, 0.0, 0.0), (0.0, 0.0, z), 1)
+    assert still.periods == 0
+
+
+def test_without_a_sample_it_begins_anew() -> None:
+    still = StillWatch(0.1, 0.5)
+    still.look((0.0, 0.0, 0.0), UPRIGHT, 7)
+    still.interrupt()
+    assert still.periods == 0
+
+
+def test_what_turns_or_moves_by_just_as_much_as_is_allowed_is_still() -> None:
+    """In free fall the acceleration is zero, which is exactly g from gravity."""
+    still = StillWatch(0.5, G)
+    still.look((0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 3)
+    assert still.periods == 3

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from segway_ecc.node.safety.check import View
-from segway_ecc.node.safety.following import FollowingError
+from segway_ecc.node.safety.plausibility import FollowingError
 from segway_ecc.node.safety.settings import FollowingErrorSettings
 
 STEP = 0.01
