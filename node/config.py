@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.section import Section
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.models.locate import locate
+from segway_ecc.node.models.load import locate
 from segway_ecc.node.safety.settings import SafetySettings, StationSettings
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)]

@@ -226,7 +226,7 @@ def test_a_module_that_is_imported_by_a_computed_name_can_only_be_what_is_known(
     ]
     assert computed == [
         "node.cli.main",  # a verb, by its name
-        "node.models.locate",  # the model that the robot file names
+        "node.models.load",  # the model that the robot file names
         "node.ros.messages",  # a ROS message by its type's name
         "node.ros.runtime",  # what of ROS is imported before it is needed
         "segway_ecc",  # a public name, at its first use

@@ -9,7 +9,7 @@ from segway_ecc.deploy.release.agent.install import ROBOT_FILE
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.models.locate import PythonSource
+from segway_ecc.node.models.load import PythonSource
 
 
 def robot_files(path: Path, file: RobotFile) -> dict[str, Path]:

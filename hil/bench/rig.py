@@ -4,9 +4,8 @@
 import contextlib
 import os
 import shutil
-import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,6 +14,7 @@ import segway_ecc.node.models
 from segway_ecc.firmware_io.links.can_interfaces import read_interface_state, socketcan_interfaces
 from segway_ecc.firmware_io.links.local_port import multicast_group
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.native.compile import run_compiler
 from segway_ecc.node.native.load import load_native
 
 _OURS: Final = Path(__file__).parent
@@ -96,17 +96,16 @@ def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
     bus = [str(programs / "bus.c"), f"-I{programs}"]
     load_native(model)  # into the cache, so that the first start is as the next ones
     rig = BenchPrograms(robot, folder / "controller.so", folder / "loop", folder / "board", period_ns)
-    _compile([*sources, "-shared", "-fPIC", "-lm", "-o", str(rig.library)])
-    _compile([str(programs / "loop.c"), *bus, f"-I{model}", *sources, "-lm", "-o", str(rig.loop)])
-    _compile([str(programs / "board.c"), *bus, "-o", str(rig.board)])
+    for words in (
+        [*sources, "-shared", "-fPIC", "-lm", "-o", str(rig.library)],
+        [str(programs / "loop.c"), *bus, f"-I{model}", *sources, "-lm", "-o", str(rig.loop)],
+        [str(programs / "board.c"), *bus, "-o", str(rig.board)],
+    ):
+        code, output = run_compiler([*_C, *words])
+        if code:
+            errors = output.strip().splitlines() or ["no message"]
+            raise ConfigurationError(f"the programs of the bench do not compile: {errors[-1]}")
     return rig
-
-
-def _compile(arguments: Sequence[str]) -> None:
-    done = subprocess.run(["cc", *_C, *arguments], capture_output=True, text=True, check=False)  # noqa: S603, S607 - the compiler of this machine, and no shell reads our words
-    if done.returncode != 0:
-        errors = done.stderr.strip().splitlines() or ["no message"]
-        raise ConfigurationError(f"the programs of the bench do not compile: {errors[-1]}")
 
 
 def virtual_interface() -> str | None:

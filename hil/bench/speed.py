@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The speed of what runs without a clock: robots in lock step, the campaign, and a step of a native model."""
 
-import dataclasses
 import os
 import statistics
 import time
@@ -118,7 +117,7 @@ def model_step() -> dict[str, float]:
     with own_cache():
         first_s, _ = _timed_load()
         again_s, model = _timed_load()
-        return {"load_first_s": first_s, "load_from_cache_s": again_s, **dataclasses.asdict(step_cost(model))}
+        return {"load_first_s": first_s, "load_from_cache_s": again_s, **step_cost(model)}
 
 
 def _timed_load() -> tuple[float, NativeModel]:

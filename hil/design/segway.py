@@ -14,9 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from segway_ecc.hil.design.linear_model import LinearModel, Matrix, discretise, poles, with_delay
-from segway_ecc.hil.design.lqr import lqr
-from segway_ecc.hil.design.margins import Margins, margins
+from segway_ecc.hil.design.linear_model import LinearModel, Margins, Matrix, discretise, lqr, margins, poles, with_delay
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 MOST_DELAY: Final = 2

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
 """What user-mode Linux 6.1 needs to run on a processor with more register state than it has room for."""
 
-import subprocess
 from importlib import resources
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.hil.kernels.guest import GuestError
-from segway_ecc.node.native.cache import cached, digest
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.compile import cached, compile_c, digest
 
 _CPU: Final = Path("/proc/cpuinfo")
 _LARGE_STATE: Final = "amx_tile"
@@ -27,10 +27,10 @@ def register_variables() -> dict[str, str]:
 
 
 def _compile(source: bytes, folder: Path) -> None:
-    words = ["gcc", "-O2", "-shared", "-fPIC", "-x", "c", "-", "-o", str(folder / f"{_NAME}.so")]
+    words = ["-O2", "-shared", "-fPIC", "-x", "c", "-", "-o", str(folder / f"{_NAME}.so")]
     try:
-        subprocess.run(words, input=source, check=True, capture_output=True)  # noqa: S603 - our own words
-    except (OSError, subprocess.CalledProcessError) as error:
+        compile_c(words, f"{_NAME}.c", source)
+    except ModelError as error:
         raise GuestError(
             f"user-mode Linux runs on this processor ({_LARGE_STATE}) only with a library that gcc has to compile, "
             f"which failed: {error}; sudo apt-get install gcc libc6-dev"

@@ -1,14 +1,165 @@
 # SPDX-License-Identifier: MIT
-"""One call that loads a model, whatever it is written in."""
+"""One call that loads a model, whatever it is written in, and where it lies: beside a file, here, or installed.
+
+A source that lies in a folder carries it: `/home/me/robots/tank:Tank` is the class Tank of tank.py, or of the package
+tank, in /home/me/robots. Only that module or package is imported from there; no folder is put on `sys.path`.
+"""
 
 import importlib
-from collections.abc import Mapping
+import importlib.util
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from typing import cast
+from types import ModuleType
+from typing import Final, NamedTuple, cast
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
 from segway_ecc.node.model.model import Model
-from segway_ecc.node.models.locate import PythonSource, import_model_module
+
+_SOURCE: Final = re.compile(r"(?:(?P<folder>.*)/)?(?P<module>[^\W\d]\w*(?:\.[^\W\d]\w*)*):(?P<name>[^\W\d]\w*)")
+_NAMESPACE: Final = "segway_ecc"
+_MOVED: Final = re.compile(r"(node\.models|hil\.plants)\.\w+")
+"""Modules with models that stood at the top of the tree in version 0.1."""
+_OURS: Final = frozenset(
+    {"aiohttp", "can", "canopen", "cantools", "matplotlib", "mcap", "msgspec", "mypy_extensions", "numpy", "rclpy"}
+    | {"rich", "segway_ecc", "serial", "shtab", "yaml"}
+)
+"""What the product imports, also where that happens after the model is loaded."""
+
+
+class PythonSource(NamedTuple):
+    """A model in Python.
+
+    Attributes:
+        folder: The folder that its module or package lies in; None where it is installed.
+        module: The module's dotted name.
+        name: The class.
+    """
+
+    folder: Path | None
+    module: str
+    name: str
+
+    @property
+    def top(self) -> str:
+        """The module or package that is imported first."""
+        return self.module.partition(".")[0]
+
+    @classmethod
+    def parse(cls, source: str) -> "PythonSource | None":
+        """Read `module:Class` or `FOLDER/module:Class`; None where the source is neither."""
+        match = _SOURCE.fullmatch(source)
+        if match is None:
+            return None
+        folder = match["folder"]
+        return cls(None if folder is None else Path(folder or "/"), match["module"], match["name"])
+
+    def __str__(self) -> str:
+        """As `parse` reads it."""
+        return f"{'' if self.folder is None else f'{self.folder}/'}{self.module}:{self.name}"
+
+
+def locate(source: str, folders: Sequence[Path]) -> str:
+    """The source with the folder that it lies in; as it is where it lies in none of `folders`.
+
+    Args:
+        source: What `load_model` takes; a path in it is relative to the folders.
+        folders: Where to look, in this order, such as the folder of the robot file and the current one.
+    """
+    found = PythonSource.parse(source)
+    if found is None or Path(source).exists():
+        places = (folder / source for folder in folders if source)
+        return next((str(place) for place in places if place.exists()), source)
+    if found.top == _NAMESPACE or (found.folder is None and _MOVED.fullmatch(found.module)):
+        return source
+    for folder in folders:
+        place = folder if found.folder is None else folder / found.folder
+        if _spec_in(place, found.top) is not None:
+            return str(found._replace(folder=place.resolve()))
+    return source
+
+
+def locate_recorded(source: str, folders: Sequence[Path]) -> str:
+    """Where a model is now that a log names: where it was, or else by its last name in one of `folders`."""
+    found = PythonSource.parse(source)
+    if found is None:
+        return source if Path(source).exists() else locate(Path(source).name, folders)
+    if found.folder is not None and _spec_in(found.folder, found.top) is not None:
+        return source
+    return locate(str(found._replace(folder=None)), folders)
+
+
+def import_model_module(source: PythonSource) -> ModuleType:
+    """Import the module of a model.
+
+    Raises:
+        ModelError: It is not there, its name is taken, or it imports what is not there.
+    """
+    if source.folder is None and _MOVED.fullmatch(source.module):
+        raise ModelError(f"model '{source}' has the name that it had in version 0.1: write {_NAMESPACE}.{source}")
+    if source.module.endswith(".py"):
+        module = str(source).replace(".py:", ":")
+        raise ModelError(f"'{source}' names a file: name its module, {module}")
+    try:
+        if source.folder is not None:
+            _import_top(source.folder, source.top)
+        return importlib.import_module(source.module)
+    except ModuleNotFoundError as error:
+        raise ModelError(_not_found(source, error)) from error
+    except (ImportError, SyntaxError) as error:
+        raise ModelError(f"cannot load model '{source}': {error}") from error
+
+
+def _import_top(folder: Path, top: str) -> None:
+    """Import one module or package from a folder, under its own name."""
+    spec = _spec_in(folder, top)
+    if spec is None or spec.loader is None:
+        raise ModelError(f"there is no module or package '{top}' in {folder}")
+    if top in sys.modules and _origin(sys.modules[top]) == spec.origin:
+        return
+    taken = _taken_by(top)
+    if taken is not None:
+        raise ModelError(f"cannot load {spec.origin}: the name '{top}' is taken by {taken}; rename the file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[top] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(top, None)
+        raise
+
+
+def _taken_by(top: str) -> str | None:
+    if top in sys.stdlib_module_names:
+        return "Python's standard library"
+    if top in _OURS:
+        return "a package that segway-ecc uses"
+    if top in sys.modules:
+        return f"another module, {_origin(sys.modules[top]) or 'already imported'}"
+    return None
+
+
+def _not_found(source: PythonSource, error: ModuleNotFoundError) -> str:
+    missing = error.name or ""
+    parts = source.module.split(".")
+    if missing in {".".join(parts[:end]) for end in range(1, len(parts) + 1)}:
+        return f"cannot load model '{source}': {error}"
+    return (
+        f"cannot load model '{source}': it imports '{missing}', which is not installed: install it, "
+        f"or make the model a package, a folder with __init__.py, that holds it"
+    )
+
+
+def _spec_in(folder: Path, top: str) -> ModuleSpec | None:
+    PathFinder.invalidate_caches()  # the file may be newer than the last look into its folder
+    spec = PathFinder.find_spec(top, [str(folder.absolute())])
+    return None if spec is None or spec.origin is None else spec
+
+
+def _origin(module: ModuleType) -> str | None:
+    return None if module.__spec__ is None else module.__spec__.origin
 
 
 def load_model(

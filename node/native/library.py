@@ -21,11 +21,57 @@ import shutil
 import struct
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
 from segway_ecc.node.model.model import Model, Variable, Write
-from segway_ecc.node.native.description import Description, Flavour
+
+
+@enum.unique
+class Flavour(enum.StrEnum):
+    """The shapes in which models arrive."""
+
+    PYTHON = "python"
+    """A class of our own."""
+    C_SUBMODEL = "20-sim C submodel"
+    """Process globals: xxsubmod, xxmodel, xxinteg and their companions."""
+    CPP_CLASS = "20-sim C++ class"
+    C_PARTIAL = "20-sim C, partial copy"
+    """xxmodel and its companions without xxsubmod."""
+    FMI2 = "FMI 2.0 co-simulation"
+    FMI3 = "FMI 3.0 co-simulation"
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A model as found.
+
+    Attributes:
+        name: The model's name.
+        flavour: Its shape.
+        build: What generated it, as it states; empty where it does not.
+        method: The integration method, under the name its generator gives it; empty where it is not known.
+        step_size: Length of one step, s.
+        finish_time: End of the experiment that is baked in, s; None where there is none. It does not end the model.
+        inputs: The input ports, in the order of u.
+        outputs: The output ports, in the order of y.
+        parameters: The parameters, with the values that the code gives them.
+        states: The states, with their initial values.
+        warnings: What a user should know before trusting it, a line each.
+    """
+
+    name: str
+    flavour: Flavour
+    build: str
+    method: str
+    step_size: float
+    finish_time: float | None
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    warnings: tuple[str, ...] = ()
 
 
 @enum.unique

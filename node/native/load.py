@@ -10,9 +10,8 @@ from segway_ecc.node.native.library import NativeModel
 from segway_ecc.node.native.twenty_sim.build import build
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model
-from segway_ecc.node.native.twenty_sim.names import read_tables
+from segway_ecc.node.native.twenty_sim.names import find_ports, read_tables
 from segway_ecc.node.native.twenty_sim.parts import find_parts
-from segway_ecc.node.native.twenty_sim.ports import find_ports
 from segway_ecc.node.native.twenty_sim.shim import make_shim, read_data
 
 

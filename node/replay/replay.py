@@ -14,8 +14,7 @@ from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
-from segway_ecc.node.models.load import load_model
-from segway_ecc.node.models.locate import locate, locate_recorded
+from segway_ecc.node.models.load import load_model, locate, locate_recorded
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.compare import Difference, differences
 from segway_ecc.node.replay.log import RecordedRun

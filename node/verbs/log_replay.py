@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.files import Curve, draw_panels
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.cli.options import Curve, add_json, draw_panels, print_json
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.replay.log import RecordedRun

@@ -9,10 +9,8 @@ from typing import Any
 
 from segway_ecc.node.cli.options import add_json, add_model, print_json, print_table
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.models.load import load_model
-from segway_ecc.node.models.locate import locate
-from segway_ecc.node.native.description import Description
-from segway_ecc.node.native.library import describe
+from segway_ecc.node.models.load import load_model, locate
+from segway_ecc.node.native.library import Description, describe
 
 _EFFECT = {
     Write.NOW: "a write takes effect at once",

@@ -6,12 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.files import Curve, draw_panels, write_csv
-from segway_ecc.node.cli.options import add_json, add_model, check_duration, print_json, print_table
+from segway_ecc.node.cli.options import (
+    Curve,
+    add_json,
+    add_model,
+    check_duration,
+    draw_panels,
+    print_json,
+    print_table,
+    write_csv,
+)
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.model import simulate
-from segway_ecc.node.models.load import load_model
-from segway_ecc.node.models.locate import locate
+from segway_ecc.node.models.load import load_model, locate
 from segway_ecc.node.recording.mcap_log import McapLog, topic_name
 
 _LONGEST_S: Final = 86_400.0

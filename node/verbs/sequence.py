@@ -8,9 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.files import write_csv
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals, write_csv
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.ros.commander import Commander
 from segway_ecc.node.ros.graph import connections

@@ -1,31 +1,105 @@
 # SPDX-License-Identifier: MIT
-"""The machine code of an FMU: the library for this machine, or its sources compiled; and what a library exports.
+"""The machine code of an FMU: the library for this machine, or its sources compiled; what it exports; and our shim.
 
-Sources: FMI 2.0.4, section 2.3 and FMI 3.0.1, section 2.5 (the folders); System V ABI, chapters 4 and 5 (ELF).
+Sources: FMI 2.0.4, sections 2.1.1 and 2.3, and FMI 3.0.1, sections 2.5 and 2.5.1.4 (folders, buildDescription.xml);
+System V ABI, chapters 4 and 5 (ELF).
 """
 
 import os
+import re
 import shutil
 import struct
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.cache import cached, digest
-from segway_ecc.node.native.fmu.compile import compile_library, compiler, find_sources
+from segway_ecc.node.native.compile import cached, compile_c, compiler_identity, digest
+from segway_ecc.node.native.fmu.facts import read_xml
 
+_SHIM_SOURCES: Final = ("shim.c", "calls.h")
+_SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")
+_LIBRARIES: Final = ("-lm", "-ldl")
 _PREFERRED: Final = ("x86_64-linux", "linux64", "aarch64-linux")
 """Folders to look into first where several hold a library for this machine."""
-
 _ELF64: Final = b"\x7fELF\x02\x01"
 """64 bits, little-endian: every machine that the project runs on."""
-
 _DYNAMIC_SYMBOLS: Final = 11
 _LOADED: Final = 1
 _SEGMENT: Final = struct.Struct("<IIQQQQQQ")
 _SYMBOL: Final = struct.Struct("<IBBHQQ")
 _SECTION: Final = struct.Struct("<IIQQQQIIQQ")
+_INCLUDED: Final = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\r\n]+)"', re.MULTILINE)
+
+
+class _Sources(NamedTuple):
+    """The C files of an FMU, the preprocessor definitions (`NAME` or `NAME=value`), and folders with headers."""
+
+    files: Sequence[Path]
+    definitions: Sequence[str] = ()
+    includes: Sequence[Path] = ()
+
+
+def shim() -> Path:
+    """Return the compiled shim, which is the same for every FMU.
+
+    Raises:
+        ModelError: There is no C compiler, or it fails.
+    """
+    home = Path(__file__).parent
+    contents = [(home / name).read_bytes() for name in _SHIM_SOURCES]
+    key = digest("fmu shim", *contents, *_SHARED, compiler_identity())
+
+    def make(draft: Path) -> None:
+        words = [*_SHARED, "-o", str(draft / "shim.so"), str(home / _SHIM_SOURCES[0]), *_LIBRARIES]
+        compile_c(words, "our shim for FMUs")
+
+    return cached(key, make) / "shim.so"
+
+
+def _find_sources(folder: Path) -> _Sources:
+    """What an unpacked FMU has to compile; no files where it has none."""
+    root = folder / "sources"
+    description = root / "buildDescription.xml"
+    if description.is_file():
+        found = read_xml(description, "buildDescription.xml").find("BuildConfiguration")
+        if found is not None:
+            definitions = [
+                f"{define.get('name')}={define.get('value')}" if define.get("value") else define.get("name", "")
+                for define in found.iterfind("SourceFileSet/PreprocessorDefinition")
+            ]
+            described, includes = (
+                tuple(root / element.get("name", "") for element in found.iterfind(f"SourceFileSet/{kind}"))
+                for kind in ("SourceFile", "IncludeDirectory")
+            )
+            return _Sources(described, definitions, includes)
+    files = sorted(file for file in root.rglob("*.c") if file.is_file())
+    model = read_xml(folder / "modelDescription.xml", "modelDescription.xml")
+    listed = [file.get("name", "") for file in model.iterfind("CoSimulation/SourceFiles/File")]
+    # 20-sim lists a fixed set of files, whatever the model needs, so its list decides nothing.
+    if listed and not any(file.name.endswith("submod.c") for file in files):
+        files = [root / name for name in listed if (root / name).is_file()]
+    return _Sources(files)
+
+
+def _compile_library(root: Path, sources: _Sources, target: Path, path: Path) -> None:
+    """Compile the sources that lie below a folder into a library; `path` is the FMU itself, for messages."""
+    forwarding = target.parent / "include"
+    forwarding.mkdir()
+    # Headers for names that differ from the file's only in case: the sources come from Windows.
+    headers = {header.name.lower(): header for header in root.rglob("*") if header.suffix.lower() == ".h"}
+    exact = {header.name for header in headers.values()}
+    for source in root.rglob("*.[cChH]"):
+        for included in _INCLUDED.findall(source.read_bytes()):
+            name = included.decode(errors="replace")
+            if name not in exact and "/" not in name and name.lower() in headers:
+                (forwarding / name).write_text(f'#include "{headers[name.lower()]}"\n', encoding="utf-8")
+    folders = {root, *sources.includes, *(header.parent for header in root.rglob("*.h"))}
+    # 20-sim's sources, and others made like them, put the model's name before each function without this definition.
+    definitions = [f"-D{name}" for name in ("NO_FUNCTION_PREFIX", *sources.definitions)]
+    options = [*_SHARED, "-w", *definitions, *(f"-I{folder}" for folder in [*sorted(folders), forwarding])]
+    compile_c([*options, "-o", str(target), *map(str, sources.files), *_LIBRARIES], f"the sources of FMU {path}")
 
 
 def find_library(folder: Path, identifier: str, path: Path) -> Path:
@@ -44,7 +118,7 @@ def find_library(folder: Path, identifier: str, path: Path) -> Path:
         if library.name == f"{identifier}.so" and _machine(library) == _machine(Path(sys.executable)) != b"":
             _check_whole(library, path)
             return library
-    sources = find_sources(folder)
+    sources = _find_sources(folder)
     if not sources.files:
         platforms = sorted({file.parent.name for file in every})
         found = (
@@ -55,8 +129,8 @@ def find_library(folder: Path, identifier: str, path: Path) -> Path:
         machine = os.uname().machine
         here = "linux64 (x86_64)" if machine == "x86_64" else f"{machine}-linux"
         raise ModelError(f"FMU {path} cannot run here: it has {found}; export it for {here} or with sources")
-    key = digest("fmu sources", folder.name, *compiler())
-    built = cached(key, lambda draft: compile_library(sources, draft / f"{identifier}.so", path))
+    key = digest("fmu sources", folder.name, *_SHARED, compiler_identity())
+    built = cached(key, lambda draft: _compile_library(folder / "sources", sources, draft / f"{identifier}.so", path))
     return built / f"{identifier}.so"
 
 

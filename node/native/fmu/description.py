@@ -9,9 +9,9 @@ from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.fmu.facts import Causality, Facts, FmuVariable
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim
+from segway_ecc.node.native.library import Description, Flavour
 
 _ROUNDING: Final = 1e-9
 """How far two steps may differ by how they are printed."""

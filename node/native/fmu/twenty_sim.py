@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from segway_ecc.node.native.fmu.xml import number, parse_xml, read_xml
-from segway_ecc.node.native.twenty_sim.c_text import encoding_of
+from segway_ecc.node.native.fmu.facts import number, parse_xml, read_xml
+from segway_ecc.node.native.twenty_sim.files import encoding_of
 
 _SECTION: Final = re.compile(
     r"^void\s+\w*Calculate(Initial|Static|Input|Dynamic|Output)\s*\([^)]*\)\s*\{(.*?)^\}", re.MULTILINE | re.DOTALL

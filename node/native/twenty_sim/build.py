@@ -14,16 +14,14 @@ import os
 import posixpath
 import re
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.cache import cached, digest
-from segway_ecc.node.native.twenty_sim.c_text import code_of
-from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, TREE, Folder
+from segway_ecc.node.native.compile import cached, compiler_identity, digest, run_compiler
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, TREE, Folder, code_of
 from segway_ecc.node.native.twenty_sim.parts import Parts
 from segway_ecc.node.native.twenty_sim.shim import Shim
 
@@ -73,22 +71,11 @@ def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     plan = _BuildPlan(folder, files, units, includes, parts.is_cpp)
-    compilers = {}
-    for cpp in {plan.cpp, *(_is_cpp(unit) for unit in units)}:
-        names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
-        found = next(filter(None, map(shutil.which, names)), None)
-        if found is None:
-            what, package = ("C++", "g++") if cpp else ("C", "gcc")
-            raise ModelError(
-                f"there is no {what} compiler to compile the model with: sudo apt install {package} libc6-dev"
-            )
-        compilers[cpp] = Path(found)
     # Identifies the version of a compiler without running it.
-    real = [compilers[cpp].resolve() for cpp in sorted(compilers)]
-    identities = [f"{path.name} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in real]
+    identities = [compiler_identity(cpp=cpp) for cpp in sorted({plan.cpp, *map(_is_cpp, units)})]
     named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]
     key = digest(*named, " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *includes)), *identities)
-    entry = cached(key, lambda draft: _make(plan, compilers, draft, key))
+    entry = cached(key, lambda draft: _make(plan, draft, key))
     return entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines())
 
 
@@ -133,41 +120,29 @@ def _is_cpp(name: str) -> bool:
     return Path(name).suffix.lower() in CPP_SUFFIXES
 
 
-def _make(plan: _BuildPlan, compilers: Mapping[bool, Path], draft: Path, key: str) -> None:
+def _make(plan: _BuildPlan, draft: Path, key: str) -> None:
     work, log = draft / "work", draft.parent / f"{key}.log"
     for name, content in plan.files.items():
         file = work / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-    output, objects = "", list[str]()
+    library, commands = draft / _LIBRARY, list[tuple[bool, list[str]]]()
     for index, unit in enumerate(plan.units):
         cpp = _is_cpp(unit)
         own = _SHIM_CPP if cpp and unit.startswith("shim/") else ()
-        command = [str(compilers[cpp]), *_COMPILE, *(_CPP if cpp else _C), *own, *plan.includes]
-        objects.append(f"{index}.o")
-        output += _run([*command, "-o", objects[-1], unit], work, log, output, plan)
-    library = draft / _LIBRARY
-    output += _run([str(compilers[plan.cpp]), *objects, *_LINK, "-o", str(library)], work, log, output, plan)
+        words = [*_COMPILE, *(_CPP if cpp else _C), *own, *plan.includes, "-o", f"{index}.o", unit]
+        commands.append((cpp, words))
+    objects = [words[-2] for _, words in commands]
+    commands.append((plan.cpp, [*objects, *_LINK, "-o", str(library)]))
+    output = ""
+    for cpp, words in commands:
+        code, printed = run_compiler(words, cpp=cpp, folder=work)
+        output += printed
+        if code:
+            log.write_text(output, encoding="utf-8")
+            raise ModelError(f"{_failure(plan, printed)}; the whole output is in {log}")
     (draft / _WARNINGS).write_text("".join(f"{line}\n" for line in _warnings(output, plan.folder)), encoding="utf-8")
     shutil.rmtree(work)
-
-
-def _run(command: Sequence[str], work: Path, log: Path, before: str, plan: _BuildPlan) -> str:
-    """Run a compiler and return its output.
-
-    Raises:
-        ModelError: It fails; all output is then in the log.
-    """
-    environment = os.environ | {"LC_ALL": "C"}
-    try:
-        done = subprocess.run(command, cwd=work, env=environment, capture_output=True, check=False)  # noqa: S603 - a compiler
-    except OSError as error:
-        raise ModelError(f"cannot run the compiler {command[0]}: {error}") from error
-    output = (done.stdout + done.stderr).decode(errors="replace")
-    if done.returncode:
-        log.write_text(f"{before}{output}", encoding="utf-8")
-        raise ModelError(f"{_failure(plan, output)}; the whole output is in {log}")
-    return output
 
 
 def _failure(plan: _BuildPlan, output: str) -> str:

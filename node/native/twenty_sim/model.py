@@ -12,10 +12,9 @@ from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.native.description import Description, Flavour
-from segway_ecc.node.native.twenty_sim.names import Table, choose, label_of, unique
+from segway_ecc.node.native.library import Description, Flavour
+from segway_ecc.node.native.twenty_sim.names import Ports, Table, choose, label_of, unique
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts, find_method, number, setting
-from segway_ecc.node.native.twenty_sim.ports import Ports
 
 _RUNNING: Final = ("Input", "Dynamic", "Output", "Final")
 _ASK: Final = "pass {} to load_model"

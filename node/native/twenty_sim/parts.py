@@ -13,9 +13,8 @@ from functools import cached_property
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.description import Flavour
-from segway_ecc.node.native.twenty_sim.c_text import Function, assignments
-from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, SourceFile
+from segway_ecc.node.native.library import Flavour
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Function, SourceFile, assignments
 
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")

@@ -19,11 +19,10 @@ from importlib import resources
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.description import Description, Flavour
-from segway_ecc.node.native.twenty_sim.c_text import Function, code_of
-from segway_ecc.node.native.twenty_sim.files import TREE
+from segway_ecc.node.native.library import Description, Flavour
+from segway_ecc.node.native.twenty_sim.files import TREE, Function, code_of
+from segway_ecc.node.native.twenty_sim.names import Ports
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts
-from segway_ecc.node.native.twenty_sim.ports import Ports
 
 _HOOK: Final = "ecc_before_initial"
 """Our function at the head of the initial equations; it sets the parameters that were written."""

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.compiler
 
 def test_both_sides_are_measured_and_ours_has_c_in_it() -> None:
     cost = step_cost(load_native(CART))
-    assert 0.0 < cost.native_s < cost.through_our_interface_s
+    assert 0.0 < cost["native_s"] < cost["through_our_interface_s"]
 
 
 def test_a_failing_c_program_is_reported(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ import pytest
 
 from segway_ecc.node.errors import ModelError, UnknownNameError
 from segway_ecc.node.models.load import load_model
-from segway_ecc.node.native.description import Flavour
-from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.native.library import Flavour, NativeModel
 from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.maker import Maker

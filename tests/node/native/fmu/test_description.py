@@ -6,10 +6,10 @@ import pytest
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.native.description import Description, Flavour
 from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import read_facts
 from segway_ecc.node.native.fmu.twenty_sim import TwentySim, read_twenty_sim
+from segway_ecc.node.native.library import Description, Flavour
 from tests.fixtures.tiny_fmu.make import CONFIGURATION, NAME_OF_INPUT, Shape, description
 
 NOTHING: frozenset[str] = frozenset()

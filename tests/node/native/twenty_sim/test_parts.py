@@ -8,12 +8,11 @@ import pytest
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Write
-from segway_ecc.node.native.description import Description, Flavour
+from segway_ecc.node.native.library import Description, Flavour
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model
-from segway_ecc.node.native.twenty_sim.names import Label, label_of, read_tables
+from segway_ecc.node.native.twenty_sim.names import Label, find_ports, label_of, read_tables
 from segway_ecc.node.native.twenty_sim.parts import find_parts
-from segway_ecc.node.native.twenty_sim.ports import find_ports
 from tests.fixtures.twenty_sim import models, more_models
 from tests.fixtures.twenty_sim.made import Layout, Made, Style
 from tests.fixtures.twenty_sim.maker import Maker

@@ -13,9 +13,8 @@ import pytest
 
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.models import locate as module
-from segway_ecc.node.models.load import load_model
-from segway_ecc.node.models.locate import PythonSource, locate, locate_recorded
+from segway_ecc.node.models import load as module
+from segway_ecc.node.models.load import PythonSource, load_model, locate, locate_recorded
 from segway_ecc.node.recording.robot_provenance import model_hash
 
 Run = Callable[..., Any]

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from segway_ecc.hil.design.linear_model import LinearModel, discretise
-from segway_ecc.hil.design.lqr import lqr, riccati
+from segway_ecc.hil.design.linear_model import LinearModel, discretise, lqr, riccati
 from segway_ecc.node.errors import ConfigurationError
 
 PENDULUM = discretise(LinearModel(np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([[0.0], [1.0]])), 0.01)

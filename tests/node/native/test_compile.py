@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.cache import cached, digest
+from segway_ecc.node.native.compile import cached, digest
 
 
 def fill(draft: Path) -> None:

@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from segway_ecc.hil.design.linear_model import LinearModel, Matrix, discretise, with_delay
-from segway_ecc.hil.design.lqr import lqr
-from segway_ecc.hil.design.margins import margins
+from segway_ecc.hil.design.linear_model import LinearModel, Matrix, discretise, lqr, margins, with_delay
 
 PERIOD = 0.01
 PENDULUM = discretise(LinearModel(np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([[0.0], [1.0]])), PERIOD)

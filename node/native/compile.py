@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: MIT
+"""Compiling with this machine's compilers, and the cache of what was compiled or unpacked, so that it is done once.
+
+The cache follows the XDG Base Directory Specification 0.8: `$XDG_CACHE_HOME`, or `~/.cache` where that is unset or
+relative. Deleting it costs only the time to make its entries again.
+"""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from segway_ecc.node.errors import ModelError
+
+_PLACE: Final = Path("segway-ecc", "models")
+_TIMEOUT_S: Final = 600.0
+
+
+def digest(*parts: bytes | str) -> str:
+    """Return a name for content: equal only for equal parts in equal order."""
+    total = hashlib.sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part
+        # With its length, so that moving the border between two parts makes another name.
+        total.update(len(content).to_bytes(8, "little"))
+        total.update(content)
+    return total.hexdigest()[:32]
+
+
+def cached(key: str, make: Callable[[Path], None]) -> Path:
+    """Return the folder of an entry, making it first where it is not there.
+
+    Safe among processes: an entry is made beside its place and renamed into it whole, and the first one there wins.
+
+    Args:
+        key: Name of the entry, from `digest` over everything that decides its content.
+        make: Fills the empty folder it is given. What it raises is passed on, and nothing is kept.
+
+    Raises:
+        ModelError: The cache cannot be written.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    entry = (given if given.is_absolute() else Path.home() / ".cache") / _PLACE / key
+    if entry.is_dir():
+        return entry
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{key}-", dir=entry.parent))
+    except OSError as error:
+        raise ModelError(f"cannot write to the cache {entry.parent}: {error}; set XDG_CACHE_HOME elsewhere") from error
+    try:
+        make(draft)
+        try:
+            draft.rename(entry)
+        except OSError as error:
+            # Another process was first, and its content is the same.
+            if not entry.is_dir():
+                raise ModelError(f"cannot keep {entry} in the cache: {error}") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return entry
+
+
+def find_compiler(*, cpp: bool = False) -> list[str]:
+    """Return the command of the C or C++ compiler: the one that the variable CC or CXX names, or else the machine's.
+
+    Raises:
+        ModelError: There is none.
+    """
+    what, package, variable = ("C++", "g++", "CXX") if cpp else ("C", "gcc", "CC")
+    if given := shlex.split(os.environ.get(variable, "")):
+        if (found := shutil.which(given[0])) is None:
+            raise ModelError(f"there is no compiler {given[0]}, which the variable {variable} names: install it")
+        return [found, *given[1:]]
+    names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is None:
+        raise ModelError(f"there is no {what} compiler to compile the model with: sudo apt install {package} libc6-dev")
+    return [found]
+
+
+def compiler_identity(*, cpp: bool = False) -> str:
+    """Return what identifies the compiler and its version without running it; raises as `find_compiler`."""
+    compiler, *words = find_compiler(cpp=cpp)
+    path = Path(compiler).resolve()
+    return " ".join([path.name, str(path.stat().st_size), str(path.stat().st_mtime_ns), *words])
+
+
+def run_compiler(
+    words: Sequence[str], *, cpp: bool = False, folder: Path | None = None, source: bytes | None = None
+) -> tuple[int, str]:
+    """Run the compiler; return its exit code and its output, in English.
+
+    Args:
+        words: Its arguments.
+        cpp: Whether it is the one for C++.
+        folder: Where it runs; None for here.
+        source: What it reads from its standard input.
+
+    Raises:
+        ModelError: There is none, or it cannot be run to its end.
+    """
+    command = [*find_compiler(cpp=cpp), *words]
+    environment = os.environ | {"LC_ALL": "C"}
+    try:
+        done = subprocess.run(  # noqa: S603 - a compiler
+            command, cwd=folder, env=environment, input=source, capture_output=True, check=False, timeout=_TIMEOUT_S
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ModelError(f"cannot run the compiler {command[0]}: {error}") from error
+    return done.returncode, (done.stdout + done.stderr).decode(errors="replace")
+
+
+def compile_c(words: Sequence[str], what: str, source: bytes | None = None) -> None:
+    """Compile C; see `run_compiler`.
+
+    Raises:
+        ModelError: It does not compile: the text names what, and has the compiler's first complaint.
+    """
+    code, output = run_compiler(words, source=source)
+    if code:
+        lines = [line.strip() for line in output.splitlines() if line.strip()]
+        errors = [line for line in lines if "error" in line or "undefined reference" in line]
+        raise ModelError(f"cannot compile {what}: {next(iter(errors or lines), 'the compiler gives no reason')}")
