@@ -4,16 +4,18 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from segway_ecc.deploy.doctor.board import check_board, check_disk
-from segway_ecc.deploy.doctor.can import check_can
-from segway_ecc.deploy.doctor.drives import check_drives, check_serial
-from segway_ecc.deploy.doctor.finding import Finding, bad
-from segway_ecc.deploy.doctor.kernel import check_kernel, check_python
-from segway_ecc.deploy.doctor.privileges import check_idle, check_privileges
+from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad
+from segway_ecc.deploy.doctor.computer import (
+    check_board,
+    check_clock,
+    check_disk,
+    check_kernel,
+    check_python,
+    check_timing,
+)
+from segway_ecc.deploy.doctor.hardware import check_can, check_drives, check_serial
 from segway_ecc.deploy.doctor.ros import check_ros
-from segway_ecc.deploy.doctor.services import check_services
-from segway_ecc.deploy.doctor.system import System, Workload
-from segway_ecc.deploy.doctor.timing import check_clock, check_timing
+from segway_ecc.deploy.doctor.services import check_idle, check_privileges, check_services
 
 Check = Callable[[System, Workload], Iterable[Finding]]
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
+from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, warning
+from segway_ecc.deploy.support.commands import NoAnswerError
 
 SERVICE_ENVIRONMENT: Final = "/etc/segway-ecc/environment"
 _TRY: Final = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"

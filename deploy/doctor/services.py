@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""The services that systemd starts, and what their units allow them."""
+"""The services that systemd starts, and what the kernel and their units allow them."""
 
+import os
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from segway_ecc.deploy.doctor.finding import Finding, bad, good, warning
-from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload
+from segway_ecc.deploy.doctor.check import Finding, System, Workload, bad, good, graded, warning
+from segway_ecc.deploy.support.commands import NoAnswerError
+from segway_ecc.node.cycle.real_time import IDLE_LATENCY, PRIORITY
 
 NODE: Final = "segway-ecc-node.service"
 _UNITS: Final = {
@@ -20,6 +23,26 @@ _ASKED: Final = ("UnitFileState", "ActiveState", "SubState", "NRestarts")
 _INSTALLED: Final = ("loaded", "masked")
 """A unit that is masked has no settings of its own any more."""
 _AT_BOOT: Final = {"enabled", "enabled-runtime", "static", "alias", "indirect", "generated", "linked"}
+_TRY: Final = f"import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param({PRIORITY}))"
+_CAP_IPC_LOCK: Final = 1 << 14
+"""Of linux/capability.h."""
+_MIB: Final = 1024 * 1024
+_FIFO: Final = {"1", "fifo"}
+_UNIT: Final = ("CPUSchedulingPolicy", "LimitMEMLOCK", "AmbientCapabilities", "User")
+_LIMITS_FILE: Final = "/etc/security/limits.d/segway-ecc.conf"
+_IDLE: Final = "processor idle states"
+_IDLE_FILE: Final = str(IDLE_LATENCY)
+_IDLE_UNIT: Final = ("User", "SupplementaryGroups", "DevicePolicy", "DeviceAllow")
+_OPEN_POLICIES: Final = {"", "auto"}
+_IDLE_EFFECT: Final = "after each wait the processor wakes up slowly and with cold caches: cycles take longer"
+RULE: Final = 'SUBSYSTEM=="misc", KERNEL=="cpu_dma_latency", GROUP="segway", MODE="0660"'
+"""As deploy/udev/70-segway-latency.rules has it."""
+_IDLE_ALLOW: Final = (
+    f"echo '{RULE}' | sudo tee /etc/udev/rules.d/70-segway-latency.rules; "
+    f"sudo udevadm control --reload; sudo udevadm trigger {_IDLE_FILE}"
+)
+_GROUP_WRITES: Final = 0o020
+_ALL_WRITE: Final = 0o002
 
 
 def has_systemd(machine: System) -> bool:
@@ -82,3 +105,105 @@ def _unit(unit: str, state: Mapping[str, str]) -> Finding:
     if active != "active":
         return warning(unit, found, "it does not run now", f"sudo systemctl start {unit}")
     return good(unit, found)
+
+
+def check_privileges(machine: System, workload: Workload) -> Iterator[Finding]:
+    """Real-time scheduling, locked memory, and what the kernel takes of real-time programs."""
+    unit = properties(machine, NODE, _UNIT)
+    yield _scheduling(machine, workload, unit)
+    yield _memory_lock(machine, unit)
+    name = "real-time throttling"
+    runtime = machine.read("/proc/sys/kernel/sched_rt_runtime_us")
+    period = machine.read("/proc/sys/kernel/sched_rt_period_us")
+    remedy = "sudo sysctl kernel.sched_rt_runtime_us=950000"
+    if runtime is None or period is None:
+        yield good(name, "this kernel has none")
+    elif int(runtime) == 0:
+        yield bad(name, "0 us for real-time programs", "real-time programs never run", remedy)
+    elif int(runtime) < 0:
+        effect = "a real-time program that hangs holds its processor for ever, and nobody can log in to end it"
+        yield warning(name, "off", effect, remedy)
+    else:
+        yield good(name, f"real-time programs get {int(runtime) / int(period):.0%} of each {int(period) / 1e6:g} s")
+
+
+def _scheduling(machine: System, workload: Workload, unit: Mapping[str, str]) -> Finding:
+    """By the unit where there is one, since the service is another user than this one."""
+    name, grade = "real-time scheduling", warning if workload.hardware is None else bad
+    effect = "any other program can delay the loop"
+    if unit:
+        if unit.get("CPUSchedulingPolicy") in _FIFO or _may(unit, "cap_sys_nice"):
+            return good(name, f"SCHED_FIFO for {NODE}, by its unit")
+        remedy = f"CPUSchedulingPolicy=fifo and CPUSchedulingPriority={PRIORITY} by: sudo systemctl edit {NODE}"
+        return grade(name, f"the unit of {NODE} does not ask for SCHED_FIFO", effect, remedy)
+    try:
+        # In a child, so that this process stays as it is.
+        machine.answer([sys.executable, "-I", "-S", "-c", _TRY])
+    except NoAnswerError as error:
+        found = f"SCHED_FIFO {PRIORITY} refused to this user: {str(error).rpartition('] ')[2]}"
+        return grade(name, found, effect, _allow(f"rtprio {PRIORITY}"))
+    return good(name, f"SCHED_FIFO {PRIORITY} granted to this user")
+
+
+def _may(unit: Mapping[str, str], capability: str) -> bool:
+    """Whether a unit's processes have a capability: named, or root's."""
+    return unit.get("User") in {"", "root"} or capability in unit.get("AmbientCapabilities", "").lower()
+
+
+def _memory_lock(machine: System, unit: Mapping[str, str]) -> Finding:
+    if unit:
+        limit, who = unit.get("LimitMEMLOCK", ""), f"{NODE}, by its unit"
+        fits = limit == "infinity" or _may(unit, "cap_ipc_lock")
+        remedy = f"LimitMEMLOCK=infinity by: sudo systemctl edit {NODE}"
+    else:
+        limit, who = _first_word(machine, "/proc/self/limits", "Max locked memory"), "this user"
+        capabilities = int(_first_word(machine, "/proc/self/status", "CapEff:") or "0", 16)
+        fits = limit == "unlimited" or bool(capabilities & _CAP_IPC_LOCK)
+        remedy = _allow("memlock unlimited")
+    amount = f"{int(limit) / _MIB:.1f} MiB at most" if limit.isdecimal() else "the limit is not known"
+    found = f"any amount for {who}" if fits else amount
+    return graded("memory lock", found, "where memory runs short, the loop waits for the disk", remedy, fits=fits)
+
+
+def _allow(what: str) -> str:
+    """The command that lets a user do something from the next log-in on (limits.conf(5))."""
+    return f'echo "$USER - {what}" | sudo tee --append {_LIMITS_FILE}, then log in again; or run the robot as {NODE}'
+
+
+def _first_word(machine: System, path: str, start: str) -> str:
+    """The first word after `start` of the line that begins so; empty where there is none."""
+    lines = (machine.read(path) or "").splitlines()
+    return next((line.removeprefix(start).split()[0] for line in lines if line.startswith(start)), "")
+
+
+def check_idle(machine: System, _workload: Workload) -> Iterator[Finding]:
+    """The unit's user where there is a unit, since the service is another user than this one."""
+    unit = properties(machine, NODE, _IDLE_UNIT)
+    if not machine.path(_IDLE_FILE).exists():
+        yield good(_IDLE, f"this kernel has no {_IDLE_FILE}")
+    elif unit:
+        yield _for_unit(machine, unit)
+    elif os.access(machine.path(_IDLE_FILE), os.W_OK):
+        yield good(_IDLE, f"this user may write {_IDLE_FILE}")
+    else:
+        remedy = f"{_IDLE_ALLOW}; sudo usermod -aG segway $USER, then log in again"
+        yield warning(_IDLE, f"{_IDLE_FILE} is not writable for this user", _IDLE_EFFECT, remedy)
+
+
+def _for_unit(machine: System, unit: Mapping[str, str]) -> Finding:
+    user, state = unit.get("User", ""), machine.path(_IDLE_FILE).stat()
+    # The groups of the unit's user (passwd(5), group(5)), and those that the unit adds.
+    users, groups = (
+        [fields for line in (machine.read(path) or "").splitlines() if len(fields := line.split(":")) == count]
+        for path, count in (("/etc/passwd", 7), ("/etc/group", 4))
+    )
+    added = unit.get("SupplementaryGroups", "").split()
+    numbers = {fields[3] for fields in users if fields[0] == user}
+    numbers |= {fields[2] for fields in groups if fields[0] in added or user in fields[3].split(",")}
+    is_group_s = bool(state.st_mode & _GROUP_WRITES) and str(state.st_gid) in numbers
+    if user not in {"", "root"} and not state.st_mode & _ALL_WRITE and not is_group_s:
+        return warning(_IDLE, f"{_IDLE_FILE} is not writable for the user of {NODE}", _IDLE_EFFECT, _IDLE_ALLOW)
+    if unit.get("DevicePolicy", "") not in _OPEN_POLICIES and _IDLE_FILE not in unit.get("DeviceAllow", "").split():
+        remedy = f"DeviceAllow={_IDLE_FILE} w by: sudo systemctl edit {NODE}"
+        return warning(_IDLE, f"the unit of {NODE} does not allow it {_IDLE_FILE}", _IDLE_EFFECT, remedy)
+    return good(_IDLE, f"{NODE} may write {_IDLE_FILE}")

@@ -12,10 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Workload, is_fit
 from segway_ecc.deploy.doctor.doctor import examine
-from segway_ecc.deploy.doctor.finding import Finding, Verdict, is_fit
-from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
 from segway_ecc.node.config import packaged_robots
 from segway_ecc.node.cycle.clock import NS_PER_S
@@ -53,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         model = file.model
         loaded = load_model(model.source, model.parameters, method=model.method, step_size=model.step_size)
         workload = dataclasses.replace(workload, period_ns=round(loaded.step_size * NS_PER_S))
-    findings = examine(System(RealProbes(_show_progress)), workload)
+    findings = examine(System(Probes(_show_progress)), workload)
     _show_progress(1.0)
     name = None if file is None else file.name
     if options.json:

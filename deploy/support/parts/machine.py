@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.support.bundle import Collected, json_text
-from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
+from segway_ecc.deploy.support.commands import NoAnswerError, answer_of
 from segway_ecc.deploy.support.secrets import environment
 
 _LIMITS: Final = {

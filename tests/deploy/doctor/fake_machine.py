@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.deploy.doctor.finding import Finding
-from segway_ecc.deploy.doctor.system import NoAnswerError, System, Workload, WriteSpeed
+from segway_ecc.deploy.doctor.check import Finding, Probes, System, Workload, WriteSpeed
+from segway_ecc.deploy.support.commands import NoAnswerError
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN, InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
 from segway_ecc.firmware_io.links.settings import SerialSettings
@@ -30,7 +30,7 @@ GOOD_SPEED = WriteSpeed(20e6, 0.02)
 
 
 @dataclass
-class FakeProbes:
+class FakeProbes(Probes):
     """What trying comes to."""
 
     no_can: bool = False

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from segway_ecc.deploy.doctor.check import Finding, System, Verdict, Workload, good, is_fit
 from segway_ecc.deploy.doctor.doctor import CHECKS, examine
-from segway_ecc.deploy.doctor.finding import Finding, Verdict, good, is_fit
-from segway_ecc.deploy.doctor.system import System, Workload
 from segway_ecc.firmware_io.links.link import LinkState
 from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, container, raspberry_pi, workload
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.check import Finding, Verdict
 from segway_ecc.deploy.doctor.ros import check_ros
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 

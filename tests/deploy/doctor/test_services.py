@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.check import Finding, Verdict
 from segway_ecc.deploy.doctor.services import check_services, properties
 from tests.deploy.doctor.fake_machine import UNIT, FakeMachine, by_name, container, workload
 

@@ -10,9 +10,9 @@ import pytest
 
 from segway_ecc.deploy.station.station_bundle import robots
 from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Part, Stored, write_bundle
+from segway_ecc.deploy.support.commands import NoAnswerError, answer_of
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.deploy.support.parts import machine
-from segway_ecc.deploy.support.parts.commands import NoAnswerError, answer_of
 from segway_ecc.deploy.support.parts.files import audit_log, newest_logs
 
 SECRET = "s3cr3t-value"  # noqa: S105 - nobody's

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor import probes
-from segway_ecc.deploy.doctor.finding import bad, good, warning
+from segway_ecc.deploy.doctor.check import Probes, bad, good, warning
 from segway_ecc.deploy.verbs import deploy_doctor
 from segway_ecc.deploy.verbs.deploy_doctor import report as text_of
 from tests.command import Outcome
@@ -22,7 +21,7 @@ SHORT_NS = 50_000_000
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Measure for a moment only, and know no robot of this machine."""
-    monkeypatch.setattr(probes.RealProbes.__init__, "__defaults__", (lambda _fraction: None, SHORT_NS))
+    monkeypatch.setattr(Probes.__init__, "__defaults__", (lambda _fraction: None, SHORT_NS))
     monkeypatch.setattr(deploy_doctor, "_INSTALLED_ROBOT", tmp_path / "robot.yaml")
 
 
@@ -95,7 +94,7 @@ def test_progress_is_for_a_terminal(
 
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(probes.RealProbes.__init__, "__defaults__", (lambda _fraction: None, 400_000_000))
+    monkeypatch.setattr(Probes.__init__, "__defaults__", (lambda _fraction: None, 400_000_000))
     segway_ecc("deploy", "doctor", "--logs", str(tmp_path))
     assert terminal.getvalue().startswith("\rsegway-ecc: measuring wake-ups, 50%")
     assert terminal.getvalue().endswith(f"\r{'':<40}\r")

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor.can import check_can
+from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict
 from segway_ecc.deploy.doctor.doctor import examine
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import System
+from segway_ecc.deploy.doctor.hardware import check_can
 from tests.deploy.doctor.fake_machine import by_name, workload
 
 MS = 1_000_000
@@ -26,11 +24,11 @@ def down() -> Iterator[str]:
 
 
 def looked(channel: str) -> dict[str, Finding]:
-    return by_name(list(check_can(System(RealProbes()), workload(Path("/run"), can={"channel": channel}))))
+    return by_name(list(check_can(System(Probes()), workload(Path("/run"), can={"channel": channel}))))
 
 
 def test_the_whole_examination(tmp_path: Path) -> None:
-    machine = System(RealProbes(measured_ns=50 * MS))
+    machine = System(Probes(measured_ns=50 * MS))
     found = by_name(examine(machine, workload(tmp_path, can={"interface": "socketcan", "channel": "vcan0"})))
     assert found["CAN in the kernel"].verdict is Verdict.GOOD
     assert found["CAN vcan0"].found == "up"

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor.can import check_can
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.kernel import check_kernel
-from segway_ecc.deploy.doctor.privileges import check_privileges
-from segway_ecc.deploy.doctor.probes import RealProbes
-from segway_ecc.deploy.doctor.system import System
+from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict
+from segway_ecc.deploy.doctor.computer import check_kernel
+from segway_ecc.deploy.doctor.hardware import check_can
+from segway_ecc.deploy.doctor.services import check_privileges
 from tests.deploy.doctor.fake_machine import by_name, workload
 
-MACHINE = System(RealProbes())
+MACHINE = System(Probes())
 
 
 def ip_link(*words: str) -> None:

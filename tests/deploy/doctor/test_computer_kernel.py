@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.deploy.doctor.finding import Verdict
-from segway_ecc.deploy.doctor.kernel import check_kernel
+from segway_ecc.deploy.doctor.check import Verdict
+from segway_ecc.deploy.doctor.computer import check_kernel
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 

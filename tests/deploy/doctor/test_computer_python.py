@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-from segway_ecc.deploy.doctor.finding import Verdict
-from segway_ecc.deploy.doctor.kernel import check_python
+from segway_ecc.deploy.doctor.check import Verdict
+from segway_ecc.deploy.doctor.computer import check_python
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.timing import check_timing
+from segway_ecc.deploy.doctor.check import Finding, Verdict
+from segway_ecc.deploy.doctor.computer import check_timing
 from tests.deploy.doctor.fake_machine import MS, FakeMachine, by_name, lateness, workload
 
 CLOCK = "/sys/devices/system/clocksource/clocksource0"

@@ -5,9 +5,8 @@ import os
 import msgspec
 import pytest
 
-from segway_ecc.deploy.doctor.drives import check_serial
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.system import Workload
+from segway_ecc.deploy.doctor.check import Finding, Verdict, Workload
+from segway_ecc.deploy.doctor.hardware import check_serial
 from segway_ecc.firmware_io.build import with_port
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 

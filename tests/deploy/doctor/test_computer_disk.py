@@ -5,9 +5,8 @@ import os
 
 import pytest
 
-from segway_ecc.deploy.doctor.board import check_disk
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.system import WriteSpeed
+from segway_ecc.deploy.doctor.check import Finding, Verdict, WriteSpeed
+from segway_ecc.deploy.doctor.computer import check_disk
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, workload
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.drives import check_drives
-from segway_ecc.deploy.doctor.finding import Verdict
+from segway_ecc.deploy.doctor.check import Verdict
+from segway_ecc.deploy.doctor.hardware import check_drives
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 

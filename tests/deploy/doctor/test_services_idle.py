@@ -5,8 +5,8 @@ from importlib import resources
 
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.privileges import RULE, check_idle
+from segway_ecc.deploy.doctor.check import Finding, Verdict
+from segway_ecc.deploy.doctor.services import RULE, check_idle
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 FILE = "/dev/cpu_dma_latency"

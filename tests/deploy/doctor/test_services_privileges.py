@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
-from segway_ecc.deploy.doctor.privileges import check_privileges
+from segway_ecc.deploy.doctor.check import Finding, Verdict
+from segway_ecc.deploy.doctor.services import check_privileges
 from tests.deploy.doctor.fake_machine import NODE_UNIT, FakeMachine, by_name, workload
 
 REFUSED = "!/usr/bin/python3: PermissionError: [Errno 1] Operation not permitted"

@@ -3,8 +3,8 @@ import dataclasses
 
 import pytest
 
-from segway_ecc.deploy.doctor.can import check_can
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.check import Finding, Verdict
+from segway_ecc.deploy.doctor.hardware import check_can
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState
 from segway_ecc.firmware_io.links.link import LinkState
 from tests.deploy.doctor.fake_machine import GOOD_CAN, FakeMachine, by_name, workload

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor.board import check_board
-from segway_ecc.deploy.doctor.finding import Finding, Verdict
+from segway_ecc.deploy.doctor.check import Finding, Verdict
+from segway_ecc.deploy.doctor.computer import check_board
 from tests.deploy.doctor.fake_machine import FakeMachine, by_name, raspberry_pi, workload
 
 

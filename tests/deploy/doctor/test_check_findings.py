@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Finding, Verdict, bad, good, is_fit, warning
+from segway_ecc.deploy.doctor.check import Finding, Verdict, bad, good, is_fit, warning
 
 
 @pytest.mark.parametrize("verdict", [Verdict.WARNING, Verdict.BAD])

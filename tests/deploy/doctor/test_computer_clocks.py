@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.doctor.finding import Verdict
-from segway_ecc.deploy.doctor.timing import check_clock
+from segway_ecc.deploy.doctor.check import Verdict
+from segway_ecc.deploy.doctor.computer import check_clock
 from tests.deploy.doctor.fake_machine import FakeMachine, workload
 
 CHRONY = "Reference ID    : 0A000001 (10.0.0.1)\nStratum         : 3\nLeap status     : {}\n"

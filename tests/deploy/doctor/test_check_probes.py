@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.doctor.probes import RealProbes
+from segway_ecc.deploy.doctor.check import Probes
 from segway_ecc.firmware_io.links.can_interfaces import UNKNOWN
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.hil.pseudo_terminal import PtyPort
@@ -15,7 +15,7 @@ MS = 1_000_000
 
 def test_wake_ups_are_counted_and_progress_is_reported() -> None:
     reported: list[float] = []
-    summary = RealProbes(reported.append, measured_ns=600 * MS).wake_ups(20 * MS)
+    summary = Probes(reported.append, measured_ns=600 * MS).wake_ups(20 * MS)
     assert summary.count == 30
     assert 0.0 <= summary.p50_s <= summary.p99_s <= summary.max_s
     assert reported == pytest.approx([1 / 3, 2 / 3, 1.0])
@@ -23,12 +23,12 @@ def test_wake_ups_are_counted_and_progress_is_reported() -> None:
 
 def test_progress_is_reported_each_cycle_when_the_period_is_long() -> None:
     reported: list[float] = []
-    RealProbes(reported.append, measured_ns=300 * MS).wake_ups(250 * MS)
+    Probes(reported.append, measured_ns=300 * MS).wake_ups(250 * MS)
     assert reported == [0.5, 1.0]
 
 
 def test_writing_leaves_nothing_behind(tmp_path: Path) -> None:
-    speed = RealProbes().write(tmp_path)
+    speed = Probes().write(tmp_path)
     assert speed.bytes_per_s > 0.0
     assert speed.slowest_s > 0.0
     assert speed.bytes_per_s * speed.slowest_s >= 4 * 1024 * 1024 / 8 * 0.999
@@ -37,22 +37,22 @@ def test_writing_leaves_nothing_behind(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        RealProbes().write(tmp_path / "none")
+        Probes().write(tmp_path / "none")
 
 
 def test_an_interface_that_is_not_there() -> None:
-    assert RealProbes().interface("nosuchif0") == UNKNOWN
+    assert Probes().interface("nosuchif0") == UNKNOWN
 
 
 def test_a_port_that_is_not_there() -> None:
     with pytest.raises(OSError, match="No such file"):
-        RealProbes().open_port(SerialSettings(port="/dev/no-such-port"))
+        Probes().open_port(SerialSettings(port="/dev/no-such-port"))
 
 
 def test_a_port_is_opened_and_closed(tmp_path: Path) -> None:
     port = PtyPort(tmp_path / "serial")
     try:
         for _ in range(2):  # exclusively, so the second time shows that it was closed
-            RealProbes().open_port(SerialSettings(port=str(port.path)))
+            Probes().open_port(SerialSettings(port=str(port.path)))
     finally:
         port.close()
