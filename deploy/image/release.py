@@ -15,9 +15,9 @@ from segway_ecc import deploy
 from segway_ecc.deploy.image.base import cache_folder
 from segway_ecc.deploy.image.commands import ImageError, inside, run
 from segway_ecc.deploy.image.recipe import Recipe
-from segway_ecc.deploy.release.agent.environment import write_environment
 from segway_ecc.deploy.release.agent.files import sha256_of
-from segway_ecc.deploy.release.agent.manifest import HEALTHY, ReleaseManifest, entries_of
+from segway_ecc.deploy.release.agent.install import write_environment
+from segway_ecc.deploy.release.agent.store import HEALTHY, ReleaseManifest, entries_of
 
 OPT: Final = "opt/segway-ecc"
 _CHECKOUT: Final = Path(deploy.__file__).parents[2]

@@ -29,7 +29,7 @@ with open(place, "wb", closefd=False) as file:
     file.write(agent)
 sys.path.insert(0, "/proc/self/fd/%d" % place)
 from segway_ecc.deploy.release.agent.main import serve
-from segway_ecc.deploy.release.agent.report import Reporter
+from segway_ecc.deploy.release.agent.journal import Reporter
 sys.exit(serve(agent, source, Reporter(sys.stdout.buffer)))
 """
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from segway_ecc.deploy.release.agent.files import is_safe
-from segway_ecc.deploy.release.agent.install import ROBOT_FILE
+from segway_ecc.deploy.release.agent.store import ROBOT_FILE
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError

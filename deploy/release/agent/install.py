@@ -11,14 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from segway_ecc.deploy.release.agent.environment import write_environment
-from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder
-from segway_ecc.deploy.release.agent.journal import stamp
-from segway_ecc.deploy.release.agent.manifest import NAME, FileDigest, ReleaseManifest, entries_of
-from segway_ecc.deploy.release.agent.report import Reporter
-from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder, write_whole
+from segway_ecc.deploy.release.agent.journal import Reporter, stamp
+from segway_ecc.deploy.release.agent.store import MANIFEST, ROBOT_FILE, FileDigest, ReleaseManifest, Store, entries_of
 
-ROBOT_FILE: Final = "robot/robot.yaml"
 _GROWTH: Final = 4
 """How much larger wheels are once they are installed, together with themselves."""
 _SPARE_BYTES: Final = 64 * 2**20
@@ -27,6 +23,9 @@ _NICE: Final = ("nice", "-n", "10")
 """The robot's own programs, and the connection that this is asked over, come first."""
 _INSTALL_S: Final = 1800.0
 _TEST_S: Final = 120.0
+_ENVIRONMENT: Final = "environment"
+"""In a release's folder; the units read it before /etc/segway-ecc/environment."""
+_BOOTSTRAPPER: Final = "ros_wheels_bootstrapper"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -88,7 +87,7 @@ def receive(store: Store, spec: ReleaseSpec, stream: BinaryIO, reporter: Reporte
     if folder.exists() and incoming.exists():
         store.remove(spec.name)
     elif folder.exists():
-        (folder / NAME).unlink(missing_ok=True)
+        (folder / MANIFEST).unlink(missing_ok=True)
         folder.rename(incoming)
     shutil.rmtree(incoming / "venv", ignore_errors=True)
     incoming.mkdir(parents=True, exist_ok=True)
@@ -201,3 +200,23 @@ def _run(words: Sequence[str], within_s: float) -> str:
         last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-3:]
         raise AgentRefusedError(f"{' '.join(words[:5])} ... ended with {done.returncode}: {' / '.join(last)}")
     return done.stdout
+
+
+def write_environment(folder: Path, place: Path | None = None) -> None:
+    """Write the variables of a release that is installed; no file where it needs none.
+
+    ROS 2 from PyPI needs its libraries in LD_LIBRARY_PATH. Where that is not set its start hook looks for them and
+    starts Python a second time, each time; with the variables here that is saved.
+
+    Args:
+        folder: The release's, with its virtual environment.
+        place: Where that folder will be; None where it is there already.
+    """
+    found = sorted(folder.glob(f"venv/lib/python3*/site-packages/{_BOOTSTRAPPER}"))
+    (folder / _ENVIRONMENT).unlink(missing_ok=True)
+    if not found:
+        return
+    libraries = [folder / "venv" / "lib", *sorted(found[0].parent.glob("ros_*.libs"))]
+    there = [str((place or folder) / path.relative_to(folder)) for path in libraries]
+    text = f"_ROS_WHEELS_BOOTSTRAP_COMPLETE=1\nLD_LIBRARY_PATH={':'.join(there)}\n"
+    write_whole(folder / _ENVIRONMENT, text.encode())

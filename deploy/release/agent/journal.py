@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Where an update stands: a file while it is under way, so that whoever comes after a power cut knows."""
+"""Where an update stands: a file, for whoever comes after a power cut, and events for the machine that asked."""
 
+import contextlib
 import dataclasses
 import datetime as dt
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, BinaryIO, Final
 
 from segway_ecc.deploy.release.agent.files import sync_folder, write_whole
 
 PENDING: Final = "transaction.json"
 LAST: Final = "last-transaction.json"
-
-HEALTHY: Final = "healthy"
 WENT_BACK: Final = "went-back"
 NO_WAY_BACK: Final = "no-way-back"
-INTERRUPTED: Final = "interrupted"
 
 
 def stamp() -> str:
@@ -82,3 +80,30 @@ def _read(path: Path) -> Transaction | None:
         return Transaction(**{field.name: found[field.name] for field in dataclasses.fields(Transaction)})
     except (OSError, ValueError, TypeError, KeyError):
         return None
+
+
+class Reporter:
+    """Writes events, one JSON object a line; while it is attached, a listener that has gone ends what is going on.
+
+    Args:
+        stream: Where the lines go.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._is_attached = True
+
+    def detach(self) -> None:
+        """From now on it does not matter whether anybody listens."""
+        self._is_attached = False
+
+    def step(self, name: str) -> None:
+        """A step begins."""
+        self.event("step", step=name)
+
+    def event(self, event: str, **values: Any) -> None:  # noqa: ANN401 - whatever JSON can hold
+        """Send an event."""
+        line = json.dumps({"event": event, **values}).encode() + b"\n"
+        with contextlib.suppress(*(() if self._is_attached else (OSError, ValueError))):
+            self._stream.write(line)
+            self._stream.flush()

@@ -1,18 +1,107 @@
 # SPDX-License-Identifier: MIT
-"""The releases on a robot, and which of them is in use."""
+"""The releases on a robot: what each consists of, and which of them is in use, with its robot file.
+
+A release's `manifest.json` is written last: what has one is complete.
+"""
 
 import contextlib
+import dataclasses
+import json
 import re
 import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.release.agent.files import AgentRefusedError, link_whole, sync_folder
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, ReleaseManifest, differences, read_manifest
+from segway_ecc.deploy.release.agent.files import AgentRefusedError, link_whole, sha256_of, sync_folder, write_whole
 
+MANIFEST: Final = "manifest.json"
+NEW: Final = "new"
+HEALTHY: Final = "healthy"
+FAILED: Final = "failed"
+INTERRUPTED: Final = "interrupted"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]{0,99}")
 _INCOMING: Final = ".incoming-"
 _TRASH: Final = ".trash-"
+ROBOT_FILE: Final = "robot/robot.yaml"
+"""In a release."""
+_BACKUP: Final = "robot.yaml.before-deploy"
+
+
+@dataclass(frozen=True, slots=True)
+class FileDigest:
+    """One file: its SHA-256 as hexadecimal digits, and its size in bytes."""
+
+    sha256: str
+    size: int
+
+    def mismatch(self, path: Path) -> str:
+        """What is wrong with a file that should be this one; empty where it is."""
+        try:
+            same = path.stat().st_size == self.size and sha256_of(path) == self.sha256
+        except OSError:
+            return "is missing"
+        return "" if same else "was changed"
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseManifest:
+    """A release.
+
+    Attributes:
+        name: Of its folder.
+        version: What its `segway-ecc --version` prints.
+        created: When it was completed, ISO 8601, UTC.
+        by: Who pushed it.
+        files: Every file of it by its path, but for compiled Python.
+        rate_hz: The rate of its robot's loop, where known.
+        state: `new`, `healthy`, `failed`, or `interrupted` in its trial.
+        reason: Why it failed.
+    """
+
+    name: str
+    version: str = ""
+    created: str = ""
+    by: str = ""
+    files: Mapping[str, FileDigest] = dataclasses.field(default_factory=dict)
+    rate_hz: float | None = None
+    state: str = NEW
+    reason: str = ""
+
+    def write(self, folder: Path) -> None:
+        """Put it into the release's folder."""
+        write_whole(folder / MANIFEST, json.dumps(dataclasses.asdict(self), indent=1).encode())
+
+
+def read_manifest(folder: Path) -> ReleaseManifest | None:
+    """The manifest of a release; None where there is none that can be read, so that the release is not complete."""
+    try:
+        found = json.loads((folder / MANIFEST).read_bytes())
+        files = {
+            str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in found.get("files", {}).items()
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+    texts = {key: str(found[key]) for key in ("version", "created", "by", "state", "reason") if key in found}
+    rate = found.get("rate_hz")
+    return ReleaseManifest(
+        name=folder.name, files=files, rate_hz=float(rate) if isinstance(rate, int | float) else None, **texts
+    )
+
+
+def entries_of(folder: Path) -> dict[str, FileDigest]:
+    """Every file below a folder; no links, nothing compiled, not the manifest itself."""
+    return {
+        path.relative_to(folder).as_posix(): FileDigest(sha256_of(path), path.stat().st_size)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts and path != folder / MANIFEST
+    }
+
+
+def differences(folder: Path, files: Mapping[str, FileDigest]) -> list[str]:
+    """The files that are not as in the manifest, with what is wrong; none for a release that is whole."""
+    return [f"{path} {wrong}" for path, digest in files.items() if (wrong := digest.mismatch(folder / path))]
 
 
 class Store:
@@ -125,3 +214,32 @@ class Store:
         with contextlib.suppress(OSError):
             folders += [folder for folder in self.releases.iterdir() if folder.is_dir() and not folder.is_symlink()]
         return {folder.name: read_manifest(folder) if _NAME.fullmatch(folder.name) else None for folder in folders}
+
+
+def is_robot_file_linked(store: Store, config: Path) -> bool:
+    """Whether the robot file in use comes with the release."""
+    link = config / "robot.yaml"
+    return link.is_symlink() and str(link.readlink()) == str(store.root / "current" / ROBOT_FILE)
+
+
+def link_robot_file(store: Store, config: Path, name: str) -> None:
+    """Link the configuration to the releases' robot files, if this release brings one.
+
+    What was there is kept beside it, and releases that have none lead to it, so that a rollback finds it; for those in
+    use nothing changes.
+    """
+    machine, backup = config / "robot.yaml", config / _BACKUP
+    is_linked = is_robot_file_linked(store, config)
+    if not is_linked:
+        if not (store.folder(name) / ROBOT_FILE).exists():
+            return
+        config.mkdir(parents=True, exist_ok=True)
+        if machine.exists():
+            shutil.copyfile(machine, backup)
+    for manifest in store.complete() if backup.exists() else ():
+        place = store.folder(manifest.name) / ROBOT_FILE
+        if not place.exists():
+            place.parent.mkdir(exist_ok=True)
+            link_whole(place, str(backup))  # a link, so that the models that stand beside the machine's are found
+    if not is_linked:
+        link_whole(machine, str(store.root / "current" / ROBOT_FILE))

@@ -9,16 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.deploy.release.agent import journal as outcomes
 from segway_ecc.deploy.release.agent.files import AgentRefusedError
-from segway_ecc.deploy.release.agent.health import Trial, watched
-from segway_ecc.deploy.release.agent.journal import Journal, Transaction, stamp
-from segway_ecc.deploy.release.agent.manifest import FAILED, HEALTHY, INTERRUPTED, NEW
-from segway_ecc.deploy.release.agent.report import Reporter
-from segway_ecc.deploy.release.agent.services import Service, restart, show
-from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.journal import NO_WAY_BACK, WENT_BACK, Journal, Reporter, Transaction, stamp
+from segway_ecc.deploy.release.agent.services import Service, Trial, restart, show, watched
+from segway_ecc.deploy.release.agent.store import FAILED, HEALTHY, INTERRUPTED, NEW, Store
 
-EXIT_CODES: Final = {outcomes.HEALTHY: 0, outcomes.WENT_BACK: 12, outcomes.NO_WAY_BACK: 12}
+EXIT_CODES: Final = {HEALTHY: 0, WENT_BACK: 12, NO_WAY_BACK: 12}
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +75,9 @@ class Update:
         except Exception as error:  # noqa: BLE001 - whatever went wrong, the robot must go back
             reason = f"{type(error).__name__}: {error}"
         if reason is None:
-            return dataclasses.replace(transaction, outcome=outcomes.HEALTHY, phase="trial")
+            return dataclasses.replace(transaction, outcome=HEALTHY, phase="trial")
         if transaction.previous is None:
-            return dataclasses.replace(transaction, outcome=outcomes.NO_WAY_BACK, reason=reason)
+            return dataclasses.replace(transaction, outcome=NO_WAY_BACK, reason=reason)
         failed = dataclasses.replace(transaction, reason=reason)
         # Somebody may have armed a robot whose trial then failed: it is not restarted under them. A node that does not
         # report its mode is not waited for: it would keep the robot in its trial for ever.
@@ -94,7 +90,7 @@ class Update:
         problem = restart(self._rules.restart)
         if problem is not None:
             reason = f"{reason}; and after going back: {problem}"
-        return dataclasses.replace(failed, phase="back", outcome=outcomes.WENT_BACK, reason=reason)
+        return dataclasses.replace(failed, phase="back", outcome=WENT_BACK, reason=reason)
 
     def _trial_failure(self, transaction: Transaction, before: Service) -> str | None:
         """Why the release is not healthy, or None."""
@@ -124,9 +120,9 @@ def conclude(store: Store, journal: Journal, ended: Transaction) -> None:
     """Put down in the manifest what became of the release; done again after an interruption, it does no harm."""
     manifest = store.manifest(ended.release)
     if manifest is not None:
-        if ended.outcome == outcomes.HEALTHY:
+        if ended.outcome == HEALTHY:
             manifest = dataclasses.replace(manifest, state=HEALTHY, reason="")
-        elif ended.outcome in {outcomes.WENT_BACK, outcomes.NO_WAY_BACK}:
+        elif ended.outcome in {WENT_BACK, NO_WAY_BACK}:
             manifest = dataclasses.replace(manifest, state=FAILED, reason=ended.reason)
         elif manifest.state == NEW:
             manifest = dataclasses.replace(manifest, state=INTERRUPTED, reason=ended.reason)
@@ -150,7 +146,7 @@ def recover(store: Store, reporter: Reporter, command: Sequence[str] = (), *, re
     reporter.step("settle")
     if not pending.outcome:
         reason = pending.reason or f"interrupted in the phase {pending.phase!r}"
-        outcome = outcomes.WENT_BACK if pending.phase == "back" else outcomes.INTERRUPTED
+        outcome = WENT_BACK if pending.phase == "back" else INTERRUPTED
         if pending.previous is not None:
             if restarts and (why_not := show().why_not_safe()) is not None:
                 raise AgentRefusedError(f"{why_not}; an update that was interrupted is to be settled")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
+from segway_ecc.deploy.release.agent.journal import Reporter
 from segway_ecc.deploy.release.agent.main import serve
-from segway_ecc.deploy.release.agent.report import Reporter
 
 
 class Killing(Reporter):

@@ -13,8 +13,7 @@ from typing import Any
 
 from segway_ecc.deploy.release.agent.files import is_locked
 from segway_ecc.deploy.release.agent.journal import Journal
-from segway_ecc.deploy.release.agent.manifest import differences
-from segway_ecc.deploy.release.agent.store import Store
+from segway_ecc.deploy.release.agent.store import Store, differences
 from segway_ecc.deploy.release.host import Event, Host
 from tests.deploy.release.parts import SYSTEMCTL, make_bundle
 

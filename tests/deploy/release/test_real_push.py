@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
+from segway_ecc.deploy.release.agent.store import ReleaseManifest
 from segway_ecc.node.cli.main import main
 from tests.deploy.release.robot import Robot, Sshd
 

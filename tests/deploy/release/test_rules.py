@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.release.agent.manifest import ReleaseManifest
+from segway_ecc.deploy.release.agent.store import ReleaseManifest
 from segway_ecc.deploy.release.errors import UpdateRefusedError
 from segway_ecc.deploy.release.host import Event
 from segway_ecc.node.errors import ConfigurationError

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.release.agent.health import Trial
-from segway_ecc.deploy.release.agent.services import Service
+from segway_ecc.deploy.release.agent.services import Service, Trial
 
 GOOD = {"mode": "DISARMED", "reason": "started", "rate_hz": 200.0, "late": 0, "blocked_by": ["tilt: it lies"]}
 STOPPED = Service(load="loaded")

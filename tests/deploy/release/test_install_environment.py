@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from segway_ecc.deploy.release.agent.environment import write_environment
+from segway_ecc.deploy.release.agent.install import write_environment
 
 
 def test_release_with_ros_sets_its_library_path(tmp_path: Path) -> None:
