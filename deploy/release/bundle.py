@@ -1,55 +1,25 @@
 # SPDX-License-Identifier: MIT
 """What is pushed: our wheel, the wheels of all it needs on that robot, pip itself, and the robot file."""
 
+import dataclasses
+import getpass
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import platform
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from segway_ecc.deploy.release.agent.files import is_safe, sha256_of
+from segway_ecc.deploy.release.agent.files import is_safe
+from segway_ecc.deploy.release.agent.install import ReleaseSpec
+from segway_ecc.deploy.release.agent.store import ROBOT_FILE, FileDigest
+from segway_ecc.deploy.release.wheels import WHEEL, extras_text, version_of
+from segway_ecc.node.config import RobotFile
+from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.models.load import PythonSource
 
-WHEEL: Final = "segway_ecc-*.whl"
-"""Our own."""
 _DIGITS: Final = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Bundle:
-    """A release to be pushed.
-
-    Attributes:
-        version: Of our wheel.
-        requirement: Our wheel's path in the release, with its extras.
-        files: Where each of its files lies here, by its path in the release.
-        entries: SHA-256 and size of each, and of those that the robot has already.
-        system_site: Whether the release sees the robot's own Python packages.
-    """
-
-    version: str
-    requirement: str
-    files: Mapping[str, Path]
-    entries: Mapping[str, Mapping[str, Any]]
-    system_site: bool = False
-
-    @property
-    def name(self) -> str:
-        """The version and a digest of all content: other content never has the same name."""
-        content = json.dumps([self.requirement, self.system_site, dict(self.entries)], sort_keys=True)
-        return f"{self.version}-{hashlib.sha256(content.encode()).hexdigest()[:_DIGITS]}"
-
-    def as_request(self, by: str) -> dict[str, Any]:
-        """As the robot's side takes it."""
-        return {
-            "name": self.name,
-            "version": self.version,
-            "requirement": self.requirement,
-            "system_site": self.system_site,
-            "by": by,
-            "files": dict(self.entries),
-        }
 
 
 def bundle(
@@ -58,31 +28,80 @@ def bundle(
     extras: Sequence[str] = (),
     *,
     system_site: bool = False,
-    held: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Bundle:
-    """Put a release together.
+    held: Mapping[str, FileDigest] | None = None,
+) -> tuple[ReleaseSpec, Mapping[str, Path]]:
+    """Put a release together; its name has a digest of all content, so that other content never has the same name.
 
     Args:
         wheels: All that pip collected, ours and pip's among them.
         robot: The robot file and what stands beside it, by path.
         extras: Extras of our wheel that are installed too.
         system_site: Whether the release sees the robot's own Python packages.
-        held: ReleaseManifest entries of files that the robot has already and that belong to the release too.
+        held: Files that the robot has already and that belong to the release too.
+
+    Returns:
+        The release, and where each file of it lies here, by its path in the release.
     """
-    files = {f"wheels/{path.name}": path for path in sorted(wheels)} | dict(robot)
-    entries = {path: {"sha256": sha256_of(place), "size": place.stat().st_size} for path, place in files.items()}
+    places = {f"wheels/{path.name}": path for path in sorted(wheels)} | dict(robot)
+    files = {path: FileDigest.of(place) for path, place in places.items()} | dict(held or {})
     wheel = next(path for path in wheels if path.match(WHEEL))
-    named = f"[{','.join(sorted(extras))}]" if extras else ""
-    return Bundle(version_of(wheel), f"wheels/{wheel.name}{named}", files, entries | dict(held or {}), system_site)
+    requirement = f"wheels/{wheel.name}{extras_text(extras)}"
+    entries = {path: dataclasses.asdict(digest) for path, digest in files.items()}
+    content = json.dumps([requirement, system_site, entries], sort_keys=True)
+    version = version_of(wheel)
+    name = f"{version}-{hashlib.sha256(content.encode()).hexdigest()[:_DIGITS]}"
+    return ReleaseSpec(name, version, whoami(), requirement, system_site, files), places
 
 
-def version_of(wheel: Path) -> str:
-    """The version in a wheel's name.
+def whoami() -> str:
+    """Who is at work here, for the manifest."""
+    return f"{getpass.getuser()}@{platform.node()}"
+
+
+def robot_files(path: Path, file: RobotFile) -> dict[str, Path]:
+    """The files by their paths in the release.
+
+    Args:
+        path: Of the robot file.
+        file: Its content.
 
     Raises:
-        ConfigurationError: It is none of ours.
+        ConfigurationError: One has a name that the robot does not accept, or lies elsewhere, from where none travels.
     """
-    parts = wheel.name.split("-")
-    if not wheel.match(WHEEL) or len(parts) < 5 or not wheel.is_file() or not is_safe(wheel.name):  # noqa: PLR2004 - PEP 427
-        raise ConfigurationError(f"{wheel} is no wheel of segway-ecc (segway_ecc-VERSION-py3-none-any.whl)")
-    return parts[1]
+    found = {ROBOT_FILE: path}
+    folder = path.resolve().parent
+    written = decode_yaml(path.read_text(encoding="utf-8"), RobotFile, str(path))
+    for source, as_written in zip(_sources(file), _sources(written), strict=True):
+        if as_written.startswith("/"):
+            raise ConfigurationError(f"{path}: {as_written} is not there on the robot: write it from the file's folder")
+        for place in _files(folder, source):
+            found[f"robot/{place.relative_to(folder).as_posix()}"] = place
+    for name in found:
+        if not is_safe(name):
+            raise ConfigurationError(f"{name}: rename it; letters, digits and _.+- only, and no hidden files")
+    return found
+
+
+def _sources(file: RobotFile) -> list[str]:
+    return [file.model.source, *([file.simulation.plant] if file.simulation is not None else [])]
+
+
+def _files(folder: Path, source: str) -> Iterator[Path]:
+    """The files of a model that lies in a folder; none for one that is installed."""
+    python = PythonSource.parse(source)
+    if python is None:
+        place = folder / source
+        place = place if place.exists() else Path(source).resolve()
+    elif python.folder is None:
+        return
+    else:
+        place = python.folder / python.top
+        place = place if place.is_dir() else place.with_name(f"{python.top}.py")
+    if not source or folder not in place.resolve().parents:
+        raise ConfigurationError(
+            f"{place} does not lie beside the robot file and cannot be sent along: move it into {folder}"
+        )
+    if place.is_dir():
+        yield from (at for at in sorted(place.rglob("*")) if at.is_file() and "__pycache__" not in at.parts)
+    elif place.is_file():
+        yield place

@@ -1,31 +1,91 @@
 # SPDX-License-Identifier: MIT
-"""The connection to a robot: the system's own ssh, so that the user's configuration, keys and jump hosts hold."""
+"""The way to a robot: the system's own ssh, so that the user's configuration, keys and jump hosts hold.
+
+The robot's side is sent with each request, as one file that its `python3` runs, and kept there for the next boot.
+"""
 
 import contextlib
+import importlib.resources
+import io
 import json
 import shlex
 import subprocess
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Final, Self
 
-from segway_ecc.deploy.release.archive import BOOTSTRAP, agent_archive
-from segway_ecc.deploy.release.errors import (
-    ConnectionLostError,
-    UnreachableError,
-    UpdateFailedError,
-    UpdateRefusedError,
-)
-from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.errors import ConfigurationError, NobodyListensError, NodeError, RobotLostError
 
+_PACKAGES: Final = ("segway_ecc", "segway_ecc.deploy", "segway_ecc.deploy.release", "segway_ecc.deploy.release.agent")
+_MAIN: Final = """import sys
+
+from segway_ecc.deploy.release.agent.main import main
+
+sys.exit(main(sys.argv[1:]))
+"""
+_LONG_AGO: Final = (2020, 2, 2, 0, 0, 0)
+# Also an old python3 must be able to read this, to report its age. The program stays in memory and leaves nothing.
+BOOTSTRAP: Final = """
+import sys
+if sys.version_info < (3, 11):
+    sys.stderr.write("its python3 is %d.%d, and 3.11 or later is needed\\n" % sys.version_info[:2])
+    sys.exit(11)
+import os
+source = sys.stdin.buffer
+agent = source.read(int(source.readline()))
+place = os.memfd_create("agent")
+with open(place, "wb", closefd=False) as file:
+    file.write(agent)
+sys.path.insert(0, "/proc/self/fd/%d" % place)
+from segway_ecc.deploy.release.agent.main import serve
+from segway_ecc.deploy.release.agent.journal import Reporter
+sys.exit(serve(agent, source, Reporter(sys.stdout.buffer)))
+"""
+ROOT: Final = "/opt/segway-ecc"
+ROBOT_CONFIG: Final = "/etc/segway-ecc"
 Event = Mapping[str, Any]
 _NO_CONNECTION: Final = 255
 _NO_COMMAND: Final = 127
 _CHUNK: Final = 2**18
 # A small computer that installs may not get round to an answer for half a minute.
 _OPTIONS: Final = ("-T", "-o", "ServerAliveInterval=10", "-o", "ServerAliveCountMax=6", "-o", "ControlMaster=auto")
+
+
+class UpdateRefusedError(NodeError):
+    """The robot does not do what it was asked for, and runs what it ran before."""
+
+    exit_code = 11
+
+
+class UpdateFailedError(NodeError):
+    """The release was not healthy; the text names what the robot went back to."""
+
+    exit_code = 12
+
+
+class UnreachableError(NobodyListensError):
+    """No connection to the robot could be made."""
+
+
+class ConnectionLostError(RobotLostError):
+    """The connection was lost during an update; the robot ends by itself what it had begun to switch."""
+
+
+def agent_archive() -> bytes:
+    """The modules of the robot's side as a zip that Python runs; the same bytes each time."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr(zipfile.ZipInfo("__main__.py", _LONG_AGO), _MAIN)
+        for package in _PACKAGES:
+            folder = importlib.resources.files(package)
+            for source in sorted(folder.iterdir(), key=lambda path: path.name):
+                if source.name.endswith(".py") and (package == _PACKAGES[-1] or source.name == "__init__.py"):
+                    name = f"{package.replace('.', '/')}/{source.name}"
+                    archive.writestr(zipfile.ZipInfo(name, _LONG_AGO), source.read_bytes())
+    return buffer.getvalue()
 
 
 class Host:
@@ -35,16 +95,27 @@ class Host:
         address: As ssh takes it: `user@host`, or a name of the user's ssh configuration.
         config: An ssh configuration other than the user's.
         sudo: Whether the robot's side runs under `sudo -n`.
+        root: Where releases lie on the robot.
+        robot_config: Where `robot.yaml` lies on the robot.
 
     Raises:
         ConfigurationError: That is no address.
     """
 
-    def __init__(self, address: str, *, config: Path | None = None, sudo: bool = False) -> None:
+    def __init__(
+        self,
+        address: str,
+        *,
+        config: Path | None = None,
+        sudo: bool = False,
+        root: str = ROOT,
+        robot_config: str = ROBOT_CONFIG,
+    ) -> None:
         if not address or address.startswith("-") or any(letter.isspace() for letter in address):
             raise ConfigurationError(f"{address!r} is no host; give HOST or USER@HOST")
         self.address = address
         self._config, self._sudo = config, sudo
+        self._places = {"root": root, "config": robot_config}
         self._folder = tempfile.TemporaryDirectory(prefix="segway-", ignore_cleanup_errors=True)
 
     def __enter__(self) -> Self:
@@ -110,7 +181,7 @@ class Host:
         errors: IO[bytes],
     ) -> Event:
         agent, step = agent_archive(), ""
-        _send(process, f"{len(agent)}\n".encode(), agent, json.dumps(request).encode() + b"\n")
+        _send(process, f"{len(agent)}\n".encode(), agent, json.dumps({**self._places, **request}).encode() + b"\n")
         for line in process.stdout or ():
             try:
                 event = json.loads(line)

@@ -1,36 +1,19 @@
 # SPDX-License-Identifier: MIT
 """Push, rollback and status: what the verbs request of a robot."""
 
-import dataclasses
-import getpass
-import platform
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from segway_ecc.deploy.release.agent.update import Rules
-from segway_ecc.deploy.release.bundle import bundle, version_of
+from segway_ecc.deploy.release.bundle import bundle, whoami
 from segway_ecc.deploy.release.host import Event, Host
-from segway_ecc.deploy.release.target import target_from
-from segway_ecc.deploy.release.wheels import build_wheel, collect
+from segway_ecc.deploy.release.wheels import build_wheel, collect, target_from, version_of
 from segway_ecc.node.errors import ConfigurationError
 
 Ros = Literal["auto", "system", "pypi", "none"]
-
-
-@dataclass(frozen=True, slots=True)
-class RemotePaths:
-    """Where everything lies on the robot.
-
-    Attributes:
-        root: Of the releases.
-        config: Of the robot file.
-    """
-
-    root: str = "/opt/segway-ecc"
-    config: str = "/etc/segway-ecc"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +37,11 @@ class Content:
     again: bool = False
 
 
-def push(host: Host, paths: RemotePaths, rules: Rules, content: Content, on_event: Callable[[Event], None]) -> Event:
+def push(host: Host, rules: Rules, content: Content, on_event: Callable[[Event], None]) -> Event:
     """Put a version onto a robot and have it tried there; returns the last event, with the outcome."""
     if content.wheel is not None:
         version_of(content.wheel)
-    target = target_from(host.ask(_request("probe", paths), on_event))
+    target = target_from(host.ask({"verb": "probe"}, on_event))
     if not (content.robot or target.has_robot_file):
         raise ConfigurationError(f"{host.address} has no robot file yet: give one with --robot FILE")
     extras, ros = set(content.extras), content.ros
@@ -74,26 +57,16 @@ def push(host: Host, paths: RemotePaths, rules: Rules, content: Content, on_even
         (folder / "wheels").mkdir()
         wheels = collect(wheel, sorted(extras), target, folder / "wheels", refresh=content.refresh)
         held = {} if content.robot else target.robot_files
-        made = bundle(wheels, content.robot or {}, sorted(extras), system_site=ros == "system", held=held)
-        request = {"rules": dataclasses.asdict(rules), "again": content.again, "release": made.as_request(whoami())}
-        return host.ask(_request("push", paths) | request, on_event, made.files)
+        spec, files = bundle(wheels, content.robot or {}, sorted(extras), system_site=ros == "system", held=held)
+        request = {"verb": "push", "rules": asdict(rules), "again": content.again, "release": asdict(spec)}
+        return host.ask(request, on_event, files)
 
 
-def rollback(host: Host, paths: RemotePaths, rules: Rules, to: str | None, on_event: Callable[[Event], None]) -> Event:
+def rollback(host: Host, rules: Rules, to: str | None, on_event: Callable[[Event], None]) -> Event:
     """Take the robot back to an older release: `to`, or the newest healthy one."""
-    request = {"rules": dataclasses.asdict(rules), "to": to, "by": whoami()}
-    return host.ask(_request("rollback", paths) | request, on_event)
+    return host.ask({"verb": "rollback", "rules": asdict(rules), "to": to, "by": whoami()}, on_event)
 
 
-def status(host: Host, paths: RemotePaths, *, verify: bool) -> Event:
+def status(host: Host, *, verify: bool) -> Event:
     """What is on the robot."""
-    return host.ask(_request("status", paths) | {"verify": verify}, lambda _: None)
-
-
-def whoami() -> str:
-    """Who is at work here, for the manifest."""
-    return f"{getpass.getuser()}@{platform.node()}"
-
-
-def _request(verb: str, paths: RemotePaths) -> dict[str, Any]:
-    return {"verb": verb, "root": paths.root, "config": paths.config}
+    return host.ask({"verb": "status", "verify": verify}, lambda _: None)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The wheels of a release: ours, and by pip all that it needs on the robot."""
+"""The wheels of a release: ours, and by pip all that it needs, of those that fit the robot.
+
+The names of platforms are those of PEP 425, 600 and 656.
+"""
 
 import contextlib
 import os
@@ -8,17 +11,111 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from segway_ecc.deploy.release.bundle import WHEEL
-from segway_ecc.deploy.release.target import Target
+from segway_ecc.deploy.release.agent.files import is_safe
+from segway_ecc.deploy.release.agent.store import FileDigest, digests_from
+from segway_ecc.deploy.release.host import UpdateRefusedError
 from segway_ecc.node.errors import ConfigurationError
 
+_SMALLER: Final = {"aarch64": "armv7l", "armv8l": "armv7l", "x86_64": "i686"}
+"""What a 32-bit Python on a 64-bit kernel is."""
+_LEGACY: Final = {"manylinux2014": 17, "manylinux2010": 12, "manylinux1": 5}
+_OLDEST_GLIBC: Final = 5
+_NEWEST_MUSL: Final = 2
+WHEEL: Final = "segway_ecc-*.whl"
+"""Our own."""
 _CHECKOUT: Final = Path(__file__).parents[3]
 _NO_WHEEL: Final = re.compile(r"No matching distribution found for ([A-Za-z0-9][^\s;(]*)")
 _MOST_BUILT: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A robot's Python.
+
+    Attributes:
+        python: Such as `3.12`.
+        machine: Such as `aarch64`.
+        platforms: The platform tags that it takes, the best first.
+        system_ros: Whether it has a ROS 2 of its own.
+        robot_files: The robot file in use that came with a release, and what stands beside it.
+        has_robot_file: Whether it has a robot file at all.
+    """
+
+    python: str
+    machine: str
+    platforms: tuple[str, ...]
+    system_ros: bool
+    robot_files: Mapping[str, FileDigest]
+    has_robot_file: bool
+
+    @property
+    def key(self) -> str:
+        """A name for all robots of this kind."""
+        return f"{self.platforms[0]}-cp{self.python.replace('.', '')}"
+
+    @property
+    def pip_options(self) -> list[str]:
+        """What has pip collect wheels for it."""
+        short = self.python.replace(".", "")
+        words = ["--only-binary=:all:", "--implementation=cp", f"--python-version={self.python}", f"--abi=cp{short}"]
+        return [*words, *(f"--platform={platform}" for platform in self.platforms)]
+
+
+def target_from(probe: Mapping[str, Any]) -> Target:
+    """The target by the answer to a probe.
+
+    Raises:
+        UpdateRefusedError: No wheels are made for such a machine.
+    """
+    machine = str(probe["machine"])
+    if probe["pointer_bits"] == 32:  # noqa: PLR2004 - 32 bits
+        machine = _SMALLER.get(machine, machine)
+    major, minor = probe["python"]
+    return Target(
+        python=f"{major}.{minor}",
+        machine=machine,
+        platforms=_platforms(machine, probe["libc"], str(probe["soabi"])),
+        system_ros=bool(probe["system_ros"]),
+        robot_files=digests_from(probe["robot_files"]),
+        has_robot_file=bool(probe["has_robot_file"]),
+    )
+
+
+def _platforms(machine: str, libc: list[str], soabi: str) -> tuple[str, ...]:
+    plain = f"linux_{machine}"
+    if "musl" in soabi:
+        return (*(f"musllinux_1_{n}_{machine}" for n in range(_NEWEST_MUSL, -1, -1)), plain)
+    name, version = libc
+    try:
+        newest = int(version.split(".")[1])
+    except (IndexError, ValueError):
+        newest = 0
+    if name != "glibc" or newest < _OLDEST_GLIBC:
+        raise UpdateRefusedError(f"no wheels are made for a C library {name!r} {version!r}")
+    old = [f"{tag}_{machine}" for tag, glibc in _LEGACY.items() if glibc <= newest]
+    return (*(f"manylinux_2_{n}_{machine}" for n in range(newest, _OLDEST_GLIBC - 1, -1)), *old, plain)
+
+
+def version_of(wheel: Path) -> str:
+    """The version in a wheel's name.
+
+    Raises:
+        ConfigurationError: It is none of ours.
+    """
+    parts = wheel.name.split("-")
+    if not wheel.match(WHEEL) or len(parts) < 5 or not wheel.is_file() or not is_safe(wheel.name):  # noqa: PLR2004 - PEP 427
+        raise ConfigurationError(f"{wheel} is no wheel of segway-ecc (segway_ecc-VERSION-py3-none-any.whl)")
+    return parts[1]
+
+
+def extras_text(extras: Sequence[str]) -> str:
+    """Extras of a wheel, as pip takes them after its name."""
+    return f"[{','.join(sorted(extras))}]" if extras else ""
 
 
 def build_wheel(folder: Path) -> Path:
@@ -45,9 +142,8 @@ def collect(wheel: Path, extras: Sequence[str], target: Target, folder: Path, *,
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     cache = caches / "segway-ecc" / "wheels" / target.key
     cache.mkdir(parents=True, exist_ok=True)
-    named = f"[{','.join(sorted(extras))}]" if extras else ""
     words = ["download", *target.pip_options, "--find-links", str(cache), "--dest", str(folder)]
-    what = [f"{wheel.resolve()}{named}", "pip"]
+    what = [f"{wheel.resolve()}{extras_text(extras)}", "pip"]
     done = None if refresh else _pip([*words, "--no-index", *what])
     if done is None or done.returncode:
         done = _from_index([*words, *what], cache)

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from segway_ecc.deploy.release.agent.update import Rules
-from segway_ecc.deploy.release.errors import UpdateFailedError
-from segway_ecc.deploy.release.host import Event, Host
-from segway_ecc.deploy.release.requests import RemotePaths
+from segway_ecc.deploy.release.host import ROBOT_CONFIG, ROOT, Event, Host, UpdateFailedError
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 
@@ -30,10 +28,8 @@ def add_host(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("host", help="the robot as ssh knows it: HOST, USER@HOST, or a name of ~/.ssh/config")
     parser.add_argument("--sudo", action="store_true", help="become root there by sudo, which must not ask")
     parser.add_argument("--ssh-config", type=Path, metavar="FILE", help="ssh configuration instead of ~/.ssh/config")
-    parser.add_argument("--root", default=RemotePaths().root, help="where releases lie there (default: %(default)s)")
-    parser.add_argument(
-        "--config", default=RemotePaths().config, help="where robot.yaml lies there (default: %(default)s)"
-    )
+    parser.add_argument("--root", default=ROOT, help="where releases lie there (default: %(default)s)")
+    parser.add_argument("--config", default=ROBOT_CONFIG, help="where robot.yaml lies there (default: %(default)s)")
     add_json(parser)
 
 
@@ -47,12 +43,9 @@ def add_trial(parser: argparse.ArgumentParser) -> None:
 
 def connection(options: argparse.Namespace) -> Host:
     """The robot, to be used as a context manager."""
-    return Host(options.host, config=options.ssh_config, sudo=options.sudo)
-
-
-def paths(options: argparse.Namespace) -> RemotePaths:
-    """Where releases and the robot file lie on the robot."""
-    return RemotePaths(options.root, options.config)
+    return Host(
+        options.host, config=options.ssh_config, sudo=options.sudo, root=options.root, robot_config=options.config
+    )
 
 
 def rules(options: argparse.Namespace) -> Rules:
@@ -83,14 +76,14 @@ def values(event: Event) -> dict[str, Any]:
     return {key: value for key, value in event.items() if key != "event"}
 
 
-def run_update(options: argparse.Namespace, change: Callable[[Host, RemotePaths, Rules], Event]) -> int:
+def run_update(options: argparse.Namespace, change: Callable[[Host, Rules], Event]) -> int:
     """Have the robot change its release, print how that ended, and return 0.
 
     Raises:
         UpdateFailedError: The version is not healthy.
     """
     with connection(options) as host:
-        ended = values(change(host, paths(options), rules(options)))
+        ended = values(change(host, rules(options)))
     text = f"{options.host}: {_ENDINGS[ended['outcome']].format(**ended)}"
     if options.json:
         print_json({"host": options.host, **ended})

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc import node
+from segway_ecc.deploy.release.bundle import robot_files
 from segway_ecc.deploy.release.requests import Content, push
-from segway_ecc.deploy.release.robot_files import robot_files
 from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
 from segway_ecc.node.cli.options import robot_file
 from segway_ecc.node.config import packaged_robots
@@ -50,4 +50,4 @@ def run(options: argparse.Namespace) -> int:
         path = _PACKAGED / f"{options.robot}.yaml" if is_packaged else Path(options.robot)
         robot = robot_files(path, robot_file(loaded))
     content = Content(options.wheel, robot, options.extra, options.ros, options.refresh, options.again)
-    return run_update(options, lambda host, paths, rules: push(host, paths, rules, content, show_step))
+    return run_update(options, lambda host, rules: push(host, rules, content, show_step))

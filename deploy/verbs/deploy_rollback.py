@@ -20,4 +20,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Go back, and wait until the release is healthy."""
-    return run_update(options, lambda host, paths, rules: rollback(host, paths, rules, options.to, show_step))
+    return run_update(options, lambda host, rules: rollback(host, rules, options.to, show_step))

@@ -13,7 +13,15 @@ from typing import Any, BinaryIO, Final
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder, write_whole
 from segway_ecc.deploy.release.agent.journal import Reporter, stamp
-from segway_ecc.deploy.release.agent.store import MANIFEST, ROBOT_FILE, FileDigest, ReleaseManifest, Store, entries_of
+from segway_ecc.deploy.release.agent.store import (
+    MANIFEST,
+    ROBOT_FILE,
+    FileDigest,
+    ReleaseManifest,
+    Store,
+    digests_from,
+    entries_of,
+)
 
 _GROWTH: Final = 4
 """How much larger wheels are once they are installed, together with themselves."""
@@ -55,7 +63,7 @@ def release_spec_from(request: Mapping[str, Any]) -> ReleaseSpec:
     Raises:
         AgentRefusedError: A path leads elsewhere.
     """
-    files = {str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in request["files"].items()}
+    files = digests_from(request["files"])
     for path in (*files, str(request["requirement"]).partition("[")[0]):
         if not is_safe(path):
             raise AgentRefusedError(f"{path!r} is no path within a release")

@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, link_whole, sha256_of, sync_folder, write_whole
 
@@ -35,6 +35,11 @@ class FileDigest:
 
     sha256: str
     size: int
+
+    @classmethod
+    def of(cls, path: Path) -> "FileDigest":
+        """That of a file as it is."""
+        return cls(sha256_of(path), path.stat().st_size)
 
     def mismatch(self, path: Path) -> str:
         """What is wrong with a file that should be this one; empty where it is."""
@@ -74,13 +79,16 @@ class ReleaseManifest:
         write_whole(folder / MANIFEST, json.dumps(dataclasses.asdict(self), indent=1).encode())
 
 
+def digests_from(found: Mapping[str, Any]) -> dict[str, FileDigest]:
+    """Files by their paths, from JSON."""
+    return {str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in found.items()}
+
+
 def read_manifest(folder: Path) -> ReleaseManifest | None:
     """The manifest of a release; None where there is none that can be read, so that the release is not complete."""
     try:
         found = json.loads((folder / MANIFEST).read_bytes())
-        files = {
-            str(path): FileDigest(str(at["sha256"]), int(at["size"])) for path, at in found.get("files", {}).items()
-        }
+        files = digests_from(found.get("files", {}))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
     texts = {key: str(found[key]) for key in ("version", "created", "by", "state", "reason") if key in found}
@@ -93,7 +101,7 @@ def read_manifest(folder: Path) -> ReleaseManifest | None:
 def entries_of(folder: Path) -> dict[str, FileDigest]:
     """Every file below a folder; no links, nothing compiled, not the manifest itself."""
     return {
-        path.relative_to(folder).as_posix(): FileDigest(sha256_of(path), path.stat().st_size)
+        path.relative_to(folder).as_posix(): FileDigest.of(path)
         for path in sorted(folder.rglob("*"))
         if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts and path != folder / MANIFEST
     }

@@ -4,9 +4,11 @@
 import base64
 import hashlib
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
-from segway_ecc.deploy.release.bundle import Bundle, bundle
+from segway_ecc.deploy.release.agent.install import ReleaseSpec
+from segway_ecc.deploy.release.bundle import bundle
 
 _MAIN = """
 import sys
@@ -90,7 +92,7 @@ def make_pip(folder: Path) -> Path:
     return path
 
 
-def make_bundle(folder: Path, version: str, robot: str | None = None) -> Bundle:
+def make_bundle(folder: Path, version: str, robot: str | None = None) -> tuple[ReleaseSpec, Mapping[str, Path]]:
     """A release of stand-ins."""
     place = folder / "made" / version
     place.mkdir(parents=True, exist_ok=True)

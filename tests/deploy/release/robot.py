@@ -2,6 +2,7 @@
 """A robot that lies in a folder of this machine, and ways to reach it."""
 
 import contextlib
+import dataclasses
 import os
 import signal
 import subprocess
@@ -64,17 +65,17 @@ class Robot:
             time.sleep(0.01)
 
     def push_request(self, version: str, **changes: Any) -> tuple[dict[str, Any], dict[str, Path]]:
-        made = make_bundle(self.folder, version, changes.pop("robot", None))
+        spec, files = make_bundle(self.folder, version, changes.pop("robot", None))
         request = {
             "verb": "push",
             "root": str(self.root),
             "config": str(self.config),
             "rules": {"trial_s": 0.1, "start_s": 0.3, "keep": 2},
             "again": False,
-            "release": made.as_request("tester"),
+            "release": dataclasses.asdict(spec) | {"by": "tester"},
             **changes,
         }
-        return request, dict(made.files)
+        return request, dict(files)
 
     def push(
         self, host: Host, version: str, on_event: Callable[[Event], None] = lambda _: None, **changes: Any

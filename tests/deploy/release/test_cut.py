@@ -5,8 +5,7 @@ import contextlib
 
 import pytest
 
-from segway_ecc.deploy.release.errors import ConnectionLostError
-from segway_ecc.deploy.release.host import Event, Host
+from segway_ecc.deploy.release.host import ConnectionLostError, Event, Host
 from tests.deploy.release.robot import Robot, Sshd
 
 BEFORE = ("check", "receive", "need", "venv", "install", "complete", "selftest", "ready")

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.release.archive import BOOTSTRAP
-from segway_ecc.deploy.release.errors import UnreachableError, UpdateRefusedError
-from segway_ecc.deploy.release.host import Host
-from segway_ecc.deploy.release.requests import RemotePaths, status
+from segway_ecc.deploy.release.host import BOOTSTRAP, Host, UnreachableError, UpdateRefusedError
+from segway_ecc.deploy.release.requests import status
 from segway_ecc.deploy.verbs.deploy_options import rules
 from segway_ecc.node.cli.main import main
 from segway_ecc.node.errors import ConfigurationError
@@ -36,7 +34,7 @@ def test_an_unknown_host_key_is_refused(sshd: Sshd, tmp_path: Path) -> None:
         Host("robot", config=tmp_path / "config") as host,
         pytest.raises(UnreachableError, match="verification failed"),
     ):
-        status(host, RemotePaths(), verify=False)
+        status(host, verify=False)
 
 
 def test_old_python_on_the_robot_is_refused_with_its_version() -> None:
@@ -62,8 +60,8 @@ def test_login_output_of_the_robots_shell_is_ignored(ssh_host: Host, module_robo
         def command(self, *options: str) -> list[str]:
             return [*real, "echo Welcome; echo 1; echo '[]';"] if not options else ["true"]
 
-    with Chatty("robot") as host:
-        found = status(host, RemotePaths(str(module_robot.root), str(module_robot.config)), verify=False)
+    with Chatty("robot", root=str(module_robot.root), robot_config=str(module_robot.config)) as host:
+        found = status(host, verify=False)
     assert found["current"] is None
 
 
@@ -75,7 +73,7 @@ def test_a_robot_without_python(ssh_host: Host) -> None:
             return [*real, "PATH=/nonexistent;"] if not options else ["true"]
 
     with Bare("robot") as host, pytest.raises(UpdateRefusedError, match="it has no python3"):
-        status(host, RemotePaths(), verify=False)
+        status(host, verify=False)
 
 
 def test_a_command_with_an_open_quotation_is_refused() -> None:

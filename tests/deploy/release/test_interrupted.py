@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.release.agent.journal import PENDING, Journal, Transaction
-from segway_ecc.deploy.release.archive import agent_archive
+from segway_ecc.deploy.release.host import agent_archive
 from tests.deploy.release.robot import LocalHost, Robot
 
 

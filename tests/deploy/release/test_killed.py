@@ -4,7 +4,7 @@
 import pytest
 
 from segway_ecc.deploy.release.agent.store import Store
-from segway_ecc.deploy.release.errors import ConnectionLostError, UnreachableError, UpdateRefusedError
+from segway_ecc.deploy.release.host import ConnectionLostError, UnreachableError, UpdateRefusedError
 from segway_ecc.node.errors import NodeError
 from tests.deploy.release.robot import LocalHost, Robot
 

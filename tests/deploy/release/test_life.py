@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.deploy.release.agent.main import probe
-from segway_ecc.deploy.release.target import target_from
+from segway_ecc.deploy.release.wheels import target_from
 from segway_ecc.node.cli.main import main
 from tests.deploy.release.parts import make_wheel
 from tests.deploy.release.robot import Robot, Sshd

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.deploy.release.agent.store import ReleaseManifest
-from segway_ecc.deploy.release.errors import UpdateRefusedError
-from segway_ecc.deploy.release.host import Event
+from segway_ecc.deploy.release.host import Event, UpdateRefusedError
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.parts import make_bundle
 from tests.deploy.release.robot import LocalHost, Robot
@@ -281,6 +280,6 @@ def test_the_restart_command_is_words_and_no_shell(robot: Robot, local: LocalHos
 
 
 def test_an_installation_of_other_content_has_another_name(tmp_path: Path) -> None:
-    one, two = make_bundle(tmp_path, "1.0", robot="a"), make_bundle(tmp_path, "1.0", robot="b")
+    (one, _), (two, _) = make_bundle(tmp_path, "1.0", robot="a"), make_bundle(tmp_path, "1.0", robot="b")
     assert one.name != two.name
-    assert one.name == make_bundle(tmp_path, "1.0", robot="a").name
+    assert one.name == make_bundle(tmp_path, "1.0", robot="a")[0].name

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.release import wheels
-from segway_ecc.deploy.release.target import Target
+from segway_ecc.deploy.release.wheels import Target
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.release.parts import make_wheel
 

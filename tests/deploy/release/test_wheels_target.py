@@ -7,8 +7,8 @@ import pytest
 from packaging.tags import Tag, cpython_tags
 from packaging.utils import parse_wheel_filename
 
-from segway_ecc.deploy.release.errors import UpdateRefusedError
-from segway_ecc.deploy.release.target import target_from
+from segway_ecc.deploy.release.host import UpdateRefusedError
+from segway_ecc.deploy.release.wheels import target_from
 
 PI = {
     "python": [3, 12],
