@@ -16,15 +16,17 @@ of a real adapter is that it goes: unbind and bind, in /sys/bus/pci/drivers/kvas
 """
 
 import argparse
+import lzma
 import os
 import re
 import shutil
+import stat
+import struct
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Unpack
+from typing import Final, NamedTuple, Unpack
 
-from segway_ecc.hil.kernels import initramfs
 from segway_ecc.hil.kernels.guest import (
     GuestError,
     GuestOptions,
@@ -36,8 +38,15 @@ from segway_ecc.hil.kernels.guest import (
     script,
     search_path,
 )
-from segway_ecc.hil.kernels.initramfs import FILE, FOLDER, PROGRAM, SYMBOLIC_LINK, ArchiveEntry
 
+_ALIGNMENT = 4
+_PROGRAM_INTERPRETER = 3
+"""PT_INTERP of elf.h: the segment that a program has which needs the host's libraries."""
+FOLDER: Final = stat.S_IFDIR | 0o755
+PROGRAM: Final = stat.S_IFREG | 0o755
+FILE: Final = stat.S_IFREG | 0o644
+SYMBOLIC_LINK: Final = stat.S_IFLNK | 0o777
+"""What entries are, as in `st_mode`: all can read them, and run programs."""
 _PACKAGES = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
@@ -50,6 +59,72 @@ _KERNEL_NAME = "vmlinuz-*-rt-amd64"
 _NEEDED_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay", "can-raw", "kvaser_pci")
 
 
+class ArchiveEntry(NamedTuple):
+    """A file of the archive: its path, its type and permissions as in `st_mode`, and its content or link's target."""
+
+    path: str
+    mode: int
+    content: bytes = b""
+
+
+def cpio_archive(entries: Iterable[ArchiveEntry]) -> bytes:
+    """Pack entries as the kernel unpacks its first file system.
+
+    The format is the one that the kernel calls newc: its Documentation/driver-api/early-userspace/buffer-format.rst.
+    """
+    packed = bytearray()
+    for inode, entry in enumerate([*entries, ArchiveEntry("TRAILER!!!", 0)], start=1):
+        name = entry.path.encode() + b"\0"
+        # Inode, mode, user, group, links, time, length, four numbers of devices, length of the name, check sum.
+        numbers = (inode, entry.mode, 0, 0, 1, 0, len(entry.content), 0, 0, 0, 0, len(name), 0)
+        for part in (b"070701" + b"".join(b"%08X" % number for number in numbers) + name, entry.content):
+            packed += part
+            packed += bytes(-len(packed) % _ALIGNMENT)
+    return bytes(packed)
+
+
+def modules_in_order(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Return the files of kernel modules and of all that they need, in the order in which they can be loaded.
+
+    Args:
+        folder: The kernel's module folder, with the lists that depmod(8) wrote.
+        names: File names without endings. One that is built into the kernel needs no file.
+
+    Raises:
+        ValueError: The kernel has no such module.
+    """
+    lines = (line.partition(":") for line in (folder / "modules.dep").read_text("utf-8").splitlines())
+    needs = {path: needed.split() for path, _, needed in lines}
+    built_in = {_stem(path) for path in (folder / "modules.builtin").read_text("utf-8").split()}
+    by_name = {_stem(path): path for path in needs}
+    ordered: dict[str, None] = {}
+    for name in names:
+        if name in by_name:
+            # depmod lists all that a module needs, what has to be there first last.
+            ordered.update(dict.fromkeys([*reversed(needs[by_name[name]]), by_name[name]]))
+        elif name not in built_in:
+            raise ValueError(f"{folder} has no module {name}")
+    return [folder / path for path in ordered]
+
+
+def _stem(path: str) -> str:
+    return path.rpartition("/")[2].partition(".")[0]
+
+
+def module_content(path: Path) -> bytes:
+    """Read a module, unpacked where it is stored compressed, as it is since Debian 13."""
+    content = path.read_bytes()
+    return lzma.decompress(content) if path.suffix == ".xz" else content
+
+
+def is_static(program: bytes) -> bool:
+    """Whether a 64-bit ELF program runs without any library, as one in an initramfs has to."""
+    (offset,) = struct.unpack_from("<Q", program, 32)
+    size, count = struct.unpack_from("<HH", program, 54)
+    segments = (struct.unpack_from("<I", program, offset + size * index)[0] for index in range(count))
+    return _PROGRAM_INTERPRETER not in segments
+
+
 def available() -> str | None:
     """Check whether this machine can run a guest.
 
@@ -57,7 +132,7 @@ def available() -> str | None:
         None when it can, else one line: what is missing and the Debian command that installs it.
     """
     missing = {program: _PACKAGES[program] for program in missing_programs(_PACKAGES)}
-    if "busybox" not in missing and not initramfs.is_static(_busybox()):
+    if "busybox" not in missing and not is_static(_busybox()):
         missing["a busybox that needs no libraries"] = _PACKAGES["busybox"]
     if _newest_kernel() is None:
         missing[f"{_KERNELS}/{_KERNEL_NAME} (readable, with its modules)"] = _KERNEL_PACKAGE
@@ -99,7 +174,7 @@ def run_in_guest(command: Sequence[str], *, bitrate: int = 500_000, **options: U
     missing, kernel = available(), _newest_kernel()
     if missing is not None or kernel is None:
         raise GuestError(f"No guest can run here: {missing}")
-    modules = initramfs.modules_in_order(_modules_of(kernel), _NEEDED_MODULES)
+    modules = modules_in_order(_modules_of(kernel), _NEEDED_MODULES)
     settings = {"GUEST_MODULES": " ".join(path.name for path in modules), "GUEST_BITRATE": str(bitrate)}
     with prepared_task(command, settings, options) as task:
         first_files = task.scratch / "initramfs"
@@ -121,9 +196,9 @@ def _first_files(scratch: Path, modules: Sequence[Path]) -> bytes:
         ArchiveEntry("bin/sh", SYMBOLIC_LINK, b"busybox"),
         ArchiveEntry("init", PROGRAM, script("qemu_init.sh").encode()),
         *(ArchiveEntry(name, FILE, (scratch / name).read_bytes()) for name in ("guest.sh", "settings.sh")),
-        *(ArchiveEntry(f"modules/{path.name}", FILE, initramfs.module_content(path)) for path in modules),
+        *(ArchiveEntry(f"modules/{path.name}", FILE, module_content(path)) for path in modules),
     ]
-    return initramfs.archive(entries)
+    return cpio_archive(entries)
 
 
 def _machine(memory_mib: int) -> list[str]:

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.kernels.initramfs import (
+from segway_ecc.hil.kernels.qemu import (
     FILE,
     FOLDER,
     PROGRAM,
     SYMBOLIC_LINK,
     ArchiveEntry,
-    archive,
+    cpio_archive,
     module_content,
     modules_in_order,
 )
@@ -40,7 +40,7 @@ def test_an_archive_is_newc() -> None:
     """By hand, from the kernel's buffer-format.rst: header of 110 bytes, name and content each padded to four."""
     devices = "00000000 00000000 00000000 00000000"
 
-    packed = archive(
+    packed = cpio_archive(
         [
             ArchiveEntry("bin", FOLDER),
             ArchiveEntry("init", PROGRAM, b"#!/x\n"),

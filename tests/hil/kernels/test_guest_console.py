@@ -6,8 +6,8 @@ from typing import BinaryIO
 
 import pytest
 
-from segway_ecc.hil.kernels import console
-from segway_ecc.hil.kernels.console import Console
+from segway_ecc.hil.kernels import guest
+from segway_ecc.hil.kernels.guest import Console
 
 FAR_S = 60.0
 
@@ -30,7 +30,7 @@ def pipe() -> Iterator[Pipe]:
 
 
 def test_a_kernel_that_panicked_is_not_waited_for(pipe: Pipe, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(console, "_PANIC_TAKES_S", 0.1)
+    monkeypatch.setattr(guest, "_PANIC_TAKES_S", 0.1)
     screen = Console("token", None)
     pipe.guest.write(b"token begin\r\nhalf a line[    4.126962] Kernel panic - not syncing: why\r\n and where\r\n")
 
