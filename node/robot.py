@@ -13,7 +13,7 @@ from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
-from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import TimeBase
 from segway_ecc.node.cycle.wiring import Wiring, wire
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.model import Model

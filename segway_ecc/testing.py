@@ -23,7 +23,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, Repo
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import TimeBase
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.safety.modes import Action, Answer

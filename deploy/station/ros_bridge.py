@@ -24,8 +24,7 @@ from segway_ecc.deploy.station.robot_messages import (
     read_odometry,
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stamp_ns
-from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.ros.messages import RosObject, duration, message_type, set_stamp, stamp_ns
 from segway_ecc.node.safety.modes import Action
 
 MODE_TOPIC: Final = "mode"

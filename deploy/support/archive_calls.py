@@ -13,9 +13,8 @@ from typing import Final, NamedTuple
 from segway_ecc.deploy.support.archive_server import SERVICE, value_of
 from segway_ecc.deploy.support.pieces import NODE, Value
 from segway_ecc.node.errors import NobodyListensError, NodeError
-from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.messages import RosObject, message_type
 from segway_ecc.node.ros.runtime import ros_node
-from segway_ecc.node.ros.untyped import RosObject
 
 _LOOK_S: Final = 0.05
 _FOUND_WITHIN_S: Final = 4.0

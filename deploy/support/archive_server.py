@@ -10,8 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from segway_ecc.deploy.support.pieces import Value, piece_of, words_of
-from segway_ecc.node.ros.messages import message_type
-from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.ros.messages import RosObject, message_type
 
 SERVICE: Final = "get_parameters"
 _MOST_NAMES: Final = 4

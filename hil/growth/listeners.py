@@ -11,9 +11,8 @@ import sys
 import time
 from typing import Final
 
-from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.messages import RosObject, message_type
 from segway_ecc.node.ros.runtime import ros_node
-from segway_ecc.node.ros.untyped import RosObject
 
 _DEPTH: Final = 10
 _LOOK_S: Final = 0.05

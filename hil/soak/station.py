@@ -13,9 +13,8 @@ from typing import Final
 import msgspec
 
 from segway_ecc.hil.endurance.driving import Driver
-from segway_ecc.node.ros.messages import message_type, newest_only
+from segway_ecc.node.ros.messages import RosObject, message_type, newest_only
 from segway_ecc.node.ros.runtime import ros_node
-from segway_ecc.node.ros.untyped import RosObject
 
 _PERIOD_S: Final = 0.05
 _BEAT_EVERY: Final = 5

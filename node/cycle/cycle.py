@@ -10,13 +10,13 @@ from typing import Final
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
-from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
 from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.cycle.interfaces import (
     PHASES,
     CycleRecord,
     HardwareAnswer,
     Inbox,
+    NoRecorder,
     Recorder,
     Report,
     Stage,
@@ -24,9 +24,9 @@ from segway_ecc.node.cycle.interfaces import (
 )
 from segway_ecc.node.cycle.real_time import is_real_time
 from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal, SetpointSchedule
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.supervision import Supervision
-from segway_ecc.node.cycle.time_base import TimeBase
-from segway_ecc.node.cycle.timing import Histogram, Tally
+from segway_ecc.node.cycle.timing import Histogram, Tally, TimeBase
 from segway_ecc.node.cycle.wiring import Wiring
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Model
@@ -39,6 +39,45 @@ from segway_ecc.node.safety.settings import NOTHING_WATCHED, SafetySettings, Sta
 LATENESS: Final = "lateness"
 WHOLE: Final = "cycle"
 _EVENTS_KEPT: Final = 64
+
+
+class BestEffortRecorder:
+    """Stands in front of a recorder and never raises: recording is worth less than control; see `Recorder`.
+
+    Once the recorder has failed nothing more is given to it, and that is logged once; it is closed all the same.
+    """
+
+    def __init__(self, recorder: Recorder, events: deque[str]) -> None:
+        """Stand in front of `recorder`; what happens to it is appended to `events`."""
+        self._opened = recorder
+        self._recorder = recorder
+        self._events = events
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep one cycle, while that can be done."""
+        try:
+            self._recorder.write(record)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not fall for it
+            self._do_without(error)
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Keep a set of diagnostics, while that can be done."""
+        try:
+            self._recorder.write_diagnostics(stamp_ns, statuses)
+        except Exception as error:  # noqa: BLE001 - as above
+            self._do_without(error)
+
+    def close(self) -> None:
+        """Finish the log, as far as that can be done."""
+        try:
+            self._opened.close()
+        except Exception as error:  # noqa: BLE001 - as above
+            self._do_without(error)
+
+    def _do_without(self, error: Exception) -> None:
+        if not isinstance(self._recorder, NoRecorder):
+            self._events.append(f"recording has ended: {type(error).__name__}: {error}")
+        self._recorder = NoRecorder()
 
 
 class Cycle:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The loop: one thread that waits for nothing but its next deadline."""
+"""The loop: one thread that waits for nothing but its next deadline, and what people read while it runs."""
 
 import contextlib
 import gc
@@ -14,15 +14,46 @@ from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Stage
 from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.service import NotifySocket, Service
-from segway_ecc.node.cycle.state_log import StateLog
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import LoopCounters, Summary
-from segway_ecc.node.safety.modes import Modes
+from segway_ecc.node.safety.modes import Mode, Modes
 
 _LATE_FRACTION: Final = 0.1
 _SLACK_FRACTION: Final = 0.25
 _DIAGNOSTICS_PERIOD_S: Final = 1.0
 _logger = logging.getLogger(__name__)
+
+
+class StateLog:
+    """Logs the newest mode or refusal to arm where it has changed, at most once a second: no flicker floods the log."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Take time from a clock."""
+        self._clock = clock
+        self._logged: tuple[Mode, bool, str] | None = None
+        self._logged_ns: int | None = None
+
+    def log_state(self, modes: Modes, arming_refusal: str | None) -> None:
+        """Log the mode with its reason, or why the robot that arms itself cannot arm."""
+        new = modes.mode, arming_refusal is None, modes.reason if arming_refusal is None else arming_refusal
+        if new == self._logged:
+            return
+        now_ns = self._clock.now_ns()
+        if self._logged_ns is not None and now_ns - self._logged_ns < NS_PER_S:
+            return
+        self._logged, self._logged_ns = new, now_ns
+        mode, can_arm, why = new
+        _logger.info("%s: %s" if can_arm else "%s, cannot arm: %s", mode, why)
+
+    def log_event(self, events: deque[str]) -> None:
+        """Log the oldest event, if there is any."""
+        if events:
+            _logger.warning(events.popleft())
+
+    def log_events(self, events: deque[str]) -> None:
+        """Log all events, the oldest first."""
+        while events:
+            self.log_event(events)
 
 
 class Loop:

@@ -9,8 +9,7 @@ from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
-from segway_ecc.node.cycle.time_base import TimeBase
-from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary
+from segway_ecc.node.cycle.timing import Histogram, LoopCounters, Summary, TimeBase
 from segway_ecc.node.safety.modes import Mode
 
 MODE_LEVELS: Final = {Mode.FAULT: Level.ERROR, Mode.HOLD: Level.WARN}

@@ -19,11 +19,9 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
-from segway_ecc.node.recording.cycle_message import CycleMessage
-from segway_ecc.node.recording.events import discard_answer, encode_events, events_of
-from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.cycle_message import CycleMessage, discard_answer, encode_events, events_of
+from segway_ecc.node.recording.layout import CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
-from segway_ecc.node.recording.provenance import Provenance
 from segway_ecc.node.safety.modes import Mode
 
 CYCLE: Final = ord("C")

@@ -13,9 +13,8 @@ from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SI
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
 from segway_ecc.node.recording.mcap_log import McapLog
-from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
 from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 
 EVENTS_TOPIC = "/cycle_events"

@@ -1,23 +1,38 @@
 # SPDX-License-Identifier: MIT
-"""The message on `/cycle`: everything of one cycle that is a number, in one message of one size.
+"""The messages of a cycle: on `/cycle` everything that is a number, in one message of one size; else `/cycle_events`.
 
-The definition is made from the robot's layout, in the `ros2msg` form of the MCAP format registry; the bytes are plain
-CDR as in `segway_ecc.node.recording.cdr`. What is eight bytes wide comes first, so that only the header needs padding.
+The definition of `/cycle` is made from the robot's layout, in the `ros2msg` form of the MCAP format registry; the bytes
+are plain CDR as in `segway_ecc.node.recording.cdr`. What is eight bytes wide comes first, so that only the header needs
+padding.
+
+The events are what arrived, what the hardware answered, faults and what happened to the links. Each piece is one JSON
+array whose first word is its kind. Numbers are written as Python does: all digits, and NaN and Infinity by name, so
+that they come back bit for bit.
+
+    ["fault", TEXT]                     a fault that the drives report
+    ["event", TEXT]                     what happened to the links
+    ["answer", CALL, [TEXT, ...]]       what the hardware answered: to arm, obstacles, exchange or send
+    ["initial", {...}]                  the snapshot that the model started from
+    ["setpoints", [[V, W], NS]]         what arrived, by its place in the inbox; one piece for each
 """
 
+import json
+import operator
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import islice
-from typing import Final
+from typing import Final, get_args, get_type_hints
 
-from msgspec.structs import astuple
+import msgspec
+from msgspec.structs import asdict, astuple, replace
 
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord
+from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, HardwareAnswer, Inbox, Request
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.layout import CycleLayout, field_names
 from segway_ecc.node.recording.schemas import definition
-from segway_ecc.node.safety.modes import Mode
+from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 CYCLE_TOPIC: Final = "/cycle"
 CYCLE_TYPE: Final = "segway_ecc/msg/Cycle"
@@ -30,6 +45,14 @@ _NO_FRAME: Final = b"\x01\x00\x00\x00\x00\x00\x00\x00"
 _NS_PER_S: Final = 1_000_000_000
 # The last phase is the recording itself, which is not over when it is written.
 _PHASES: Final = PHASES[:-1]
+_HINTS: Final = get_type_hints(Inbox)
+_FIELDS: Final = Inbox.__struct_fields__
+_arrived_in: Final = operator.attrgetter(*_FIELDS)
+_KINDS: Final = {name: get_args(_HINTS[name])[0] for name in _FIELDS}
+"""What each list of the inbox holds."""
+_encode: Final = json.JSONEncoder(separators=(",", ":")).encode
+
+Piece = Sequence[object]
 
 
 class CycleMessage:
@@ -161,3 +184,62 @@ def _schema(layout: CycleLayout) -> str:
         *([valid] if valid else []),
     ]
     return definition(lines, parts)
+
+
+def events_of(record: CycleRecord) -> Sequence[Piece]:
+    """What happened in a cycle; almost always nothing."""
+    sensors, inbox = record.sensors, record.inbox
+    # No call but of C: in a loop that sleeps between its cycles, a function of Python takes microseconds each time.
+    if (
+        (inbox is None or not any(_arrived_in(inbox)))
+        and not record.answers
+        and not sensors.faults
+        and not sensors.events
+        and record.initial is None
+    ):
+        return ()
+    pieces: list[Piece] = [] if record.initial is None else [["initial", asdict(record.initial)]]
+    for name in _FIELDS if inbox is not None else ():
+        arrived = getattr(inbox, name)
+        pieces += [[name, each.action if isinstance(each, Request) else each] for each in arrived]
+    pieces += [["answer", answer.call, answer.reasons] for answer in record.answers]
+    pieces += [["fault", fault] for fault in sensors.faults]
+    pieces += [["event", event] for event in sensors.events]
+    return pieces
+
+
+def encode_events(pieces: Iterable[Piece]) -> list[str]:
+    """Pieces as the log holds them."""
+    return [_encode(piece) for piece in pieces]
+
+
+def restore_events(record: CycleRecord, held: Iterable[str]) -> CycleRecord:
+    """The cycle with what happened in it put back; what was asked in it is answered to nobody.
+
+    Raises:
+        RecordingError: A text is none of those that `encode_events` returns.
+    """
+    inbox, answers, faults, events, initial = Inbox(), [], [], [], None
+    try:
+        for text in held:
+            match json.loads(text):
+                case ["fault", what]:
+                    faults.append(what)
+                case ["event", what]:
+                    events.append(what)
+                case ["answer", call, reasons]:
+                    answers.append(HardwareAnswer(call, tuple(reasons)))
+                case ["initial", snapshot]:
+                    initial = msgspec.convert(snapshot, Sensors)
+                case other:  # raises unless it is a name and a value
+                    name, value = other
+                    request = Request(Action(str(value)), discard_answer) if _KINDS[name] is Request else None
+                    getattr(inbox, name).append(request or msgspec.convert(value, _KINDS[name]))
+    except (ValueError, KeyError, AttributeError, TypeError, msgspec.ValidationError) as error:
+        raise RecordingError(f"the events of cycle {record.cycle} in the log are not understood: {error}") from error
+    sensors = replace(record.sensors, faults=tuple(faults), events=tuple(events))
+    return replace(record, sensors=sensors, inbox=inbox, answers=answers, initial=initial)
+
+
+def discard_answer(_answer: Answer) -> None:
+    """Whoever asked is long gone."""

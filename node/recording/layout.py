@@ -1,15 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""What the cycles of one robot hold: the names, and the names of the fields that bear them in the log."""
+"""What a log holds beside its messages: the names of what is in a cycle, and where the run comes from."""
 
+import contextlib
+import importlib
 import math
+import os
 import re
+import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 if TYPE_CHECKING:  # the process that writes needs no robot
     from segway_ecc.node.robot import Robot
+
+
+ROBOT_FILE: Final = "robot.json"
+"""The attachment that a replay builds the robot from: the robot file as it was in force, options included."""
+ROBOT_TEXT: Final = "robot.yaml"
+"""The attachment for people: the robot file as it was written."""
+MODEL: Final = "model"
+"""The metadata about the model: `source` and `sha256`."""
+SOFTWARE: Final = "software"
+_LIBRARIES: Final = ("msgspec", "python-can", "mcap", "numpy", "pyserial")
 
 
 class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +56,43 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     imu_frame: str
     joints: tuple[str, str]
     period_ns: int = 0
+
+
+class Provenance(msgspec.Struct, frozen=True):
+    """What a log holds about the run beside its messages.
+
+    Attributes:
+        attachments: Texts by file name.
+        metadata: Named texts, by the name of their group.
+    """
+
+    attachments: dict[str, str]
+    metadata: dict[str, dict[str, str]]
+
+
+NO_PROVENANCE: Final = Provenance({}, {})
+
+
+def with_surroundings(provenance: Provenance) -> Provenance:
+    """The same with the software and the machine; the process that writes a log adds them, since they take long."""
+    if not provenance.metadata or SOFTWARE in provenance.metadata:
+        return provenance
+    machine = os.uname()
+    library = importlib.import_module("importlib.metadata")
+    versions = dict.fromkeys(("segway-ecc", *_LIBRARIES), "not installed")
+    for name in versions:
+        with contextlib.suppress(library.PackageNotFoundError):
+            versions[name] = library.version(name)
+    metadata = {
+        SOFTWARE: versions,
+        "machine": {
+            "host": machine.nodename,
+            "system": f"{machine.sysname} {machine.release} {machine.version}",
+            "machine": machine.machine,
+            "python": sys.version,
+        },
+    }
+    return Provenance(provenance.attachments, {**provenance.metadata, **metadata})
 
 
 def layout_of(robot: "Robot") -> CycleLayout:

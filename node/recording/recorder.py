@@ -19,9 +19,8 @@ from segway_ecc.node.recording.codec import (
     pack_cycle,
     pack_diagnostics,
 )
-from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
-from segway_ecc.node.recording.provenance import NO_PROVENANCE, Provenance
 from segway_ecc.node.ring import LARGEST, RingWriter, open_ring, slots_for
 
 _CLOSE_S: Final = 10.0

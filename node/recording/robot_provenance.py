@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.drives import wheel_board
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.models.load import PythonSource
-from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
+from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
 
 _DBC_FILE: Final = "wheel_board.dbc"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A run as it was recorded: the robot, and its cycles in their order."""
+"""A run as it was recorded: the robot and its cycles, read as far as the log goes."""
 
 import struct
 from collections.abc import Iterator
@@ -7,18 +7,72 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Footer, Message, Metadata
+from mcap.stream_reader import StreamReader
 
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
-from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage
-from segway_ecc.node.recording.events import restore_events
-from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage, restore_events
+from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, CycleLayout
 from segway_ecc.node.recording.log_quota import part_paths
-from segway_ecc.node.recording.provenance import MODEL, ROBOT_FILE
-from segway_ecc.node.recording.salvage import Salvage
+
+_T = TypeVar("_T")
+# What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
+_DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
+
+
+class Salvage:
+    """What one file holds, read from its beginning; also one that a power cut or a full disk has cut off anywhere.
+
+    Attributes:
+        path: The file.
+        is_whole: Whether the file was read to its proper end.
+        attachments: Those met so far, by name.
+        metadata: Those met so far, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read nothing yet."""
+        self.path = path
+        self.is_whole = False
+        self.attachments: dict[str, bytes] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+
+    def messages(self) -> Iterator[tuple[str, Message]]:
+        """The messages, each with its topic, up to where the file is cut off or damaged.
+
+        Raises:
+            RecordingError: The file cannot be opened.
+        """
+        try:
+            stream = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"cannot read the log {self.path}: {error.strerror}") from error
+        channels: dict[int, str] = {}
+        with stream:
+            records = iter(StreamReader(stream, validate_crcs=True).records)
+            while True:
+                try:
+                    record = next(records, None)
+                except _DAMAGE:
+                    return
+                match record:
+                    case None:
+                        return
+                    case Attachment(name=name, data=data):
+                        self.attachments[name] = data
+                    case Metadata(name=name, metadata=values):
+                        self.metadata[name] = values
+                    case Channel(id=number, topic=topic):
+                        channels[number] = topic
+                    case Message() if record.channel_id in channels:
+                        yield channels[record.channel_id], record
+                    case Footer():
+                        self.is_whole = True
 
 
 class RecordedRun:
@@ -71,9 +125,6 @@ class RecordedRun:
                     texts = []
                     expected += 1
             self.is_cut = not file.is_whole
-
-
-_T = TypeVar("_T")
 
 
 def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:

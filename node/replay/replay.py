@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """A log fed to the same model and safety code; every command, port and mode compared."""
 
+import struct
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -15,8 +16,8 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
+from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.robot_provenance import model_hash
-from segway_ecc.node.replay.compare import Difference, differences
 from segway_ecc.node.replay.log import RecordedRun
 from segway_ecc.node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage
 from segway_ecc.node.robot import Robot
@@ -24,6 +25,31 @@ from segway_ecc.node.robot import Robot
 _BEFORE: Final = 5
 _AFTER: Final = 5
 _NS: Final = 1e-9
+
+
+class Difference(NamedTuple):
+    """What differs first in a cycle.
+
+    Attributes:
+        cycle: Its number.
+        time_s: Since the first cycle, s.
+        port: What differs: a command, a model's port, the mode.
+        recorded: What it was.
+        computed: What it is now.
+    """
+
+    cycle: int
+    time_s: float
+    port: str
+    recorded: str
+    computed: str
+
+    def __str__(self) -> str:
+        """In one line."""
+        return (
+            f"cycle {self.cycle} (t = {self.time_s:.3f} s): {self.port} {self.recorded} was recorded, "
+            f"{self.computed} is computed"
+        )
 
 
 @dataclass(slots=True)
@@ -112,6 +138,36 @@ def replay(
             outcome.cycles += 1
     outcome.gap, outcome.is_cut = run.gap, run.is_cut
     return outcome
+
+
+def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
+    """What differs between a cycle as recorded and as computed: the port and both values; commands first."""
+    pairs = (
+        ("command", layout.commands, recorded.commands, computed.commands),
+        ("model input", layout.inputs, recorded.u, computed.u),
+        ("model output", layout.outputs, recorded.y, computed.y),
+        ("set-point", recorded.setpoint._fields, recorded.setpoint, computed.setpoint),
+        ("published", layout.published, recorded.published, computed.published),
+    )
+    for kind, names, old, new in pairs:
+        if same(old, new):
+            continue
+        for name, a, b in zip(names, old, new, strict=True):
+            if not same((a,), (b,)):
+                yield f"{kind} {name}", repr(float(a)), repr(float(b))
+    if recorded.mode is not computed.mode:
+        yield "mode", str(recorded.mode), str(computed.mode)
+
+
+def same(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Whether numbers are the same bit for bit; what is not a number is the same as what is none."""
+    if len(a) != len(b):
+        return False
+    layout = struct.Struct(f"{len(a)}d")
+    if layout.pack(*a) == layout.pack(*b):
+        return True
+    pairs = zip(a, b, strict=True)
+    return all((x != x and y != y) or struct.pack("d", x) == struct.pack("d", y) for x, y in pairs)  # noqa: PLR0124 - NaN
 
 
 class _Replayed:

@@ -11,9 +11,8 @@ from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.cycle.setpoints import REST
 from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
-from segway_ecc.node.ros.messages import duration, message_type, set_stamp, stamp_ns
+from segway_ecc.node.ros.messages import RosObject, duration, message_type, set_stamp, stamp_ns
 from segway_ecc.node.ros.runtime import discovery_text
-from segway_ecc.node.ros.untyped import RosObject
 from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
 from segway_ecc.node.sequence.manoeuvre import TimedSetpoint
 from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState

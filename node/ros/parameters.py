@@ -7,8 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.ros.messages import message_type
-from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.ros.messages import RosObject, message_type
 
 _EFFECT = {
     Write.NOW: "a write takes effect at the next step",

@@ -9,19 +9,18 @@ from typing import Final
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
-from segway_ecc.node.ros.graph import mismatch
-from segway_ecc.node.ros.messages import diagnostic_array, message_type, newest_only, stamp_ns
-from segway_ecc.node.ros.mode import make_mode_publisher
+from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
 from segway_ecc.node.ros.parameters import ModelParameters
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.publishers import (
     AHEAD_DEPTH,
     Topic,
+    make_mode_publisher,
     make_publishers,
     make_scalar_publishers,
     make_setpoint_publisher,
 )
-from segway_ecc.node.ros.untyped import RosObject
+from segway_ecc.node.ros.runtime import mismatch
 from segway_ecc.node.safety.modes import Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100

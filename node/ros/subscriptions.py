@@ -11,6 +11,7 @@ from typing import Final
 from segway_ecc.node.cycle.interfaces import Inbox
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import RingWriter
+from segway_ecc.node.ros.messages import RosObject
 from segway_ecc.node.ros.protocol import (
     InboxMessage,
     NumberedAnswer,
@@ -21,7 +22,6 @@ from segway_ecc.node.ros.protocol import (
     encoder,
 )
 from segway_ecc.node.ros.stage import RosStage
-from segway_ecc.node.ros.untyped import RosObject
 from segway_ecc.node.safety.modes import Answer
 
 _LOOK_AROUND_S: Final = 0.5

@@ -35,8 +35,7 @@ from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import robot_provenance
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.sequence.manoeuvre import load_manoeuvre
-from segway_ecc.node.sequence.player import Player
-from segway_ecc.node.sequence.stage import ManoeuvreStage
+from segway_ecc.node.sequence.player import ManoeuvreStage, Player
 
 if TYPE_CHECKING:  # a robot without ROS starts without it
     from segway_ecc.node.ros.remote import RosBridge

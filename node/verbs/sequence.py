@@ -12,8 +12,7 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals, write_csv
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.ros.commander import Commander
-from segway_ecc.node.ros.graph import connections
-from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.ros.runtime import connections, ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, load_manoeuvre, single_segment
 from segway_ecc.node.sequence.player import Odometry, Player
 

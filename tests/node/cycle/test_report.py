@@ -9,8 +9,7 @@ from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.report import DiagnosticReport
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointRefusal, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
-from segway_ecc.node.cycle.time_base import TimeBase
-from segway_ecc.node.cycle.timing import Histogram, LoopCounters
+from segway_ecc.node.cycle.timing import Histogram, LoopCounters, TimeBase
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.testing import RecordingHardware
 

@@ -14,12 +14,10 @@ from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout, field_names, layout_of
-from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.layout import CycleLayout, Provenance, field_names, layout_of
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
-from segway_ecc.node.sequence.player import Player
-from segway_ecc.node.sequence.stage import ManoeuvreStage
+from segway_ecc.node.sequence.player import ManoeuvreStage, Player
 
 START_NS = 1_700_000_000_000_000_000
 COMMON = {

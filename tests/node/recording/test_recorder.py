@@ -27,10 +27,9 @@ from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
-from segway_ecc.node.recording.layout import CycleLayout, layout_of
-from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
-from segway_ecc.node.recording.salvage import Salvage
+from segway_ecc.node.replay.log import Salvage
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
 

@@ -17,8 +17,7 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout, layout_of
-from segway_ecc.node.recording.provenance import Provenance
+from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.replay.log import RecordedRun

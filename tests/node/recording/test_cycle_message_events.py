@@ -22,7 +22,7 @@ from segway_ecc.node.cycle.interfaces import (
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.events import encode_events, events_of, restore_events
+from segway_ecc.node.recording.cycle_message import encode_events, events_of, restore_events
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 QUIET = CycleRecord(7, 0, Mode.ARMED, 0, Sensors(), Setpoint(0.0, 0.0), (), (), (), (), ())

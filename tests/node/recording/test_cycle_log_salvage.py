@@ -14,9 +14,8 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout
-from segway_ecc.node.recording.provenance import Provenance
-from segway_ecc.node.recording.salvage import Salvage
+from segway_ecc.node.recording.layout import CycleLayout, Provenance
+from segway_ecc.node.replay.log import Salvage
 
 FLUSHED_EVERY = 3
 CYCLES = 9

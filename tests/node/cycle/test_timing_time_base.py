@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from segway_ecc.node.cycle.time_base import TimeBase
+from segway_ecc.node.cycle.timing import TimeBase
 
 PERIOD = 10_000_000
 EPOCH = 1_700_000_000_000_000_000

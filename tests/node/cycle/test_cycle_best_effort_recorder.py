@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from segway_ecc.node.cycle.best_effort_recorder import BestEffortRecorder
+from segway_ecc.node.cycle.cycle import BestEffortRecorder
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.status import DiagnosticStatus

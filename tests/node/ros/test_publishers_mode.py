@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from segway_ecc.deploy.station.robot_messages import decode_mode
 from segway_ecc.node.cycle.interfaces import Heartbeat, Report
-from segway_ecc.node.ros.mode import make_mode_publisher
+from segway_ecc.node.ros.publishers import make_mode_publisher
 from segway_ecc.node.safety.modes import Mode
 
 pytestmark = pytest.mark.ros

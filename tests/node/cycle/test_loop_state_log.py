@@ -3,7 +3,7 @@ import logging
 
 import pytest
 
-from segway_ecc.node.cycle.state_log import StateLog
+from segway_ecc.node.cycle.loop import StateLog
 from segway_ecc.node.safety.modes import Action, Modes
 from segway_ecc.testing import ScriptedClock
 
@@ -17,7 +17,7 @@ def clock() -> ScriptedClock:
 
 @pytest.fixture
 def state_log(clock: ScriptedClock, caplog: pytest.LogCaptureFixture) -> StateLog:
-    caplog.set_level(logging.INFO, logger="segway_ecc.node.cycle.state_log")
+    caplog.set_level(logging.INFO, logger="segway_ecc.node.cycle.loop")
     return StateLog(clock)
 
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from segway_ecc.node.ros.transports import (
+from segway_ecc.node.ros.runtime import (
     LOCALHOST_ONLY,
     PEERS,
     PROFILES,

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.node.ros.messages import message_type
-from segway_ecc.node.ros.template import STAMP, Template
+from segway_ecc.node.ros.messages import STAMP, Template, message_type
 
 pytestmark = pytest.mark.ros
 

@@ -12,12 +12,11 @@ from mcap.reader import make_reader
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.bounded_log import BoundedLog
 from segway_ecc.node.recording.codec import CYCLE, CycleCodec
-from segway_ecc.node.recording.layout import CycleLayout
+from segway_ecc.node.recording.layout import CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
-from segway_ecc.node.recording.provenance import Provenance
-from segway_ecc.node.recording.salvage import Salvage
+from segway_ecc.node.recording.writer import BoundedLog
+from segway_ecc.node.replay.log import Salvage
 
 PROVENANCE = Provenance({"robot.json": "{}"}, {})
 KB = 1000

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.recording.layout import CycleLayout
-from segway_ecc.node.replay.compare import Difference, differences, same
+from segway_ecc.node.replay.replay import Difference, differences, same
 from segway_ecc.node.safety.modes import Mode
 
 LAYOUT = CycleLayout(
