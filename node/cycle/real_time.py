@@ -52,8 +52,8 @@ def real_time_loop(*, lock: bool = True) -> Iterator[tuple[str, ...]]:
         lacking = [
             stack.enter_context(real_time_priority()),
             stack.enter_context(no_deep_idle()),
-            stack.enter_context(_isolated()),
-            stack.enter_context(_timer_slack()),
+            _use_isolated(stack),
+            _end_timer_slack(stack),
             lock_memory() if lock else None,
         ]
         before_s = sys.getswitchinterval()
@@ -97,16 +97,11 @@ def real_time_priority(priority: int = PRIORITY) -> Iterator[str | None]:
 @contextlib.contextmanager
 def helping_threads() -> Iterator[None]:
     """The threads that begin inside help the loop: a real-time priority below its own, where it is to be had."""
-    before = _threads()
+    before = set(Path("/proc/self/task").iterdir())
     yield
-    for thread in _threads() - before:
+    for thread in set(Path("/proc/self/task").iterdir()) - before:
         with contextlib.suppress(OSError):  # it has ended, or we may not, which is reported of the loop itself
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(HELPERS_PRIORITY))
-
-
-def _threads() -> set[int]:
-    """The threads of this process, by their numbers in the kernel."""
-    return {int(path.name) for path in Path("/proc/self/task").iterdir()}
+            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(HELPERS_PRIORITY))
 
 
 def lock_memory() -> str | None:
@@ -137,36 +132,28 @@ def no_deep_idle() -> Iterator[str | None]:
         None while that is held, else why not and what that means.
     """
     try:
-        held = os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+        held = os.fdopen(os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC), "wb", buffering=0)
     except OSError as error:
         yield (
             f"processors may sleep deeply between cycles ({IDLE_LATENCY}: {error.strerror}): each begins slowly; "
             "run as root, or let the robot's group write to that file"
         )
         return
-    try:
-        os.write(held, struct.pack("i", 0))
+    with held:
+        held.write(struct.pack("i", 0))
         yield None
-    finally:
-        os.close(held)
 
 
-@contextlib.contextmanager
-def _isolated() -> Iterator[str | None]:
-    """Onto the processors that were set aside, where some were; else wherever the scheduler sees fit."""
+def _use_isolated(stack: contextlib.ExitStack) -> str | None:
     before, aside = os.sched_getaffinity(0), isolated_processors()
     if not aside or before <= aside:
-        yield None
-        return
+        return None
     try:
         os.sched_setaffinity(0, aside)
     except OSError as error:
-        yield f"not on the isolated processors {sorted(aside)} ({error.strerror}): other programs can make cycles late"
-        return
-    try:
-        yield None
-    finally:
-        os.sched_setaffinity(0, before)
+        return f"not on the isolated processors {sorted(aside)} ({error.strerror}): other programs can make cycles late"
+    stack.callback(os.sched_setaffinity, 0, before)
+    return None
 
 
 def isolated_processors() -> set[int]:
@@ -179,17 +166,12 @@ def isolated_processors() -> set[int]:
     return {number for end in ends for number in range(int(end[0]), int(end[-1]) + 1)}
 
 
-@contextlib.contextmanager
-def _timer_slack() -> Iterator[str | None]:
-    """Wake-ups at their time; a thread with real-time scheduling has them anyway."""
+def _end_timer_slack(stack: contextlib.ExitStack) -> str | None:
     prctl = ctypes.CDLL(None, use_errno=True).prctl
     before_ns = prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
     prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
     slack_ns = prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
-    try:
-        if is_real_time() or slack_ns == 1:
-            yield None
-        else:
-            yield f"the kernel wakes this thread up to {slack_ns * 1e-3:.0f} us late on purpose (timer slack)"
-    finally:
-        prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(max(before_ns, 1)), 0, 0, 0)
+    stack.callback(prctl, _PR_SET_TIMERSLACK, ctypes.c_ulong(max(before_ns, 1)), 0, 0, 0)
+    if is_real_time() or slack_ns == 1:  # with real-time scheduling a thread wakes at its time anyway
+        return None
+    return f"the kernel wakes this thread up to {slack_ns * 1e-3:.0f} us late on purpose (timer slack)"

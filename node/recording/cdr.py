@@ -9,17 +9,14 @@ then its elements. Padding is zero. Units and axes follow REP-103: metres, radia
 x forward, y left, z up.
 """
 
-from __future__ import annotations
-
 import operator
 import struct
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
 
 _ENCAPSULATION: Final = b"\x00\x01\x00\x00"
 _COUNT: Final = struct.Struct("<I")
@@ -73,24 +70,6 @@ class Twist(NamedTuple):
     linear: Vector
     angular: Vector
     covariance: Sequence[float] = UNKNOWN_COVARIANCE
-
-
-class StatusFields(NamedTuple):
-    """The fields of one diagnostic_msgs/DiagnosticStatus.
-
-    Attributes:
-        level: 0 OK, 1 WARN, 2 ERROR, 3 STALE.
-        name: What reports.
-        message: How it is.
-        hardware_id: Which piece of hardware it is about.
-        pairs: Details by name.
-    """
-
-    level: int
-    name: str
-    message: str
-    hardware_id: str
-    pairs: Mapping[str, str]
 
 
 def split_stamp(stamp_ns: int) -> tuple[int, int]:
@@ -193,32 +172,30 @@ def imu(stamp_ns: int, frame_id: str, angular_velocity: Vector, linear_accelerat
     )
 
 
-def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Iterable[StatusFields]) -> bytes:
+def diagnostic_array(stamp_ns: int, frame_id: str, statuses: Sequence[DiagnosticStatus]) -> bytes:
     """Returns a diagnostic_msgs/DiagnosticArray; time in ns."""
-    listed = tuple(statuses)
     body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
     _put_text(body, frame_id)
-    _put_count(body, len(listed))
-    for level, name, message, hardware_id, pairs in listed:
-        body.append(level)
-        for text in (name, message, hardware_id):
+    _put_count(body, len(statuses))
+    for status in statuses:
+        body.append(status.level)
+        for text in (status.name, status.message, ""):  # the last is the hardware's identity
             _put_text(body, text)
-        _put_count(body, len(pairs))
-        for key, value in pairs.items():
+        _put_count(body, len(status.values))
+        for key, value in status.values.items():
             _put_text(body, key)
             _put_text(body, value)
     return _ENCAPSULATION + body
 
 
-def cycle_events(stamp_ns: int, cycle: int, texts: Iterable[str]) -> bytes:
+def cycle_events(stamp_ns: int, cycle: int, texts: Sequence[str]) -> bytes:
     """Returns a segway_ecc/CycleEvents: time in ns, the number of the cycle, and what happened in it."""
-    listed = tuple(texts)
     body = bytearray(_STAMP.pack(*split_stamp(stamp_ns)))
     _put_text(body, "")
     _align(body, 8)
     body += _CYCLE.pack(cycle)
-    _put_count(body, len(listed))
-    for text in listed:
+    _put_count(body, len(texts))
+    for text in texts:
         _put_text(body, text)
     return _ENCAPSULATION + body
 

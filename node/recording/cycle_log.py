@@ -10,7 +10,6 @@ import msgspec
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
-from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
 from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
@@ -82,8 +81,7 @@ class CycleLog(McapLog):
 
     def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Log a set of diagnostics."""
-        listed = [cdr.StatusFields(int(s.level), s.name, s.message, "", s.values) for s in statuses]
-        self.diagnostics("/diagnostics", stamp_ns, listed)
+        self.diagnostics("/diagnostics", stamp_ns, statuses)
 
 
 def _indices(published: dict[str, int], wanted: Sequence[str]) -> list[int] | None:

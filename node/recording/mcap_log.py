@@ -5,38 +5,25 @@ The container is MCAP (https://mcap.dev/spec) with profile `ros2`, schema encodi
 message encoding `cdr`. Units and axes follow REP-103: metres, radians, seconds, x forward, z up.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import math
 import os
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedIOBase
+from os import PathLike
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, Self, cast
+from types import TracebackType
+from typing import IO, Final, Self, cast
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
+from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording import cdr
+from segway_ecc.node.recording import cdr, schemas
 from segway_ecc.node.recording.log_quota import lock_log
-from segway_ecc.node.recording.schemas import (
-    DIAGNOSTIC_ARRAY,
-    FLOAT64,
-    IMU,
-    JOINT_STATE,
-    ODOMETRY,
-    POINT,
-    SCHEMAS,
-    TWIST_STAMPED,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from os import PathLike
-    from types import TracebackType
 
 CHUNK_BYTES: Final = 256 * 1024
 """Messages are written once this many bytes are waiting, so a crash loses no more than that."""
@@ -92,16 +79,16 @@ class McapLog:
 
     def float64(self, topic: str, stamp_ns: int, value: float) -> None:
         """Logs one number in the unit that the topic's name gives, as std_msgs/Float64."""
-        self.add(topic, FLOAT64, stamp_ns, cdr.float64(value))
+        self.add(topic, schemas.FLOAT64, stamp_ns, cdr.float64(value))
 
     def point(self, topic: str, stamp_ns: int, x: float, y: float, z: float) -> None:
         """Logs a geometry_msgs/Point; coordinates in metres."""
-        self.add(topic, POINT, stamp_ns, cdr.point(x, y, z))
+        self.add(topic, schemas.POINT, stamp_ns, cdr.point(x, y, z))
 
     def twist(self, topic: str, stamp_ns: int, linear_m_s: float, angular_rad_s: float) -> None:
         """Logs a forward velocity in m/s and a yaw rate in rad/s, as geometry_msgs/TwistStamped in the child frame."""
         twist = cdr.Twist((linear_m_s, 0.0, 0.0), (0.0, 0.0, angular_rad_s))
-        self.add(topic, TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
+        self.add(topic, schemas.TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
 
     def odometry(  # noqa: PLR0913, PLR0917 - one planar state, in the order every caller has it
         self,
@@ -127,7 +114,7 @@ class McapLog:
         pose = cdr.Pose((x, y, 0.0), (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))
         twist = cdr.Twist((linear_velocity, 0.0, 0.0), (0.0, 0.0, angular_velocity))
         data = cdr.odometry(stamp_ns, self._frame_id, self._child_frame_id, pose, twist)
-        self.add(topic, ODOMETRY, stamp_ns, data)
+        self.add(topic, schemas.ODOMETRY, stamp_ns, data)
 
     def joint_state(self, topic: str, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]) -> None:
         """Logs a sensor_msgs/JointState: rad and rad/s, each one per joint name, or empty if not measured.
@@ -141,17 +128,17 @@ class McapLog:
                 f"Topic {topic} in {self._where} got {len(positions)} positions and {len(velocities)} velocities for "
                 f"{len(names)} joints: pass one value per name in joint_names, or none."
             )
-        self.add(topic, JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+        self.add(topic, schemas.JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
 
     def imu(
         self, topic: str, stamp_ns: int, frame_id: str, angular_velocity: cdr.Vector, linear_acceleration: cdr.Vector
     ) -> None:
         """Logs a sensor_msgs/Imu without orientation: rad/s and m/s2 in `frame_id`, with covariances not known."""
-        self.add(topic, IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
+        self.add(topic, schemas.IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
 
-    def diagnostics(self, topic: str, stamp_ns: int, statuses: Iterable[cdr.StatusFields]) -> None:
+    def diagnostics(self, topic: str, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Logs a diagnostic_msgs/DiagnosticArray."""
-        self.add(topic, DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
+        self.add(topic, schemas.DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
 
     def flush(self) -> None:
         """Finishes the chunk and puts all that was logged onto the disk: no power cut takes it away any more."""
@@ -200,11 +187,10 @@ class McapLog:
         """Logs a message that is encoded already; `definition` is its type's, None for one of `SCHEMAS`."""
         # A bad stamp has to be refused here: the writer would stop halfway through a record and spoil the file.
         cdr.split_stamp(stamp_ns)
-        self._require_open()
-        try:
+        with self._storing():
             if topic not in self._channels:
                 if type_name not in self._schema_ids:
-                    text = (definition or SCHEMAS[type_name]).encode()
+                    text = (definition or schemas.SCHEMAS[type_name]).encode()
                     self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
                 channel = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
                 self._channels[topic] = (type_name, channel)
@@ -214,32 +200,24 @@ class McapLog:
                     f"Topic {topic} in {self._where} holds {known} and cannot also hold {type_name}: use another topic."
                 )
             self._writer.add_message(channel, stamp_ns, data, stamp_ns)
-        except OSError as error:
-            raise self._failed(error) from error
         self._last_stamp_ns = stamp_ns
 
     @contextlib.contextmanager
     def _storing(self) -> Iterator[None]:
-        self._require_open()
+        if not self._open:
+            raise RecordingError(f"The log {self._where} is closed: write before close(), or open another log.")
         try:
             yield
         except OSError as error:
-            raise self._failed(error) from error
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise RecordingError(f"The log {self._where} is closed: write before close(), or open another log.")
-
-    def _failed(self, error: OSError) -> RecordingError:
-        # The writer has lost track of what reached the file, so going on would spoil what is already there.
-        self._open = False
-        if self._owns_stream:
-            with contextlib.suppress(OSError):
-                self._stream.close()
-        return RecordingError(
-            f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
-            "`mcap recover` restores what was written."
-        )
+            # The writer has lost track of what reached the file, so going on would spoil what is already there.
+            self._open = False
+            if self._owns_stream:
+                with contextlib.suppress(OSError):
+                    self._stream.close()
+            raise RecordingError(
+                f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
+                "`mcap recover` restores what was written."
+            ) from error
 
 
 def _open_stream(target: str | PathLike[str] | BufferedIOBase) -> tuple[IO[bytes], str, bool]:

@@ -2,8 +2,7 @@
 import importlib
 import re
 import struct
-from collections.abc import Mapping, Sequence
-from itertools import starmap
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -13,6 +12,7 @@ from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.schemas import (
@@ -40,7 +40,7 @@ covariances = st.lists(numbers, min_size=36, max_size=36)
 poses = st.builds(cdr.Pose, vectors, st.tuples(numbers, numbers, numbers, numbers), covariances)
 twists = st.builds(cdr.Twist, vectors, vectors, covariances)
 statuses = st.lists(
-    st.builds(cdr.StatusFields, st.integers(0, 255), texts, texts, texts, st.dictionaries(texts, texts, max_size=3)),
+    st.builds(DiagnosticStatus, st.sampled_from(Level), texts, texts, st.dictionaries(texts, texts, max_size=3)),
     max_size=3,
 )
 
@@ -97,14 +97,13 @@ def ros_twist(twist: cdr.Twist) -> Any:
     return ros("geometry_msgs/msg/Twist", linear=linear, angular=angular)
 
 
-def ros_status(level: int, name: str, message: str, hardware_id: str, pairs: Mapping[str, str]) -> Any:
-    values = [ros("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in pairs.items()]
+def ros_status(status: DiagnosticStatus) -> Any:
+    values = [ros("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in status.values.items()]
     return ros(
         "diagnostic_msgs/msg/DiagnosticStatus",
-        level=bytes([level]),
-        name=name,
-        message=message,
-        hardware_id=hardware_id,
+        level=bytes([status.level]),
+        name=status.name,
+        message=status.message,
         values=values,
     )
 
@@ -215,13 +214,13 @@ def test_imu_is_what_ros_writes(stamp_ns: int, frame_id: str, rate: cdr.Vector, 
     STAMP_NS,
     "",
     [
-        cdr.StatusFields(2, "motor", "überlastet", "左", {"": "", "°C": "81"}),
-        cdr.StatusFields(0, "", "", "", {}),
+        DiagnosticStatus(Level.ERROR, "motor 左", "überlastet", {"": "", "°C": "81"}),
+        DiagnosticStatus(Level.OK, "", "", {}),
     ],
 )
-def test_diagnostics_are_what_ros_writes(stamp_ns: int, frame_id: str, listed: list[cdr.StatusFields]) -> None:
+def test_diagnostics_are_what_ros_writes(stamp_ns: int, frame_id: str, listed: list[DiagnosticStatus]) -> None:
     header = ros_header(stamp_ns, frame_id)
-    message = ros(DIAGNOSTIC_ARRAY, header=header, status=list(starmap(ros_status, listed)))
+    message = ros(DIAGNOSTIC_ARRAY, header=header, status=list(map(ros_status, listed)))
     check(DIAGNOSTIC_ARRAY, cdr.diagnostic_array(stamp_ns, frame_id, listed), message)
 
 
@@ -238,7 +237,7 @@ def test_a_number_that_is_not_ordinary_survives(value: float) -> None:
 
 
 def test_text_that_cdr_cannot_hold_is_shown_as_escapes() -> None:
-    data = cdr.diagnostic_array(0, "", [cdr.StatusFields(0, "a\0b", "\udc80", "", {})])
+    data = cdr.diagnostic_array(0, "", [DiagnosticStatus(Level.OK, "a\0b", "\udc80", {})])
     status = decoded(DIAGNOSTIC_ARRAY, data).status[0]
     assert (status.name, status.message) == (r"a\x00b", r"\udc80")
 

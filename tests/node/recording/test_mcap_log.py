@@ -13,8 +13,8 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.mcap_log import CHUNK_BYTES, McapLog
 from segway_ecc.node.recording.schemas import SCHEMAS
 
@@ -38,7 +38,7 @@ def write_run(target: Path | BytesIO) -> None:
         log.twist("/cmd_vel", START_NS + 2, 0.5, -0.25)
         log.odometry("/odom", START_NS + 3, 1.0, 2.0, math.pi / 2, 0.5, -0.25)
         log.joint_state("/joint_states", START_NS + 4, (1.0, 2.0), ())
-        log.diagnostics("/diagnostics", START_NS + 5, [cdr.StatusFields(1, "drive", "warm", "left", {"°C": "81"})])
+        log.diagnostics("/diagnostics", START_NS + 5, [DiagnosticStatus(Level.WARN, "drive", "warm", {"°C": "81"})])
         log.attach("robot.yaml", "application/yaml", b"name: segway")
         log.imu("/imu/data", START_NS + 6, "imu_link", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
         log.float64("/battery_V", START_NS + 7, 24.25)
@@ -96,7 +96,7 @@ def check_values(messages: dict[str, Any]) -> None:
     assert list(imu.orientation_covariance) == [-1.0] + [0.0] * 8
     assert list(imu.angular_velocity_covariance) == list(imu.linear_acceleration_covariance) == [0.0] * 9
     (status,) = messages["/diagnostics"].status
-    assert (status.level, status.name, status.message, status.hardware_id) == (1, "drive", "warm", "left")
+    assert (status.level, status.name, status.message, status.hardware_id) == (1, "drive", "warm", "")
     assert [(pair.key, pair.value) for pair in status.values] == [("°C", "81")]
 
 
