@@ -12,7 +12,7 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
-from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance
+from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance, surroundings
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 
@@ -40,7 +40,8 @@ class CycleLog(McapLog):
         )
         self._codec = CycleCodec(layout)
         self.metadata("robot", {"name": layout.robot})
-        for name, values in provenance.metadata.items():
+        around = surroundings() if provenance.metadata else {}
+        for name, values in (provenance.metadata | around).items():
             self.metadata(name, values)
         layout_text = msgspec.json.format(msgspec.json.encode(layout)).decode()
         for name, text in {LAYOUT_FILE: layout_text, **provenance.attachments}.items():

@@ -2,6 +2,7 @@
 """What a log holds beside its messages: the names of what is in a cycle, and where the run comes from."""
 
 import contextlib
+import functools
 import importlib
 import math
 import os
@@ -22,7 +23,6 @@ ROBOT_TEXT: Final = "robot.yaml"
 """The attachment for people: the robot file as it was written."""
 MODEL: Final = "model"
 """The metadata about the model: `source` and `sha256`."""
-SOFTWARE: Final = "software"
 _LIBRARIES: Final = ("msgspec", "python-can", "mcap", "numpy", "pyserial")
 
 
@@ -73,18 +73,17 @@ class Provenance(msgspec.Struct, frozen=True):
 NO_PROVENANCE: Final = Provenance({}, {})
 
 
-def with_surroundings(provenance: Provenance) -> Provenance:
-    """The same with the software and the machine; the process that writes a log adds them, since they take long."""
-    if not provenance.metadata or SOFTWARE in provenance.metadata:
-        return provenance
+@functools.cache  # a log in several files names what was there at its beginning
+def surroundings() -> dict[str, dict[str, str]]:
+    """The software and the machine; the process that writes a log asks for them, since that takes long."""
     machine = os.uname()
     library = importlib.import_module("importlib.metadata")
     versions = dict.fromkeys(("segway-ecc", *_LIBRARIES), "not installed")
     for name in versions:
         with contextlib.suppress(library.PackageNotFoundError):
             versions[name] = library.version(name)
-    metadata = {
-        SOFTWARE: versions,
+    return {
+        "software": versions,
         "machine": {
             "host": machine.nodename,
             "system": f"{machine.sysname} {machine.release} {machine.version}",
@@ -92,7 +91,6 @@ def with_surroundings(provenance: Provenance) -> Provenance:
             "python": sys.version,
         },
     }
-    return Provenance(provenance.attachments, {**provenance.metadata, **metadata})
 
 
 def layout_of(robot: "Robot") -> CycleLayout:

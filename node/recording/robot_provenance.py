@@ -13,18 +13,13 @@ from segway_ecc.firmware_io.drives import wheel_board
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.models.load import PythonSource
-from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance, with_surroundings
+from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, ROBOT_TEXT, Provenance
 
 _DBC_FILE: Final = "wheel_board.dbc"
 
 
 def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
-    """Where a run of a robot comes from; see `robot_provenance` for the arguments."""
-    return with_surroundings(robot_provenance(file, text))
-
-
-def robot_provenance(file: RobotFile, text: str | None = None) -> Provenance:
-    """Where a run of a robot comes from, but for the software and the machine; see `with_surroundings`.
+    """Where a run of a robot comes from, but for the software and the machine, which the log adds.
 
     Args:
         file: The robot file as it is in force.

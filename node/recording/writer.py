@@ -17,7 +17,7 @@ import msgspec
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import CYCLE, EVENTS, CycleCodec, RecorderSettings, unpack_diagnostics
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout, Provenance, with_surroundings
+from segway_ecc.node.recording.layout import CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota, part_path, remove_oldest_logs
 from segway_ecc.node.ring import RingReader
 
@@ -154,8 +154,7 @@ def write_log(source: int, memory: int) -> None:
         settings = msgspec.json.decode(stream.readline(), type=RecorderSettings)
     codec = CycleCodec(settings.layout)
     ring = RingReader(memory)
-    provenance = with_surroundings(settings.provenance)
-    log = BoundedLog(Path(settings.path), settings.layout, provenance, settings.bounds, _report)
+    log = BoundedLog(Path(settings.path), settings.layout, settings.provenance, settings.bounds, _report)
     damaged, pause_s = 0, _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
     while not (select.select([source], [], [], pause_s)[0] and not os.read(source, 1)):

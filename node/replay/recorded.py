@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The hardware, the stage and the clock of a run, which answer as they did when it was recorded."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
@@ -12,45 +13,28 @@ from segway_ecc.node.recording.layout import CycleLayout
 _NO_LIMIT: Final = float("inf")
 
 
-class Recorded:
-    """The cycle that is being replayed.
+class RecordedHardware:
+    """Measures and answers as recorded; see `Hardware`. What it is sent is compared elsewhere.
 
     Attributes:
-        record: It.
+        record: The cycle that is being replayed; None before the first.
     """
-
-    def __init__(self) -> None:
-        """Begin before the first."""
-        self.record: CycleRecord | None = None
-        self._answers: Iterator[HardwareAnswer] = iter(())
-        self._next: HardwareAnswer | None = None
-
-    def pass_to(self, record: CycleRecord) -> None:
-        """Pass to a cycle."""
-        self.record = record
-        self._answers = iter(record.answers)
-        self._next = next(self._answers, None)
-
-    def next_reasons(self, call: str) -> tuple[str, ...] | None:
-        """What the hardware had against a call; None where the next answer is to another one."""
-        if self._next is None or self._next.call != call:
-            return None
-        reasons, self._next = self._next.reasons, next(self._answers, None)
-        return reasons
-
-
-class RecordedHardware:
-    """Measures and answers as recorded; see `Hardware`. What it is sent is compared elsewhere."""
 
     health: Mapping[str, str] = {}
 
-    def __init__(self, layout: CycleLayout, recorded: Recorded) -> None:
+    def __init__(self, layout: CycleLayout) -> None:
         """Have the signals and commands of a layout; their units do not matter here."""
         self.signals: Mapping[str, str] = dict.fromkeys(layout.sensors, "")
         self.commands: Mapping[str, str] = dict.fromkeys(layout.commands, "")
         self.limits: Sequence[float] = tuple(_NO_LIMIT if limit is None else limit for limit in layout.limits)
-        self._recorded = recorded
+        self.record: CycleRecord | None = None
+        self._answers: deque[HardwareAnswer] = deque()
         self._exchanged: int | None = None
+
+    def pass_to(self, record: CycleRecord) -> None:
+        """Pass to a cycle."""
+        self.record = record
+        self._answers = deque(record.answers)
 
     def open(self) -> None:
         """Nothing to open."""
@@ -62,17 +46,16 @@ class RecordedHardware:
             LinkLostError: The link was lost here.
         """
         del commands
-        record = self._recorded.record
-        if record is None:
+        if self.record is None:
             return Sensors()
         if self._exchanged is None:  # before the first cycle
             self._exchanged = -1
-            return record.initial or record.sensors
-        is_first, self._exchanged = self._exchanged != record.cycle, record.cycle
-        lost = self._recorded.next_reasons("exchange" if is_first else "send")
+            return self.record.initial or self.record.sensors
+        is_first, self._exchanged = self._exchanged != self.record.cycle, self.record.cycle
+        lost = self._next_reasons("exchange" if is_first else "send")
         if lost is not None:
             raise LinkLostError("; ".join(lost))
-        return record.sensors
+        return self.record.sensors
 
     def arm(self) -> None:
         """Arm, unless it was refused.
@@ -80,13 +63,13 @@ class RecordedHardware:
         Raises:
             ArmingRefusedError: It was.
         """
-        reasons = self._recorded.next_reasons("arm")
+        reasons = self._next_reasons("arm")
         if reasons is not None:
             raise ArmingRefusedError(reasons)
 
     def arming_failures(self) -> Sequence[str]:
         """What kept it from arming."""
-        return self._recorded.next_reasons("obstacles") or ()
+        return self._next_reasons("obstacles") or ()
 
     def disarm(self) -> None:
         """Nothing to disarm."""
@@ -94,34 +77,38 @@ class RecordedHardware:
     def close(self) -> None:
         """Nothing to close."""
 
+    def _next_reasons(self, call: str) -> tuple[str, ...] | None:
+        """What the hardware had against a call; None where the next answer is to another one."""
+        return self._answers.popleft().reasons if self._answers and self._answers[0].call == call else None
+
 
 class RecordedStage(NoStage):
     """Hands over what had arrived; see `Stage`."""
 
-    def __init__(self, recorded: Recorded) -> None:
-        """Hand over what is recorded."""
-        self._recorded = recorded
+    def __init__(self, hardware: RecordedHardware) -> None:
+        """Hand over what arrived in the hardware's cycle."""
+        self._hardware = hardware
 
     def take_inbox(self) -> Inbox:
         """What arrived in this cycle."""
-        record = self._recorded.record
+        record = self._hardware.record
         return record.inbox or Inbox() if record is not None else Inbox()
 
 
 class RecordedClock:
     """Stands at the start of each cycle as recorded; see `Clock`. Nothing else that a cycle reads of it decides."""
 
-    def __init__(self, recorded: Recorded) -> None:
-        """Stand where the recorded cycle started."""
-        self._recorded = recorded
+    def __init__(self, hardware: RecordedHardware) -> None:
+        """Stand where the hardware's cycle started."""
+        self._hardware = hardware
 
     def now_ns(self) -> int:
         """When the cycle started."""
-        return 0 if self._recorded.record is None else self._recorded.record.start_ns
+        return 0 if self._hardware.record is None else self._hardware.record.start_ns
 
     def wall_ns(self) -> int:
         """The stamp of the cycle."""
-        return 0 if self._recorded.record is None else self._recorded.record.stamp_ns
+        return 0 if self._hardware.record is None else self._hardware.record.stamp_ns
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Time passes with the record."""

@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
 from msgspec.structs import replace
 
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
+from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.robot_provenance import model_hash
 from segway_ecc.node.replay.log import RecordedRun
-from segway_ecc.node.replay.recorded import Recorded, RecordedClock, RecordedHardware, RecordedStage
+from segway_ecc.node.replay.recorded import RecordedClock, RecordedHardware, RecordedStage
 from segway_ecc.node.robot import Robot
 
 _BEFORE: Final = 5
@@ -97,40 +97,42 @@ def replay(
         ModelError: The model cannot be loaded.
     """
     run = RecordedRun(path)
-    recorded = Recorded()
+    hardware = RecordedHardware(run.layout)
     folders = (run.path.resolve().parent, Path())
     source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
-    section = msgspec.structs.replace(run.robot.model, source=source)
-    file = msgspec.structs.replace(run.robot, model=section)
+    section = replace(run.robot.model, source=source)
     loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    hardware = RecordedHardware(run.layout, recorded)
-    robot = Robot(file, loaded, hardware, wire(loaded, hardware, file.wiring), RecordedClock(recorded))
-    outcome = Outcome(is_other_model=run.model_hash != model_hash(robot.file.model.source))
-    replayed = _Replayed(robot, recorded)
+    file = replace(run.robot, model=section)
+    robot = Robot(file, loaded, hardware, wire(loaded, hardware, file.wiring), RecordedClock(hardware))
+    outcome = Outcome(is_other_model=run.model_hash != model_hash(source))
+    keeper = _Keeper()
+    cycle = robot.cycle(RecordedStage(hardware), keeper)
     last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
     first_ns, after = 0, 0
-    for record in run.cycles():
-        if outcome.cycles == 0:
-            first_ns = record.start_ns
+    for count, record in enumerate(run.cycles()):
+        hardware.pass_to(record)
         if outcome.difference is not None:
             after += 1
             if after > _AFTER:
                 break
         try:
-            pair = (record, replayed.run(record))
+            if count == 0:
+                first_ns = record.start_ns
+                cycle.start()
+            _run_again(cycle, loaded, record)
         except ModelFailedError as error:
             time_s = (record.start_ns - first_ns) * _NS
             outcome.difference = outcome.difference or Difference(record.cycle, time_s, "model", "a step", str(error))
             break
+        pair = record, keeper.record
         if look is not None:
             look(*pair)
         if outcome.difference is not None:
             outcome.around.append(pair)
             continue
-        time_s = (record.start_ns - first_ns) * _NS
-        found = [Difference(record.cycle, time_s, *what) for what in differences(run.layout, *pair)]
+        outcome.duration_s = (record.start_ns - first_ns) * _NS
+        found = [Difference(record.cycle, outcome.duration_s, *what) for what in differences(run.layout, *pair)]
         last.append(pair)
-        outcome.duration_s = time_s
         if found:
             outcome.difference, *outcome.others = found
             outcome.around = list(last)
@@ -138,6 +140,24 @@ def replay(
             outcome.cycles += 1
     outcome.gap, outcome.is_cut = run.gap, run.is_cut
     return outcome
+
+
+def _run_again(cycle: Cycle, model: Model, record: CycleRecord) -> None:
+    for name, value in record.inbox.written if record.inbox is not None else ():
+        model.write(name, value)
+    # The line of stamps is a clock's matter: it lies where it lay.
+    cycle.time_base.anchor(record.cycle, record.stamp_ns)
+    cycle.run(record.cycle, record.lateness_ns)
+
+
+class _Keeper(NoRecorder):
+    """Keeps the newest cycle."""
+
+    record: CycleRecord
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep it, with copies of what may change."""
+        self.record = replace(record, u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))
 
 
 def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecord) -> Iterator[tuple[str, str, str]]:
@@ -168,37 +188,3 @@ def same(a: Sequence[float], b: Sequence[float]) -> bool:
         return True
     pairs = zip(a, b, strict=True)
     return all((x != x and y != y) or struct.pack("d", x) == struct.pack("d", y) for x, y in pairs)  # noqa: PLR0124 - NaN
-
-
-class _Replayed:
-    """The robot's cycle, run once for each that was recorded."""
-
-    def __init__(self, robot: Robot, recorded: Recorded) -> None:
-        self._recorded = recorded
-        self._model = robot.model
-        self._keeper = _Keeper()
-        self._cycle: Cycle = robot.cycle(RecordedStage(recorded), self._keeper)
-        self._is_started = False
-
-    def run(self, record: CycleRecord) -> CycleRecord:
-        """Run one cycle; what it computes."""
-        self._recorded.pass_to(record)
-        if not self._is_started:
-            self._cycle.start()
-            self._is_started = True
-        for name, value in record.inbox.written if record.inbox is not None else ():
-            self._model.write(name, value)
-        # The line of stamps is a clock's matter: it lies where it lay.
-        self._cycle.time_base.anchor(record.cycle, record.stamp_ns)
-        self._cycle.run(record.cycle, record.lateness_ns)
-        return self._keeper.record
-
-
-class _Keeper(NoRecorder):
-    """Keeps the newest cycle."""
-
-    record: CycleRecord
-
-    def write(self, record: CycleRecord) -> None:
-        """Keep it, with copies of what may change."""
-        self.record = replace(record, u=tuple(record.u), y=tuple(record.y), commands=tuple(record.commands))

@@ -32,7 +32,7 @@ from segway_ecc.node.logs import messages
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.log_quota import MB, LogQuota
 from segway_ecc.node.recording.recorder import ProcessRecorder
-from segway_ecc.node.recording.robot_provenance import robot_provenance
+from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.sequence.manoeuvre import load_manoeuvre
 from segway_ecc.node.sequence.player import ManoeuvreStage, Player
@@ -137,7 +137,7 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     # Every log in the folder that is ours may go; beside a file that the user named, only parts of this run may.
     quota = LogQuota(round(total * MB), round(one * MB), is_own_folder=options.log is None)
     _logger.info("log: %s", path)
-    return ProcessRecorder(path, layout_of(robot), robot_provenance(robot.file, read_text(options.robot)), quota)
+    return ProcessRecorder(path, layout_of(robot), provenance_of(robot.file, read_text(options.robot)), quota)
 
 
 def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:

@@ -14,7 +14,7 @@ from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, HardwareAnswer
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout, Provenance, field_names, layout_of
+from segway_ecc.node.recording.layout import CycleLayout, Provenance, field_names, layout_of, surroundings
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
 from segway_ecc.node.sequence.player import ManoeuvreStage, Player
@@ -157,7 +157,7 @@ def test_diagnostics_and_attachments_are_kept(tmp_path: Path, layout: CycleLayou
     assert attachments.pop("robot.yaml") == b"name: testbot"
     assert list(attachments) == ["layout.json"]
     assert msgspec.json.decode(attachments["layout.json"], type=CycleLayout) == layout
-    assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}}
+    assert metadata == {"robot": {"name": "testbot"}, "model": {"sha256": "12"}, **surroundings()}
 
 
 class Keeper:

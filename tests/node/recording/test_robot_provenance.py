@@ -13,6 +13,7 @@ import pytest
 
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.layout import surroundings
 from segway_ecc.node.recording.robot_provenance import model_hash, provenance_of
 
 
@@ -40,7 +41,7 @@ def test_the_wire_of_the_board_is_described_where_it_is_used() -> None:
 def test_software_machine_and_model_are_named() -> None:
     file = load_robot("cart")
     load_model(file.model.source)
-    metadata = provenance_of(file).metadata
+    metadata = provenance_of(file).metadata | surroundings()
 
     assert metadata["model"] == {
         "source": "segway_ecc.node.models.cart:Cart",
