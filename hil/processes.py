@@ -17,6 +17,7 @@ from segway_ecc.hil.errors import RigError
 
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
+_DOMAINS: Final = 101
 _OUR_COMMAND: Final = "segway_ecc.node.cli.main"
 
 
@@ -25,12 +26,12 @@ class ProcessFailedError(RigError):
 
 
 class Command:
-    """One `segway-ecc` command, its messages kept in a file; it is killed when the thread that started it ends."""
+    """A program that runs, its messages kept in a file; ours is killed when the thread that started it ends."""
 
-    def __init__(self, process: subprocess.Popen[bytes], arguments: Sequence[str], messages: Path) -> None:
-        """Use a process that `command` started."""
+    def __init__(self, process: subprocess.Popen[bytes], name: str, messages: Path) -> None:
+        """Use a process that `program` started."""
         self.process = process
-        self._arguments = arguments
+        self._name = name
         self._messages = messages
         self._received = b""
 
@@ -81,11 +82,61 @@ class Command:
         self.process.communicate()
 
     def _failure(self, what: str) -> str:
-        lines = self._messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
-        return f"'segway-ecc {' '.join(self._arguments)}' {what}: {' | '.join(lines) or 'no message'}"
+        return f"'{self._name}' {what}: {last_lines(self._messages)}"
+
+
+def last_lines(messages: Path) -> str:
+    """The last messages of a process, as one line."""
+    lines = messages.read_text(encoding="utf-8", errors="replace").splitlines() if messages.exists() else []
+    return " | ".join(lines[-_LAST_LINES:]) or "no message"
+
+
+def own_ros_domain() -> dict[str, str]:
+    """The environment in which processes find each other in ROS, and nobody else: a domain of ours on this machine.
+
+    Linux gives the ports of domains 1 to 101 to nobody by itself (docs.ros.org, "The ROS_DOMAIN_ID").
+    """
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % _DOMAINS)}
+
+
+def module_words(module: str) -> list[str]:
+    """What begins the command line of a module of ours in a process that ends with this one."""
+    return [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module]
 
 
 @contextlib.contextmanager
+def program(
+    words: Sequence[str],
+    messages: Path,
+    environment: Mapping[str, str] | None = None,
+    *,
+    name: str = "",
+    listens: bool = False,
+) -> Iterator[Command]:
+    """A program that has ended when the context is left, whatever happens.
+
+    Args:
+        words: Its command line.
+        messages: Where its standard error goes.
+        environment: Added to this process' own.
+        name: What it is called in errors.
+        listens: Whether it takes commands, with `ask`.
+    """
+    with messages.open("wb") as errors:
+        process = subprocess.Popen(  # noqa: S603 - our own programs, and no shell reads their words
+            words,
+            stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            env={**os.environ, **(environment or {})},
+        )
+    started = Command(process, name or words[0], messages)
+    try:
+        yield started
+    finally:
+        started.end()
+
+
 def command(
     arguments: Sequence[str],
     messages: Path,
@@ -93,26 +144,7 @@ def command(
     *,
     module: str = _OUR_COMMAND,
     listens: bool = False,
-) -> Iterator[Command]:
-    """A command that has ended when the context is left, whatever happens.
-
-    Args:
-        arguments: What follows `segway-ecc`.
-        messages: Where its standard error goes.
-        environment: Added to this process' own.
-        module: What is run, where it is something around our command.
-        listens: Whether it takes commands, with `ask`.
-    """
-    with messages.open("wb") as errors:
-        process = subprocess.Popen(  # noqa: S603 - our own command, and no shell reads it
-            [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), module, *arguments],
-            stdin=subprocess.PIPE if listens else subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env={**os.environ, **(environment or {})},
-        )
-    started = Command(process, arguments, messages)
-    try:
-        yield started
-    finally:
-        started.end()
+) -> contextlib.AbstractContextManager[Command]:
+    """One `segway-ecc` command, or a module around it, with these arguments; see `program`."""
+    name = f"segway-ecc {' '.join(arguments)}"
+    return program([*module_words(module), *arguments], messages, environment, name=name, listens=listens)

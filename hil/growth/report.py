@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import image, svg
-from segway_ecc.hil.growth.study import AxisResult
-from segway_ecc.hil.growth.table import rows, verdict
+from segway_ecc.hil.growth.study import AxisResult, rows, verdict
 from segway_ecc.hil.page import figure as page_figure
 from segway_ecc.hil.page import page, pairs, section, table, table_row
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.growth.study import QUICK, SIZES, conduct
-from segway_ecc.hil.growth.table import text, verdict
+from segway_ecc.hil.growth.study import QUICK, SIZES, conduct, text, verdict
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.report_folder import make_folder, write_report
 from segway_ecc.node.cli.options import add_json, print_json

@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""The loop with many drives on one bus, in lock step: each drive an ODrive axis with its own simulated firmware."""
+"""The loop in lock step, without ROS: models of many ports with the recorder on, and many drives on one bus.
 
+Each drive is an ODrive axis with its own simulated firmware.
+"""
+
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings, OdriveWheelSettings
+from segway_ecc.firmware_io.hardware import NoHardware
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
 from segway_ecc.hil.growth.cost import Axis, MeteredClock, Point, cost_of
@@ -15,18 +21,76 @@ from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import ModelSection, RobotFile
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.wiring import wire
+from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.layout import layout_of
+from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.robot import Robot
 
 BITRATE: Final = 1_000_000
 """The most that classic CAN allows, bit/s."""
-CYCLES: Final = 500
+PORTS_CYCLES: Final = 900
+"""Fewer than there are slots between the loop and the process that writes the log, so that it never waits for one."""
+DRIVES_CYCLES: Final = 500
 _WARM_UP: Final = 200
-"""Cycles in which the drives prove their watchdogs, and are armed."""
+"""Cycles that are not counted; in them the drives prove their watchdogs, and are armed."""
 _PERIOD_S: Final = 0.01
 _PLANT: Final = "segway_ecc.hil.plants.cart:CartTorquePlant"
+
+
+class _Through(SectionedModel):
+    """Gives each input as an output: what is measured is the way to the model and back, and not the model."""
+
+    name = "through"
+    step_size = _PERIOD_S
+    method = Method.DISCRETE
+
+    def input(self, u: Sequence[float]) -> None:
+        """Take them all."""
+        self.taken = u
+
+    def output(self) -> Sequence[float]:
+        """Give them all."""
+        return self.taken
+
+
+class _Rest(SectionedModel):
+    """Commands no torque to any drive, and is wired to the velocity of each."""
+
+    name = "rest"
+    step_size = _PERIOD_S
+    method = Method.DISCRETE
+
+    def output(self) -> Sequence[float]:
+        """Zeros."""
+        return [0.0] * len(self.outputs)
+
+
+def _with_ports(kind: type[SectionedModel], inputs: dict[str, str], outputs: dict[str, str]) -> SectionedModel:
+    """A model of a kind, with ports of these names and units."""
+    ports = {"inputs": inputs, "outputs": outputs}
+    made = {name: tuple(Variable(*port) for port in each.items()) for name, each in ports.items()}
+    filled: type[SectionedModel] = type(kind.__name__, (kind,), made)
+    return filled()
+
+
+def measure_ports(ports: int) -> Point:
+    """The cost with a model of so many ports, an even number: half of them inputs, half outputs."""
+    clock = MeteredClock(LockstepRig(BITRATE))
+    inputs, outputs = ({f"{way}{i}": "1" for i in range(ports // 2)} for way in ("In", "Out"))
+    model = _with_ports(_Through, inputs, outputs)
+    wiring = dict.fromkeys(inputs, "setpoint.linear_velocity")
+    file = RobotFile(name="through", model=ModelSection(source="through"), wiring=wiring, arming="at_start")
+    robot = Robot(file, model, NoHardware(), wire(model, NoHardware(), wiring), clock)
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-growth-") as name:
+        try:
+            recorder = ProcessRecorder(Path(name) / "growth.mcap", layout_of(robot))
+        except RecordingError as error:
+            return Point(axis=Axis.PORTS, size=ports, cost=None, refused=str(error))
+        robot.loop(NoStage(), recorder).run(PORTS_CYCLES)
+    return Point(axis=Axis.PORTS, size=ports, cost=cost_of(clock.taken_ns[_WARM_UP:]))
 
 
 class ManyOdrives(OdriveSettings, frozen=True, kw_only=True, tag="many_odrives"):
@@ -41,18 +105,6 @@ class ManyOdrives(OdriveSettings, frozen=True, kw_only=True, tag="many_odrives")
     def wheel(self, name: str) -> OdriveWheelSettings:
         """The wheel of a name."""
         return self.wheels[name]
-
-
-class _Rest(SectionedModel):
-    """Commands no torque to any drive, and is wired to the velocity of each."""
-
-    name = "rest"
-    step_size = _PERIOD_S
-    method = Method.DISCRETE
-
-    def output(self) -> Sequence[float]:
-        """Zeros."""
-        return [0.0] * len(self.outputs)
 
 
 class _Pairs:
@@ -78,12 +130,12 @@ class _Rig(LockstepRig):
         self.bus.deliver()
 
 
-def measure(drives: int) -> Point:
+def measure_drives(drives: int) -> Point:
     """The cost with so many drives, an even number."""
     rig = _Rig(BITRATE)
     clock = MeteredClock(rig)
     wheels = {
-        f"drive{i}": OdriveWheelSettings(node_id=i, axis=0 if i % 2 == 0 else 1, torque_constant=0.1, max_torque=3.0)
+        f"drive{i}": OdriveWheelSettings(node_id=i, axis=1 if i % 2 else 0, torque_constant=0.1, max_torque=3.0)
         for i in range(drives)
     }
     can = CanSettings(interface="local", channel="growth", bitrate=BITRATE)
@@ -91,20 +143,16 @@ def measure(drives: int) -> Point:
     settings = ManyOdrives(can=can, firmware="0.5", watchdog_s=0.04, left=left, right=right, wheels=wheels)
     rig.attach(_Pairs([_pair(rig, settings, first) for first in range(0, drives, 2)]))  # type: ignore[arg-type]  # as one
     link = rig.bus.attach("node")
-    names = list(settings.wheels)
-    hardware = Assembly(link, [Odrive(link, n, settings, _PERIOD_S, rig.now_ns) for n in names], (), rig.now_ns)
-    ports = {
-        "inputs": tuple(Variable(f"{name}_velocity", "rad/s") for name in names),
-        "outputs": tuple(Variable(f"{name}_torque", "N m") for name in names),
-    }
-    model = type(f"Rest{drives}", (_Rest,), ports)()
+    hardware = Assembly(link, [Odrive(link, name, settings, _PERIOD_S, rig.now_ns) for name in wheels], (), rig.now_ns)
+    velocities = {f"{name}_velocity": "rad/s" for name in wheels}
+    model = _with_ports(_Rest, velocities, {f"{name}_torque": "N m" for name in wheels})
     wiring = {v.name: v.name.replace("_", ".") for v in (*model.inputs, *model.outputs)}
     file = RobotFile(name="drives", model=ModelSection(source="rest"), wiring=wiring, arming="at_start")
     robot = Robot(file, model, hardware, wire(model, hardware, wiring), clock)
     loop = robot.loop(NoStage(), NoRecorder())
-    loop.run(_WARM_UP + CYCLES)
+    cycles = _WARM_UP + DRIVES_CYCLES
+    loop.run(cycles)
     sent, received = link.counters.sent, link.counters.received
-    cycles = _WARM_UP + CYCLES
     notes = {"mode": str(loop.modes.mode), "frames out, in per cycle": f"{sent / cycles:.1f}, {received / cycles:.1f}"}
     return Point(axis=Axis.DRIVES, size=drives, cost=cost_of(clock.taken_ns[_WARM_UP:], notes))
 

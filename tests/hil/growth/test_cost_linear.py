@@ -3,7 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.growth.linear import Measured, line
+from segway_ecc.hil.growth.cost import Measured, line
 
 
 def points(*costs: float, spread: float = 0.5) -> list[Measured]:
