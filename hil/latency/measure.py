@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Measures the latency here: node, plant and publisher in processes of their own, and this process on the bus."""
+"""Measures the latency here, from a set-point to its motor frame.
+
+Node, plant and publisher are in processes of their own, and this process is on the bus.
+"""
 
 import contextlib
+import enum
 import importlib.resources
+import math
 import os
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import can
 import msgspec
@@ -18,18 +22,114 @@ import msgspec
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, decode
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.latency.echo import Echo
-from segway_ecc.hil.latency.result import Latency, Timed, Where
-from segway_ecc.hil.latency.setpoints import MOST, STEP
-from segway_ecc.hil.processes import command
+from segway_ecc.hil.latency.setpoints import MOST, STEP, Echo, Timed
+from segway_ecc.hil.processes import command, last_lines, module_words, own_ros_domain, program
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.ros.runtime import require_ros
 
+ALLOWED_S: Final = 1e-3
+"""What a set-point may take beyond one period of the loop, s."""
+_NS_PER_S: Final = 1e9
 _RECEIVE_S: Final = 0.05
 _MARGIN_S: Final = 60.0
-_DOMAINS: Final = 101
-_WORDS: Final = 5
 _NOTHING: Final[Mapping[str, str]] = {}
+
+
+@enum.unique
+class Where(enum.StrEnum):
+    """Where the set-points are published."""
+
+    SAME_PROCESS = "same process"
+    OTHER_PROCESS = "other process"
+    OTHER_HOST = "other host"
+
+
+class Latency(msgspec.Struct, frozen=True, kw_only=True):
+    """From the moment before a set-point is published to the first motor frame on the bus that is made from it.
+
+    Attributes:
+        where: Where they were published; see `Where`.
+        actuate: When commands leave; see `segway_ecc.node.config.RobotFile`.
+        period_s: Of the loop, s.
+        trials: Set-points published, at any phase of the loop.
+        missed: Of how many no frame was seen.
+        p50_s: Median, s.
+        p99_s: The time within which 99 of 100 were there, s.
+        max_s: The longest, s.
+    """
+
+    where: str
+    actuate: str
+    period_s: float
+    trials: int
+    missed: int
+    p50_s: float
+    p99_s: float
+    max_s: float
+
+    @property
+    def p99_periods(self) -> float:
+        """99 of 100 in periods of the loop."""
+        return self.p99_s / self.period_s
+
+    @property
+    def limit_s(self) -> float:
+        """What is required where robot and publisher are on one host, s."""
+        return self.period_s + ALLOWED_S
+
+    @property
+    def is_within(self) -> bool:
+        """Whether that was kept, and no set-point missed."""
+        return self.p99_s <= self.limit_s and self.missed == 0
+
+    def text(self) -> str:
+        """One line."""
+        values = (("p50", self.p50_s), ("p99", self.p99_s), ("max", self.max_s))
+        ms = ", ".join(f"{name} {value * 1e3:.2f} ms" for name, value in values)
+        return (
+            f"{self.where}, actuate {self.actuate}: {ms} ({self.p99_periods:.2f} periods at p99) of {self.trials} "
+            f"set-points, {self.missed} missed"
+        )
+
+    @classmethod
+    def of(cls, where: Where, actuate: str, period_s: float, published: Sequence[Timed], seen: Sequence[Timed]) -> Self:
+        """From what was published and seen; each number is published once, and `seen` is in order of time.
+
+        Raises:
+            ValueError: No set-point was seen at all.
+        """
+        took = sorted(took_s(published, seen))
+        if not took:
+            raise ValueError("no set-point came through")
+        return cls(
+            where=str(where),
+            actuate=actuate,
+            period_s=period_s,
+            trials=len(published),
+            missed=len(published) - len(took),
+            p50_s=quantile(took, 0.5),
+            p99_s=quantile(took, 0.99),
+            max_s=took[-1],
+        )
+
+
+def took_s(published: Sequence[Timed], seen: Sequence[Timed]) -> list[float]:
+    """For each set-point that was seen: how long after its publication the first frame with it was there, s."""
+    times: dict[int, list[int]] = {}
+    for frame in seen:
+        times.setdefault(frame.number, []).append(frame.at_ns)
+    found = []
+    for number, at_ns in published:
+        later = times.get(number, [])
+        place = bisect_left(later, at_ns)
+        if place < len(later):
+            found.append((later[place] - at_ns) / _NS_PER_S)
+    return found
+
+
+def quantile(ordered: Sequence[float], share: float) -> float:
+    """The smallest value that this share of all does not exceed."""
+    return ordered[max(math.ceil(share * len(ordered)) - 1, 0)]
 
 
 def measure(  # noqa: PLR0913 - what there is to choose
@@ -60,63 +160,36 @@ def measure(  # noqa: PLR0913 - what there is to choose
         raise ValueError(f"from 1 to {MOST} trials, not {trials}")
     if where is not Where.SAME_PROCESS:
         require_ros()
-    alone = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % _DOMAINS)}
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-latency-") as name:
+    environment = own_ros_domain() | dict(environment)
+    interface, channel = ("local", f"latency_{os.getpid()}") if channel is None else ("socketcan", channel)
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-latency-") as name, contextlib.ExitStack() as stack:
         folder = Path(name)
-        robot = folder / "echo.yaml"
-        text = importlib.resources.files("segway_ecc.hil.latency").joinpath(robot.name).read_text(encoding="utf-8")
-        robot.write_text(f"{text}actuate: {actuate}\n", encoding="utf-8")
-        interface, channel = ("local", f"latency_{os.getpid()}") if channel is None else ("socketcan", channel)
-        bench = _LatencyProcesses(
-            folder, robot, ["--interface", interface, "--channel", channel], {**alone, **environment}
-        )
-        with (
-            _wheel_commands(interface, channel) as bus,
-            command(["plant", *bench.words], folder / "plant.txt"),
-        ):
-            speaking = bench.in_process(trials) if where is Where.SAME_PROCESS else bench.apart(trials, publisher)
-            with speaking as process:
-                seen = _listen(bus, lambda: process.poll() is not None)
-                published = _published(process, folder)
+        file, messages = folder / "echo.yaml", folder / "publisher.txt"
+        text = importlib.resources.files("segway_ecc.hil.latency").joinpath(file.name).read_text(encoding="utf-8")
+        file.write_text(f"{text}actuate: {actuate}\n", encoding="utf-8")
+        robot = [str(file), "--interface", interface, "--channel", channel]
+        bus = stack.enter_context(_wheel_commands(interface, channel))
+        stack.enter_context(command(["plant", *robot], folder / "plant.txt"))
+        if where is Where.SAME_PROCESS:
+            module = "segway_ecc.hil.latency.same_process"
+            publishing = command([*robot, str(trials)], messages, module=module)
+        else:
+            namespace = f"/latency_{os.getpid()}"
+            node = ["run", *robot, "--ros", "--namespace", namespace, "--log", str(folder / "latency.mcap")]
+            stack.enter_context(command(node, folder / "node.txt", environment))
+            words = [*publisher, *module_words("segway_ecc.hil.latency.setpoints"), namespace, str(trials)]
+            publishing = program([*words, str(Echo.step_size)], messages, environment)
+        process = stack.enter_context(publishing).process
+        seen = _listen(bus, lambda: process.poll() is not None)
+        output, _ = process.communicate(timeout=_MARGIN_S)
+        if process.returncode != 0:
+            why = f"ended with exit code {process.returncode}: {last_lines(messages)}"
+            raise RigError(f"the publisher of set-points {why}")
         try:
+            published = msgspec.json.decode(output, type=list[Timed])
             return Latency.of(where, actuate, Echo.step_size, published, seen)
         except ValueError as error:
-            raise RigError(f"{where}: {error}; the robot's messages: {_last_words(folder / 'node.txt')}") from error
-
-
-class _LatencyProcesses:
-    """What is started."""
-
-    def __init__(self, folder: Path, robot: Path, line: Sequence[str], environment: Mapping[str, str]) -> None:
-        self.words = [str(robot), *line]
-        self._folder = folder
-        self._environment = dict(environment)
-
-    @contextlib.contextmanager
-    def in_process(self, trials: int) -> "Iterator[subprocess.Popen[bytes]]":
-        """The robot, with the publisher inside."""
-        words = [*self.words, str(trials)]
-        with command(words, self._folder / "publisher.txt", module="segway_ecc.hil.latency.same_process") as robot:
-            yield robot.process
-
-    @contextlib.contextmanager
-    def apart(self, trials: int, prefix: Sequence[str]) -> "Iterator[subprocess.Popen[bytes]]":
-        """The robot with ROS and its recorder, and the publisher in another process."""
-        namespace = f"/latency_{os.getpid()}"
-        node = ["run", *self.words, "--ros", "--namespace", namespace, "--log", str(self._folder / "latency.mcap")]
-        module = "segway_ecc.hil.latency.publisher"
-        words = [*prefix, sys.executable, "-P", "-m", module, namespace, str(trials), str(Echo.step_size)]
-        with (
-            command(node, self._folder / "node.txt", self._environment),
-            (self._folder / "publisher.txt").open("wb") as errors,
-            subprocess.Popen(  # noqa: S603 - our own program
-                words, stdout=subprocess.PIPE, stderr=errors, env={**os.environ, **self._environment}
-            ) as publishing,
-        ):
-            try:
-                yield publishing
-            finally:
-                publishing.terminate()
+            raise RigError(f"{where}: {error}; the robot's messages: {last_lines(folder / 'node.txt')}") from error
 
 
 def _wheel_commands(interface: str, channel: str) -> can.BusABC:
@@ -140,17 +213,3 @@ def _listen(bus: can.BusABC, is_over: Callable[[], bool]) -> list[Timed]:
             if isinstance(payload, WheelCommand):
                 seen.append(Timed(round(payload.left_voltage / STEP), at_ns))
     return seen
-
-
-def _published(process: "subprocess.Popen[bytes]", folder: Path) -> list[Timed]:
-    """The set-points that a process printed as published, once it has ended."""
-    output, _ = process.communicate(timeout=_MARGIN_S)
-    if process.returncode != 0:
-        messages = _last_words(folder / "publisher.txt")
-        raise RigError(f"the publisher of set-points ended with exit code {process.returncode}: {messages}")
-    return msgspec.json.decode(output, type=list[Timed])
-
-
-def _last_words(messages: Path) -> str:
-    lines = messages.read_text(encoding="utf-8", errors="replace").splitlines() if messages.exists() else []
-    return " | ".join(lines[-_WORDS:]) or "nothing"

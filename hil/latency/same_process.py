@@ -13,8 +13,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.latency.result import Timed
-from segway_ecc.hil.latency.setpoints import publish_all
+from segway_ecc.hil.latency.setpoints import Timed, publish_all
 from segway_ecc.node.cli.options import add_robot, real_time, robot_file
 from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, StampedSetpoint

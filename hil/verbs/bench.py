@@ -21,8 +21,7 @@ from segway_ecc.hil.bench.speed import campaign_speed, lock_step, model_step
 from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text
 from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
-from segway_ecc.hil.latency.measure import measure
-from segway_ecc.hil.latency.result import Where
+from segway_ecc.hil.latency.measure import Where, measure
 from segway_ecc.hil.verbs.bench_links import links_cost, links_text
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError

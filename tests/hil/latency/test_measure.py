@@ -5,11 +5,9 @@ import itertools
 
 import pytest
 
-from segway_ecc.hil.latency.echo import Echo
-from segway_ecc.hil.latency.measure import measure
-from segway_ecc.hil.latency.result import Latency, Where
+from segway_ecc.hil.latency.measure import Latency, Where, measure
 from segway_ecc.hil.latency.same_process import ThreadStage
-from segway_ecc.hil.latency.setpoints import MOST, publish_all
+from segway_ecc.hil.latency.setpoints import MOST, Echo, publish_all
 from segway_ecc.node.cycle.interfaces import StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 

@@ -7,8 +7,7 @@ import subprocess
 import pytest
 
 from segway_ecc.hil.latency import other_host
-from segway_ecc.hil.latency.measure import measure
-from segway_ecc.hil.latency.result import Where
+from segway_ecc.hil.latency.measure import Where, measure
 from segway_ecc.node.errors import ConfigurationError
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.ros, pytest.mark.real_time]

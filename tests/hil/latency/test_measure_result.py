@@ -3,7 +3,8 @@
 
 import pytest
 
-from segway_ecc.hil.latency.result import Latency, Timed, Where, quantile, took_s
+from segway_ecc.hil.latency.measure import Latency, Where, quantile, took_s
+from segway_ecc.hil.latency.setpoints import Timed
 
 MS = 1_000_000
 
