@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 
 OnProgress = Callable[[int, int], None]
 """Called with how much is done, and of how much."""
+OnSeconds = Callable[[float], None]
+"""Called with the seconds done so far, simulated or on the clock."""
 
 
 @contextlib.contextmanager

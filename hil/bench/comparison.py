@@ -12,9 +12,9 @@ from typing import Final
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import NAMESPACE, BenchSite, Contestant, ProgramRun, plant, run_contestant
 from segway_ecc.hil.bench.listener import listening
-from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.rig import Bus, make_rig
 from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
+from segway_ecc.hil.process_usage import Memory
 
 NS_PER_S: Final = 1_000_000_000
 _WARM_UP_S: Final = 0.5

@@ -17,8 +17,8 @@ import msgspec
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.bench.conditions import Conditions
-from segway_ecc.hil.bench.process_cost import Memory, cpu_s, memory, tree
 from segway_ecc.hil.bench.rig import BenchPrograms, Bus
+from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.modes import Mode

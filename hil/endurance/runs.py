@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Many hours of driving, divided over seeds and cores; a robot that has tripped is started anew."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from multiprocessing.sharedctypes import SynchronizedArray
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.endurance.endurance import Stretch, drive
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.parallel import ignore_interrupt, quiet
+from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.spawning import spawning
 from segway_ecc.node.config import RobotFile
-
-OnProgress = Callable[[float], None]
-"""Called with the seconds simulated so far, of all seeds together."""
 
 _REPORTED_EVERY_S: Final = 0.5
 _MOST_TRIPS: Final = 20
@@ -39,7 +37,7 @@ class EndurancePlan(NamedTuple):
     channel: str | None = None
 
 
-def endure(plan: EndurancePlan, jobs: int, on_progress: OnProgress) -> list[Stretch]:
+def endure(plan: EndurancePlan, jobs: int, on_progress: OnSeconds) -> list[Stretch]:
     """Drive what is planned; the stretches are in the order of the seeds, and the same whatever `jobs` is.
 
     Raises:
@@ -63,7 +61,7 @@ def endure(plan: EndurancePlan, jobs: int, on_progress: OnProgress) -> list[Stre
             return [stretch for end in ends for stretch in end.get()]
 
 
-def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnProgress) -> list[Stretch]:
+def drive_seed(plan: EndurancePlan, seed: int, on_progress: OnSeconds) -> list[Stretch]:
     """Drive the share of one seed; after each trip a new robot, of another seed, drives on."""
     left_s, stretches = plan.duration_s / plan.seeds, list[Stretch]()
     while left_s > 0.0 and sum(stretch.trip is not None for stretch in stretches) < _MOST_TRIPS:

@@ -16,8 +16,8 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.bench.process_cost import cpu_s
 from segway_ecc.hil.growth.cost import Cost, MeteredClock, cost_of
+from segway_ecc.hil.process_usage import cpu_s
 from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file
 from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.loop import Loop

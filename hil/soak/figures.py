@@ -7,7 +7,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from segway_ecc.hil.figure import svg
-from segway_ecc.hil.soak.judging import WARM_UP, Series, judge
+from segway_ecc.hil.soak.watching import WARM_UP, Series, judge
 
 _BAD: Final = "#b3261e"
 _GOOD: Final = "#2e6f9e"

@@ -1,26 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""A robot in real time: the node with ROS and its recorder, a plant, and a station that drives it."""
+"""A robot in real time: the node with ROS and its recorder, a plant, and a station that drives it.
+
+As a program, that station: arguments NAMESPACE DURATION. It publishes set-points and heartbeats as a base station does,
+and subscribes to what the robot publishes: a robot without subscribers proves little. It prints, as JSON, how many
+messages of the topic `mode` arrived, by mode and reason.
+"""
 
 import contextlib
+import itertools
 import os
+import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
-from segway_ecc.hil.processes import command
+from segway_ecc.hil.endurance.driving import Driver
+from segway_ecc.hil.processes import command, own_ros_domain
+from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.soak.watching import LOG, Watching, helpers_of
 from segway_ecc.node.recording.log_quota import MB
-
-OnProgress = Callable[[float], None]
-"""Called with the seconds done so far."""
+from segway_ecc.node.ros.messages import message_type, newest_only
+from segway_ecc.node.ros.runtime import ros_node
+from segway_ecc.node.ros.messages import RosObject
 
 _SETTLE_S: Final = 3.0
 _END_S: Final = 60.0
-_DOMAINS: Final = 101
-"""ROS domains 1 to 101 have ports that Linux gives to nobody else by itself."""
+_PERIOD_S: Final = 0.05
+_BEAT_EVERY: Final = 5
+_DEPTH: Final = 100
+_ASK_EVERY_S: Final = 1.0
+_TOPICS: Final = {
+    "odom": "nav_msgs/msg/Odometry",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
 
 
 class RealTimeSoak(msgspec.Struct, frozen=True):
@@ -51,8 +66,8 @@ class RealTimeResult(msgspec.Struct, frozen=True):
     modes: dict[str, int]
 
 
-def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnProgress) -> RealTimeResult:
-    """RealTimeSoak a robot for some time, and look at its processes every few seconds.
+def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnSeconds) -> RealTimeResult:
+    """Run a robot for some time, and look at its processes every few seconds.
 
     Args:
         run: What is run.
@@ -65,8 +80,7 @@ def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnPro
     """
     line = ["--channel", f"soak_{os.getpid()}", "--interface", "local"]
     namespace = f"/soak_{os.getpid()}"
-    # A domain of its own: what DDS keeps of the neighbours' participants is not the robot's growth.
-    alone = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % _DOMAINS)}
+    alone = own_ros_domain()  # what DDS keeps of the neighbours' participants is not the robot's growth
     node = ["run", run.robot, *line, "--duration", str(run.duration_s), "--json", "--log", str(folder / "soak.mcap")]
     node += ["--log-limit", str(LOG.total_bytes / MB), "--log-file-size", str(LOG.file_bytes / MB)]
     node += ["--namespace", namespace] if run.ros else ["--no-ros"]
@@ -76,9 +90,7 @@ def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnPro
         processes = {"node": controller.process.pid, "plant": plant.process.pid}
         if run.ros:
             words = [namespace, str(run.duration_s - _SETTLE_S)]
-            station = stack.enter_context(
-                command(words, folder / "station.txt", alone, module="segway_ecc.hil.soak.station"),
-            )
+            station = stack.enter_context(command(words, folder / "station.txt", alone, module=__name__))
             processes["station"] = station.process.pid
         begun_s, turn = time.monotonic(), 1
         while turn * run.every_s < run.duration_s - _SETTLE_S:
@@ -87,4 +99,81 @@ def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnPro
             watching.look(time.monotonic() - begun_s, processes)
             on_progress(time.monotonic() - begun_s)
             turn += 1
-        return RealTimeResult(controller.result(_END_S), station.result(_END_S)["modes"] if run.ros else {})
+        return RealTimeResult(controller.result(_END_S), station.result(_END_S) if run.ros else {})
+
+
+def drive(namespace: str, duration_s: float, seed: int = 1) -> dict[str, int]:
+    """Drive the robot in a namespace for some time; returns the messages of its mode, by mode and reason."""
+    modes: dict[str, int] = {}
+    with ros_node("soak", namespace) as node:
+
+        def subscribed(topic: str, kind: str) -> RosObject:
+            return node.create_subscription(message_type(kind), topic, _never_called, _DEPTH)
+
+        subscriptions = [subscribed(topic, kind) for topic, kind in _TOPICS.items()]
+        mode = subscribed("mode", "diagnostic_msgs/msg/DiagnosticStatus")
+        publish, operate = _SetpointPublisher(node, seed), _FaultClearer(node)
+        begun_s = time.monotonic()
+        for turn in itertools.count():
+            if turn * _PERIOD_S >= duration_s:
+                return modes
+            time.sleep(max(begun_s + turn * _PERIOD_S - time.monotonic(), 0.0))
+            publish(turn)
+            for subscription in subscriptions:
+                while _taken(subscription) is not None:
+                    pass
+            for message in iter(lambda: _taken(mode), None):
+                modes[message.message] = modes.get(message.message, 0) + 1
+                operate(message.message)
+    return modes
+
+
+class _SetpointPublisher:
+    """Publishes the set-point of each turn, and heartbeats."""
+
+    def __init__(self, node: RosObject, seed: int) -> None:
+        self._driver = Driver(seed)
+        self._twist = message_type("geometry_msgs/msg/Twist")
+        self._header = message_type("std_msgs/msg/Header")
+        self._setpoints = node.create_publisher(self._twist, "cmd_vel", 10)
+        self._beats = node.create_publisher(self._header, "station", newest_only())
+
+    def __call__(self, turn: int) -> None:
+        message = self._twist()
+        message.linear.x, message.angular.z = self._driver.setpoint(turn * _PERIOD_S)
+        self._setpoints.publish(message)
+        if turn % _BEAT_EVERY == 0:
+            beat = self._header(frame_id="soak")
+            beat.stamp.sec, beat.stamp.nanosec = divmod(time.monotonic_ns(), 1_000_000_000)
+            self._beats.publish(beat)
+
+
+class _FaultClearer:
+    """Clears the fault of a robot that has tripped, and arms it again, as people do; its answers are not waited for."""
+
+    def __init__(self, node: RosObject) -> None:
+        trigger = message_type("std_srvs/srv/Trigger")
+        self._request = trigger.Request
+        self._clients = {word: node.create_client(trigger, f"model/{word}") for word in ("clear_fault", "arm")}
+        self._asked_s = 0.0
+
+    def __call__(self, mode: str) -> None:
+        action = {"FAULT": "clear_fault", "DISARMED": "arm"}.get(mode.partition(":")[0])
+        if action is None or time.monotonic() - self._asked_s < _ASK_EVERY_S:
+            return
+        self._asked_s = time.monotonic()
+        client = self._clients[action]
+        client.remove_pending_request(client.call_async(self._request()))
+
+
+def _taken(subscription: RosObject) -> RosObject:
+    taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's signature: not raw
+    return None if taken is None else taken[0]
+
+
+def _never_called(*_: RosObject) -> None:
+    """Stand in for the callbacks that only an executor would call."""
+
+
+if __name__ == "__main__":
+    sys.stdout.write(msgspec.json.encode(drive(sys.argv[1], float(sys.argv[2]))).decode() + "\n")

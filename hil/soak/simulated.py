@@ -11,7 +11,6 @@ import gc
 import logging
 import sys
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -19,18 +18,16 @@ import msgspec
 
 from segway_ecc.hil.endurance.endurance import drive
 from segway_ecc.hil.processes import Command, command
+from segway_ecc.hil.progress import OnSeconds
+from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
-from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot
-
-OnProgress = Callable[[float], None]
-"""Called with the seconds simulated so far."""
 
 _ANSWER_S: Final = 1200.0
 """Ten simulated seconds take less than one on an idle machine, and minutes where its disk or processors are busy."""
@@ -81,7 +78,7 @@ class ProcessSample(msgspec.Struct):
     is_over: bool = False
 
 
-def soak(job: SimulatedSoak, watching: Watching, folder: Path, on_progress: OnProgress) -> ProcessSample:
+def soak(job: SimulatedSoak, watching: Watching, folder: Path, on_progress: OnSeconds) -> ProcessSample:
     """Drive a robot in lock step, and look at its processes every ten simulated seconds; returns how it ended.
 
     Raises:
@@ -104,7 +101,7 @@ def _ask(driving: Command, line: str) -> ProcessSample:
     return msgspec.json.decode(driving.ask(line, _ANSWER_S), type=ProcessSample)
 
 
-class PatientRecorder(NoRecorder):
+class PatientRecorder(RecorderFront):
     """Waits where the writer does not keep up: in lock step the loop runs many times as fast as on a robot.
 
     Attributes:
@@ -113,28 +110,16 @@ class PatientRecorder(NoRecorder):
 
     def __init__(self, recorder: ProcessRecorder) -> None:
         """Stand in front of `recorder`."""
+        super().__init__(recorder)
         self._recorder = recorder
-        self._seen = 0
-
-    @property
-    def dropped(self) -> int:
-        """Records that were not kept."""
-        return self._recorder.dropped
+        self.dropped = 0
 
     def write(self, record: CycleRecord) -> None:
         """Keep one cycle, and give the writer time where there was no room for it."""
-        self._recorder.write(record)
-        if self.dropped > self._seen:
-            self._seen = self.dropped
+        super().write(record)
+        if self._recorder.dropped > self.dropped:
+            self.dropped = self._recorder.dropped
             time.sleep(_PATIENCE_S)
-
-    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Keep a set of diagnostics."""
-        self._recorder.write_diagnostics(stamp_ns, statuses)
-
-    def close(self) -> None:
-        """Finish the log."""
-        self._recorder.close()
 
 
 def main() -> int:

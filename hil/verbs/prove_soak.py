@@ -13,8 +13,7 @@ import msgspec
 
 from segway_ecc.hil.progress import OnProgress, show_progress
 from segway_ecc.hil.soak import real_time, simulated
-from segway_ecc.hil.soak.judging import WARM_UP, Series, Verdict, judge
-from segway_ecc.hil.soak.watching import Watching
+from segway_ecc.hil.soak.watching import WARM_UP, Series, Verdict, Watching, judge
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.report_folder import make_folder, write_report
 from segway_ecc.node.cli.options import add_json, print_json

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from segway_ecc.hil.bench.comparison import ProgramResult
-from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.samples import Cycles, Spread
+from segway_ecc.hil.process_usage import Memory
 
 
 def flat(value_s: float) -> Spread:

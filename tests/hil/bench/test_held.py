@@ -8,9 +8,9 @@ from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.held import SustainedRates, search
-from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.rig import Bus
 from segway_ecc.hil.bench.samples import Cycles
+from segway_ecc.hil.process_usage import Memory
 
 Make = Callable[..., Cycles]
 NOTHING = Conditions(priority=0, idle_states_off=False, memory_locked=False, cores=2, isolated=(), kernel="6.1")

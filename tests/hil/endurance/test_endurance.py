@@ -10,9 +10,8 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.endurance import endurance
 from segway_ecc.hil.endurance import runs as endurance_runs
 from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Piece, programme
-from segway_ecc.hil.endurance.endurance import Stretch, drive
+from segway_ecc.hil.endurance.endurance import Stretch, Trip, drive
 from segway_ecc.hil.endurance.runs import EndurancePlan, drive_seed, endure
-from segway_ecc.hil.endurance.watch import Trip
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.node.config import load_robot

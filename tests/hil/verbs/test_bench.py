@@ -11,11 +11,11 @@ import pytest
 from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
 from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.process_cost import Memory
 from segway_ecc.hil.bench.samples import Cycles, Spread
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Latency, Where
 from segway_ecc.hil.latency.other_host import OtherHost
+from segway_ecc.hil.process_usage import Memory
 from segway_ecc.hil.verbs import bench
 from segway_ecc.node.errors import ConfigurationError
 

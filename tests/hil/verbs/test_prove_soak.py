@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.soak import real_time, simulated
-from segway_ecc.hil.soak.judging import Series
-from segway_ecc.hil.soak.watching import Watching
+from segway_ecc.hil.soak.watching import Series, Watching
 from segway_ecc.hil.verbs import prove_soak
 from segway_ecc.node.errors import ConfigurationError
 

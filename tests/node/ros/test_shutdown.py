@@ -15,7 +15,7 @@ import cantools
 import pytest
 
 from segway_ecc.firmware_io.links.local_bus import LocalBus
-from segway_ecc.hil.soak.usage import children
+from segway_ecc.hil.process_usage import children
 from segway_ecc.node.config import read_text
 
 pytestmark = [pytest.mark.ros, pytest.mark.real_time]
@@ -151,7 +151,7 @@ def test_a_model_that_raises_ends_the_robot_with_zero_and_exit_code_3(  # noqa: 
 
 def ros_process_of(node: "subprocess.Popen[str]") -> int:
     """A node's ROS process."""
-    found = [child for child, words in children(node.pid) if "segway_ecc.node.ros.process" in words]
+    found = [child for child, words in children(node.pid).items() if "segway_ecc.node.ros.process" in words]
     assert len(found) == 1
     return found[0]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.soak.usage import children, usage
+from segway_ecc.hil.process_usage import children, usage
 from segway_ecc.hil.soak.watching import LOG, Counted, Watching, helpers_of
 from segway_ecc.node.recording.log_quota import MB
 
@@ -45,7 +45,7 @@ def test_children_are_found_and_those_that_ended_take_nothing() -> None:
         assert process.stdout is not None
         process.stdout.readline()  # it is the program by now, and no copy of this process
         assert helpers_of(os.getpid()) == {"recorder": process.pid}
-        assert process.pid in dict(children(os.getpid()))
+        assert process.pid in children(os.getpid())
         process.kill()
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
         assert usage(process.pid) is None

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from segway_ecc.hil.soak.judging import Series, judge, theil_sen
+from segway_ecc.hil.soak.watching import Series, judge, theil_sen
 
 
 def series(values: list[float], *, allowed: float | None = 10.0, most: float | None = None) -> Series:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.bench.process_cost import Memory, cpu_s, memory, tree
+from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 
 
 def process(proc: Path, pid: int, parent: int, *, ticks: tuple[int, int] = (0, 0), name: str = "python") -> Path:
