@@ -3,11 +3,13 @@
 
 import contextlib
 import logging
+import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.context import SpawnContext
 from typing import TypeVar
 
-from segway_ecc.hil.spawning import spawning
+from segway_ecc.hil.processes import inherited
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
@@ -48,3 +50,14 @@ def quiet(*loggers: str) -> Iterator[None]:
     finally:
         for logger, level in levels.items():
             logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def spawning() -> Iterator[SpawnContext]:
+    """A context whose workers begin anew, and never import from the current folder, as long as it lasts.
+
+    `multiprocessing` starts them by `python -c`, which puts the current folder first on the path before any code of
+    ours runs; there is no option for it, only the environment that they inherit.
+    """
+    with inherited("PYTHONSAFEPATH", "1"):
+        yield multiprocessing.get_context("spawn")

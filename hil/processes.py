@@ -91,6 +91,19 @@ def last_lines(messages: Path) -> str:
     return " | ".join(lines[-_LAST_LINES:]) or "no message"
 
 
+@contextlib.contextmanager
+def inherited(name: str, value: str) -> Iterator[None]:
+    """Have what this process starts inherit an environment variable while the context lasts."""
+    before = os.environ.get(name)
+    os.environ[name] = value
+    try:
+        yield
+    finally:
+        del os.environ[name]
+        if before is not None:
+            os.environ[name] = before
+
+
 def own_ros_domain() -> dict[str, str]:
     """The environment in which processes find each other in ROS, and nobody else: a domain of ours on this machine.
 

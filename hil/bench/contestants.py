@@ -5,7 +5,6 @@ import contextlib
 import enum
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,21 +15,18 @@ import msgspec
 
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.bench.conditions import Conditions
-from segway_ecc.hil.bench.rig import BenchPrograms, Bus
+from segway_ecc.hil.bench.rig import BenchPrograms, Bus, Conditions
 from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
+from segway_ecc.hil.processes import last_lines, module_words, program
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.safety.modes import Mode
 
-_CHILD: Final = (sys.executable, "-P", "-m", "segway_ecc.hil.child")
-"""Before the parent's process id and a module: a program that ends with us."""
 NAMESPACE: Final = f"/bench_{os.getpid()}"
 """Of all programs in ROS."""
 _START_S: Final = 180.0
 _END_S: Final = 180.0
 """In an emulated machine, where importing ROS alone takes a minute, and so does leaving it."""
-_LAST_LINES: Final = 3
 _OVERTIME_S: Final = 5.0
 _SETTLE_S: Final = 0.5
 """From the first cycle to where the CPU time of the process begins to count."""
@@ -94,12 +90,13 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
     """
     samples, messages = place.folder / f"{who}.samples", place.folder / f"{who}.txt"
     samples.unlink(missing_ok=True)
-    command = _command(who, place, samples, duration_s)
+    words, environment = _words(who, place, samples, duration_s), {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     listener = HeartbeatListener(CanSettings(interface=place.bus.interface, channel=place.bus.channel))
-    with messages.open("wb") as errors, contextlib.closing(listener):
+    with contextlib.closing(listener):
         listener.open()
         began_s = time.monotonic()
-        with _process(command, errors.fileno()) as process:
+        with program(words, messages, environment) as started:
+            process = started.process
             start_s = None if who is Contestant.BARE else _first_heartbeat(listener, process, _START_S) - began_s
             listener.close()  # a sender then finds nobody, as where no guard runs
             time.sleep(_SETTLE_S)
@@ -110,8 +107,8 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
             held = memory(pids)
             output = _ended(process, who)
     if process.returncode != 0 or not samples.exists():
-        last = messages.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
-        raise ConfigurationError(f"the program '{who}' ended with exit code {process.returncode}: {' | '.join(last)}")
+        why = f"ended with exit code {process.returncode}: {last_lines(messages)}"
+        raise ConfigurationError(f"the program '{who}' {why}")
     report = msgspec.json.decode(output, type=dict[str, Any]) if who is Contestant.OURS else None
     fault = None
     if report is not None:
@@ -133,19 +130,13 @@ def plant(place: BenchSite) -> Iterator[dict[str, int]]:
     bus, rig = place.bus, place.rig
     seen: dict[str, int] = {}
     where = [bus.interface, bus.place(bus.plant_channel), str(rig.period_ns), str(place.conditions.plant_priority)]
-    with (place.folder / "board.txt").open("wb") as errors:
-        process = subprocess.Popen(  # noqa: S603 - compiled here, and no shell reads its words
-            [str(rig.board), *where], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors
-        )
-    try:
+    with program([str(rig.board), *where], place.folder / "board.txt", listens=True) as started:
+        process = started.process
         if process.stdout is None or process.stdout.readline() != b"ready\n":
             raise ConfigurationError(f"the plant of the bench does not start on {bus.plant_channel}")
         yield seen
         output, _ = process.communicate(timeout=_END_S)  # which closes its standard input, so that it ends
         seen.update(msgspec.json.decode(output, type=dict[str, int]))
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[bytes], timeout_s: float) -> float:
@@ -158,18 +149,18 @@ def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[byte
     return time.monotonic()
 
 
-def _command(who: Contestant, place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
+def _words(who: Contestant, place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
     """The command line of a program."""
-    bus, rig, child = place.bus, place.rig, (*_CHILD, str(os.getpid()))
+    bus, rig = place.bus, place.rig
     line = ["--interface", bus.interface, "--channel", bus.channel, "--duration", str(duration_s)]
     line += ["--namespace", NAMESPACE]
     if who is Contestant.OURS:
         words = ["run", str(rig.robot), "--json", *line, "--log", str(place.folder / "bench.mcap")]
-        return [*child, "segway_ecc.hil.bench.ours", str(samples), *words]
+        return [*module_words("segway_ecc.hil.bench.ours"), str(samples), *words]
     if who is Contestant.USER:
         words = ["--model", str(rig.library), *line, "--period", str(rig.period_ns * 1e-9)]
         words += ["--guard", place.guard, "--samples", str(samples)]
-        return [*child, "segway_ecc.hil.bench.same_settings", *words]
+        return [*module_words("segway_ecc.hil.bench.same_settings"), *words]
     channel = "-" if who is Contestant.BARE else bus.place(bus.channel)
     numbers = (rig.period_ns, round(duration_s * 1e9 / rig.period_ns), place.conditions.priority)
     isolated = place.conditions.isolated
@@ -190,16 +181,3 @@ def _ended(process: subprocess.Popen[bytes], who: Contestant) -> bytes:
         return process.communicate(timeout=_END_S)[0]
     except subprocess.TimeoutExpired as error:
         raise ConfigurationError(f"the program '{who}' does not end") from error
-
-
-@contextlib.contextmanager
-def _process(command: Sequence[str], errors: int) -> Iterator[subprocess.Popen[bytes]]:
-    """A program that has ended when the context is left, whatever happens."""
-    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, env=environment)  # noqa: S603 - our own programs, and no shell reads their words
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()

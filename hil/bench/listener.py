@@ -5,12 +5,12 @@ It takes none of it, so that what is measured beside it is what publishing costs
 """
 
 import contextlib
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from typing import Final
 
+from segway_ecc.hil.processes import module_words
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
@@ -27,7 +27,7 @@ def listening(namespace: str) -> Iterator[None]:
     Raises:
         ConfigurationError: ROS does not start there.
     """
-    words = [sys.executable, "-P", "-m", "segway_ecc.hil.child", str(os.getpid()), __name__, namespace]
+    words = [*module_words(__name__), namespace]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:  # noqa: S603 - our own
         try:
             if process.stdout is None or process.stdout.readline() != b"ready\n":

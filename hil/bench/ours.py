@@ -10,11 +10,14 @@ import time
 from pathlib import Path
 from typing import ClassVar, Final
 
-from segway_ecc.hil.bench.columns import COLUMNS
 from segway_ecc.node.cli.main import main
 from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.verbs import run
 
+COLUMNS: Final = ("deadline", "start", "cpu", "bus", "model", "ros", "cycle")
+"""Of a sample, each ns in a signed 64-bit integer of this machine: when the cycle was due and when it started
+(monotonic), the CPU time that its thread had used by then, the wall time of its parts (0 where it has none, or does not
+measure it), and the wall time of all it did."""
 _sleep_until_ns: Final = RealClock.sleep_until_ns
 _TAKEN: Final = 3
 """Columns of a sample; the others, our loop reports in its own way."""
@@ -24,7 +27,7 @@ class SamplingClock(RealClock):
     """The machine's clock, which keeps a sample each time it has slept.
 
     Attributes:
-        samples: All of them, one after the other, the first columns of `segway_ecc.hil.bench.columns.COLUMNS` each.
+        samples: All of them, one after the other, the first columns of `COLUMNS` each.
     """
 
     samples: "ClassVar[array.array[int]]" = array.array("q")

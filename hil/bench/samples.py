@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from segway_ecc.hil.bench.columns import COLUMNS
+from segway_ecc.hil.bench.ours import COLUMNS
 
 LATE_FRACTION: Final = 0.1
 """A cycle is late that starts more than this part of a period after its deadline, as the loop itself counts."""

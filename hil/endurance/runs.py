@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 from segway_ecc.hil.endurance.endurance import Stretch, drive
 from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.parallel import ignore_interrupt, quiet
+from segway_ecc.hil.parallel import ignore_interrupt, quiet, spawning
 from segway_ecc.hil.progress import OnSeconds
-from segway_ecc.hil.spawning import spawning
 from segway_ecc.node.config import RobotFile
 
 _REPORTED_EVERY_S: Final = 0.5

@@ -11,14 +11,19 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from segway_ecc.hil.bench.claims import Claim, claims
-from segway_ecc.hil.bench.comparison import ComparisonSetup, compare
-from segway_ecc.hil.bench.conditions import held_conditions
+from segway_ecc.hil.bench.comparison import SEARCHED, ComparisonSetup, compare, search
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import SEARCHED, search
-from segway_ecc.hil.bench.rig import choose_bus, missing, own_cache
+from segway_ecc.hil.bench.rig import choose_bus, held_conditions, missing, own_cache
 from segway_ecc.hil.bench.speed import campaign_speed, lock_step, model_step
-from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text
+from segway_ecc.hil.bench.table import (
+    Claim,
+    campaign_text,
+    claims,
+    comparison_text,
+    held_text,
+    lock_step_text,
+    model_text,
+)
 from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Where, measure

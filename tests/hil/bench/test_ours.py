@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 import array
 
-from segway_ecc.hil.bench.columns import COLUMNS
-from segway_ecc.hil.bench.ours import SamplingClock, whole
+from segway_ecc.hil.bench.ours import COLUMNS, SamplingClock, whole
 
 
 def test_a_sample_is_taken_each_time_it_has_slept() -> None:

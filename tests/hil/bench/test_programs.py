@@ -23,9 +23,8 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
 )
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import BenchSite, Contestant, plant, run_contestant
-from segway_ecc.hil.bench.rig import BenchPrograms, Bus, make_rig, own_cache
+from segway_ecc.hil.bench.rig import BenchPrograms, Bus, Conditions, make_rig, own_cache
 from segway_ecc.hil.bench.samples import read_samples
 from segway_ecc.node.errors import ConfigurationError
 

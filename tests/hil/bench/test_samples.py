@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from segway_ecc.hil.bench.columns import COLUMNS
+from segway_ecc.hil.bench.ours import COLUMNS
 from segway_ecc.hil.bench.samples import cycles_of, read_samples, spread
 
 MS = 1_000_000

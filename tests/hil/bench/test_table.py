@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
 from collections.abc import Callable
 
-from segway_ecc.hil.bench.comparison import ProgramResult
+from segway_ecc.hil.bench.comparison import ProgramResult, SustainedRates
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import SustainedRates
 from segway_ecc.hil.bench.samples import Cycles
 from segway_ecc.hil.bench.speed import CampaignSpeed, LockStep
 from segway_ecc.hil.bench.table import campaign_text, comparison_text, held_text, lock_step_text, model_text

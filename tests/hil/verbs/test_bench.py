@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
-from segway_ecc.hil.bench.conditions import Conditions
 from segway_ecc.hil.bench.contestants import Contestant
+from segway_ecc.hil.bench.rig import Conditions
 from segway_ecc.hil.bench.samples import Cycles, Spread
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Latency, Where

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from segway_ecc.hil.bench.claims import Claim, claims
 from segway_ecc.hil.bench.comparison import ProgramResult
 from segway_ecc.hil.bench.contestants import Contestant
+from segway_ecc.hil.bench.table import Claim, claims
 
 Make = Callable[..., ProgramResult]
 

@@ -3,12 +3,10 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from segway_ecc.hil.bench import held
-from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult
-from segway_ecc.hil.bench.conditions import Conditions
+from segway_ecc.hil.bench import comparison
+from segway_ecc.hil.bench.comparison import ComparisonSetup, ProgramResult, SustainedRates, search
 from segway_ecc.hil.bench.contestants import Contestant
-from segway_ecc.hil.bench.held import SustainedRates, search
-from segway_ecc.hil.bench.rig import Bus
+from segway_ecc.hil.bench.rig import Bus, Conditions
 from segway_ecc.hil.bench.samples import Cycles
 from segway_ecc.hil.process_usage import Memory
 
@@ -47,7 +45,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, cycles: Make) -> list[tuple[float, tup
             for one in who
         }
 
-    monkeypatch.setattr(held, "compare", compare)
+    monkeypatch.setattr(comparison, "compare", compare)
     return made
 
 
