@@ -13,7 +13,7 @@ from segway_ecc.hil.bench.rig import own_cache
 from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.case_study.can import LockstepCanSeat
-from segway_ecc.hil.case_study.offline import SUBMODEL_CART
+from segway_ecc.hil.case_study.seats import SUBMODEL_CART
 from segway_ecc.hil.endurance.endurance import drive
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.clock import RealClock

@@ -40,7 +40,7 @@ class RealTimeCanSeat:
     def __init__(
         self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
     ) -> None:
-        """SeatRun a robot; keep messages in `folder` and logs in `logs`.
+        """Run a robot; keep messages in `folder` and logs in `logs`.
 
         Args:
             folder: Where messages go.
@@ -85,7 +85,7 @@ class LockstepCanSeat:
     jobs = 1
 
     def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
-        """SeatRun a robot.
+        """Run a robot.
 
         Args:
             logs: Where the logs of its runs go; None for none.

@@ -7,8 +7,17 @@ from html import escape
 from typing import TypeVar
 
 from segway_ecc.hil.case_study import figures
-from segway_ecc.hil.case_study.study import Cell, Seat, Study, difference, worst_difference, worst_thesis_difference
-from segway_ecc.hil.case_study.table import NOT_RUN, difference_text, worst_text
+from segway_ecc.hil.case_study.study import (
+    NOT_RUN,
+    Cell,
+    Seat,
+    Study,
+    difference,
+    difference_text,
+    worst_difference,
+    worst_text,
+    worst_thesis_difference,
+)
 from segway_ecc.hil.page import figure, page, pairs, section, wide
 
 _T = TypeVar("_T")

@@ -1,13 +1,45 @@
 # SPDX-License-Identifier: MIT
-"""The seats of the case study: a seat is an environment that runs the model and returns where the cart went."""
+"""The seats of the case study, offline and behind ROS, and its conduct; see `segway_ecc.hil.case_study.can` for CAN's.
 
-from collections.abc import Sequence
+A seat is an environment that runs the model and returns where the cart went.
+"""
+
+import csv
+import dataclasses
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Final, NamedTuple, Protocol
 
-from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre
+import msgspec
+
+import segway_ecc.node.models
+from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Study, Trajectory, thesis_cells
+from segway_ecc.hil.errors import RigError
+from segway_ecc.hil.processes import command, own_ros_domain
+from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.node.errors import NodeError
+from segway_ecc.node.models.load import load_model
+from segway_ecc.node.recording.mcap_log import McapLog
+from segway_ecc.node.ros.runtime import require_ros
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 from segway_ecc.node.sequence.player import Odometry
+
+OnProgress = Callable[[Seat, int, int], None]
+"""Called with the seat, how many of its runs are done, and how many there are."""
+
+DURATION_S: Final = 10.0
+TURN: Final = "turn"
+_TURN_MANOEUVRE: Final = Manoeuvre(
+    segments=(
+        Segment(linear=1.0, angular=0.5, duration=DURATION_S),
+        Segment(linear=1.0, angular=-0.5, duration=DURATION_S),
+    )
+)
+_OUTPUTS: Final = ("X", "Y", "Heading", "LinearVelocity", "AngularVelocity")
+_MARGIN_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +91,149 @@ def trajectory(seat: Seat, points: Sequence[Odometry]) -> Trajectory:
         linear_velocity=[p.linear_velocity for p in points],
         angular_velocity=[p.angular_velocity for p in points],
     )
+
+
+class Cart(NamedTuple):
+    """A model of the cart: what `load_model` takes, and the names of its two set-point states."""
+
+    source: str
+    linear: str
+    angular: str
+
+
+PYTHON_CART: Final = Cart("segway_ecc.node.models.cart:Cart", "LinearSetpoint", "AngularSetpoint")
+SUBMODEL_CART: Final = Cart(
+    str(Path(segway_ecc.node.models.__file__).with_name("cart_submodel")),
+    r"Setpoints\LinearSetpoint",
+    r"Setpoints\AngularSetpoint",
+)
+
+
+def has_compiler() -> bool:
+    """Whether this machine can compile a C submodel."""
+    return shutil.which("gcc") is not None
+
+
+class OfflineSeat:
+    """No clock, no bus, no ROS: what every other seat is compared with."""
+
+    jobs = 1
+
+    def __init__(self, logs: Path, seat: Seat = Seat.OFFLINE, cart: Cart = PYTHON_CART) -> None:
+        """Keep the logs of the runs in a folder; `cart` is the model that sits in the seat."""
+        self.seat = seat
+        self._logs = logs
+        self._cart = cart
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
+        """Step the cart through a manoeuvre; see `SeatRunner.run`."""
+        model = load_model(self._cart.source)
+        names = [v.name for v in model.outputs]
+        indices = [names.index(output) for output in _OUTPUTS]
+        period_ns = round(model.step_size * NS_PER_S)
+        y = model.initialize(())
+        points: list[Odometry] = []
+        for segment in manoeuvre.segments:
+            model.write(self._cart.linear, segment.linear)
+            model.write(self._cart.angular, segment.angular)
+            for _ in range(round(segment.duration / model.step_size)):
+                points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
+                y = model.step(())
+        points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
+        with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
+            for point in points:
+                log.odometry("/odom", *point)
+                log.point("/position", point.stamp_ns, point.x, point.y, 0.0)
+                log.float64("/linear_velocity", point.stamp_ns, point.linear_velocity)
+                log.float64("/angular_velocity", point.stamp_ns, point.angular_velocity)
+        return SeatRun(trajectory(self.seat, points))
+
+
+class RosSeat:
+    """Set-points and odometry cross DDS; each run lives in a namespace of its own."""
+
+    seat = Seat.ROS
+    jobs = 7
+
+    def __init__(self, folder: Path, logs: Path) -> None:
+        """Keep messages in `folder` and logs in `logs`.
+
+        Raises:
+            RosUnavailableError: ROS is not there.
+        """
+        require_ros()
+        self._folder = folder
+        self._logs = logs
+        # A study must not exchange messages with a real robot: it stays on this machine and in a domain of its own.
+        self._environment = own_ros_domain() | {"ROS_LOG_DIR": str(folder / "ros")}
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
+        """Play a manoeuvre through ROS; see `SeatRunner.run`."""
+        namespace = f"/{name}"
+        file, odometry = self._folder / f"ros_{name}.yaml", self._folder / f"ros_{name}.csv"
+        file.write_bytes(msgspec.yaml.encode(manoeuvre))
+        node = ["run", "cart", "--ros", "--namespace", namespace, "--log", str(self._logs / f"ros_{name}.mcap")]
+        sequence = ["sequence", str(file), "--namespace", namespace, "--json", "--csv", str(odometry), "--wait", "60"]
+        with (
+            command(node, self._folder / f"ros_{name}.node.txt", self._environment),
+            command(sequence, self._folder / f"ros_{name}.sequence.txt", self._environment) as player,
+        ):
+            result = player.result(manoeuvre.duration_ns * 1e-9 + 2 * _MARGIN_S)
+        graph = tuple(Edge(**edge) for edge in result["graph"])
+        with odometry.open(newline="", encoding="utf-8") as lines:
+            rows = csv.reader(lines)
+            next(rows)
+            points = [Odometry(int(stamp_ns), *map(float, values)) for stamp_ns, *values in rows]
+        return SeatRun(trajectory(Seat.ROS, points), graph)
+
+
+def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress: OnProgress) -> Study:
+    """Run the twelve cells and the turn in each seat.
+
+    Raises:
+        NodeError, RigError: A run failed; the first failure ends the study.
+    """
+    cells = thesis_cells()
+    runs = {runner.seat: _run_seat(runner, cells, on_progress) for runner in runners}
+    turns = [of_seat[TURN].trajectory for of_seat in runs.values()]
+    graphs = [of_seat[TURN].graph for of_seat in runs.values()]
+    ends = [{seat: of_seat[cell_name(cell)].position for seat, of_seat in runs.items()} for cell in cells]
+    return Study(
+        cells=[dataclasses.replace(cell, positions=at) for cell, at in zip(cells, ends, strict=True)],
+        seats=list(runs),
+        velocities=[_first(turn, DURATION_S) for turn in turns],
+        turn=turns,
+        graph=next((graph for graph in graphs if graph), ()),
+        facts=facts,
+    )
+
+
+def cell_name(cell: Cell) -> str:
+    """A name for the cell's run."""
+    return f"linear_{cell.linear:g}_angular_{cell.angular:g}"
+
+
+def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, SeatRun]:
+    # The longest first, so that it does not run alone at the end.
+    manoeuvres = {TURN: _TURN_MANOEUVRE}
+    manoeuvres |= {cell_name(cell): single_segment(cell.linear, cell.angular, DURATION_S) for cell in cells}
+    on_progress(runner.seat, 0, len(manoeuvres))
+    runs: dict[str, SeatRun] = {}
+    with ThreadPoolExecutor(runner.jobs) as pool:
+        futures = {pool.submit(runner.run, name, manoeuvre): name for name, manoeuvre in manoeuvres.items()}
+        try:
+            for future in as_completed(futures):
+                runs[futures[future]] = future.result()
+                on_progress(runner.seat, len(runs), len(futures))
+        except (NodeError, RigError):
+            for future in futures:
+                future.cancel()
+            raise
+    return runs
+
+
+def _first(whole: Trajectory, duration_s: float) -> Trajectory:
+    """The beginning of a trajectory."""
+    count = sum(time <= duration_s for time in whole.time)
+    fields = (field.name for field in dataclasses.fields(whole) if field.name != "seat")
+    return dataclasses.replace(whole, **{name: getattr(whole, name)[:count] for name in fields})

@@ -15,7 +15,7 @@ from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import can_link, make_link, takes_serial, with_port
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.can import read_truth, resample
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
 from segway_ecc.node.config import NoHardwareSection, RobotFile

@@ -21,9 +21,8 @@ from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.growth.cost import Axis, Point, together
 from segway_ecc.hil.growth.robot import RobotCost
 from segway_ecc.hil.processes import Command, command, own_ros_domain
-from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.messages import RosObject, message_type
 from segway_ecc.node.ros.runtime import ros_node
-from segway_ecc.node.ros.messages import RosObject
 
 ROBOT: Final = "cart"
 """All of it is model: no bus, and no plant in another process that would take its part of the processors."""

@@ -8,10 +8,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.hil.play.channel import LoopEnd, Snapshot
-from segway_ecc.hil.play.keys import Key
-from segway_ecc.hil.play.posture import Posture
-from segway_ecc.hil.play.rig import PlantControls
+from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot
+from segway_ecc.hil.play.controls import PlantControls, Posture
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus

@@ -21,9 +21,8 @@ from segway_ecc.hil.processes import command, own_ros_domain
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.soak.watching import LOG, Watching, helpers_of
 from segway_ecc.node.recording.log_quota import MB
-from segway_ecc.node.ros.messages import message_type, newest_only
+from segway_ecc.node.ros.messages import RosObject, message_type, newest_only
 from segway_ecc.node.ros.runtime import ros_node
-from segway_ecc.node.ros.messages import RosObject
 
 _SETTLE_S: Final = 3.0
 _END_S: Final = 60.0

@@ -11,12 +11,8 @@ from pathlib import Path
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.hil.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSeat
-from segway_ecc.hil.case_study.conduct import conduct
-from segway_ecc.hil.case_study.offline import SUBMODEL_CART, OfflineSeat, has_compiler
-from segway_ecc.hil.case_study.ros import RosSeat
-from segway_ecc.hil.case_study.seats import SeatRunner
-from segway_ecc.hil.case_study.study import Seat, Study
-from segway_ecc.hil.case_study.table import table
+from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat, RosSeat, SeatRunner, conduct, has_compiler
+from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import simulated_bus
 from segway_ecc.hil.verbs.report_folder import has_figures, writing_to

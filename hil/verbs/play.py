@@ -17,7 +17,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.hil.play.channel import LoopEnd, channel
-from segway_ecc.hil.play.rig import FORCE, PlantControls
+from segway_ecc.hil.play.controls import FORCE, PlantControls
 from segway_ecc.hil.play.stage import PlayStage
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.rig.simulation import simulated_plant

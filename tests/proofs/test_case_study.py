@@ -10,10 +10,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.case_study.can import RealTimeCanSeat
-from segway_ecc.hil.case_study.conduct import conduct
-from segway_ecc.hil.case_study.offline import OfflineSeat
-from segway_ecc.hil.case_study.ros import RosSeat
-from segway_ecc.hil.case_study.seats import SeatRunner
+from segway_ecc.hil.case_study.seats import OfflineSeat, RosSeat, SeatRunner, conduct
 from segway_ecc.hil.case_study.study import Seat, Study, worst_difference
 
 pytestmark = pytest.mark.proof

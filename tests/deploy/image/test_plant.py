@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.case_study.conduct import conduct
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat, conduct
 from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.robot import Robot, SwitchOn
 

@@ -7,7 +7,7 @@ import pytest
 
 from segway_ecc.hil.case_study import can as can_seat
 from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.case_study.study import Seat, Trajectory
 from segway_ecc.hil.processes import ProcessFailedError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.case_study.can import LockstepCanSeat
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot

@@ -10,7 +10,7 @@ from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 from segway_ecc.firmware_io.drives.odrive.frames import Firmware
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.hil.case_study.can import LockstepCanSeat
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
 from segway_ecc.hil.plants.cart import CartTorquePlant
 from segway_ecc.hil.rig.lockstep import LockstepRig

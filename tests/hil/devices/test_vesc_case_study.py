@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.case_study.can import LockstepCanSeat
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from segway_ecc.hil.play.channel import LoopEnd, Snapshot, TerminalEnd, channel
-from segway_ecc.hil.play.keys import Key
+from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot, TerminalEnd, channel
 
 SNAPSHOT = Snapshot(
     robot="cart",

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from segway_ecc.hil.play.channel import LoopEnd, Snapshot, TerminalEnd, channel
-from segway_ecc.hil.play.keys import Key
-from segway_ecc.hil.play.rig import PlantControls
+from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot, TerminalEnd, channel
+from segway_ecc.hil.play.controls import PlantControls
 from segway_ecc.hil.play.stage import PlayStage
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, SetValue, StampedSetpoint

@@ -18,7 +18,7 @@ from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.can_ports import make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
 BITRATE = 500_000

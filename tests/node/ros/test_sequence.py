@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.case_study.offline import OfflineSeat
+from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.case_study.study import Trajectory
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.case_study.offline import SUBMODEL_CART, OfflineSeat
+from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat
 from segway_ecc.hil.case_study.study import Cell, Seat, difference, thesis_cells
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 

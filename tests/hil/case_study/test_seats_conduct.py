@@ -7,8 +7,7 @@ from typing import Self
 
 import pytest
 
-from segway_ecc.hil.case_study.conduct import DURATION_S, TURN, cell_name, conduct
-from segway_ecc.hil.case_study.seats import SeatRun
+from segway_ecc.hil.case_study.seats import DURATION_S, TURN, SeatRun, cell_name, conduct
 from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory, thesis_cells
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
@@ -131,7 +130,7 @@ class OnlyFirstRuns:
 
 
 def test_after_a_failure_what_waits_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("segway_ecc.hil.case_study.conduct.ThreadPoolExecutor", OnlyFirstRuns)
+    monkeypatch.setattr("segway_ecc.hil.case_study.seats.ThreadPoolExecutor", OnlyFirstRuns)
     with pytest.raises(NodeError, match=r"^it broke$"):
         conduct([PretendSeat(Seat.OFFLINE)], {}, no_progress)
 

@@ -7,7 +7,7 @@ import msgspec
 from rich.console import Console
 
 from segway_ecc.hil.play.channel import Snapshot
-from segway_ecc.hil.play.view import picture
+from segway_ecc.hil.play.terminal import picture
 
 WELL = Snapshot(
     robot="segway",

@@ -8,11 +8,13 @@ from segway_ecc.hil.case_study.study import (
     Cell,
     Seat,
     difference,
+    difference_text,
+    table,
     thesis_cells,
     worst_difference,
+    worst_text,
     worst_thesis_difference,
 )
-from segway_ecc.hil.case_study.table import difference_text, table, worst_text
 
 
 def _cells(*seats: Seat, shift: float = 0.0123) -> list[Cell]:
@@ -84,5 +86,5 @@ def test_without_cells_or_seats_there_is_still_a_heading() -> None:
 
 
 def test_needs_no_matplotlib() -> None:
-    code = "import sys, segway_ecc.hil.case_study.table; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, segway_ecc.hil.case_study.study; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -3,7 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.play.keys import Key, keys_in
+from segway_ecc.hil.play.channel import Key, keys_in
 
 
 @pytest.mark.parametrize(
