@@ -3,9 +3,11 @@
 
 from typing import Final
 
-from segway_ecc.node.cli.verb import Section, Verb
+from segway_ecc.node.cli.verb import Section, Verb, list_verbs
 
-_VERBS: Final = (
+_ROWS: Final = (
+    ("station", "serve", "the base station", Section.OPERATION),
+    ("deploy", "push HOST", "versions on a robot, images, and checks of machine and robot file", Section.OPERATION),
     ("log bundle", "", "what a maintainer needs to find a fault, in one zip", "support-bundle"),
     ("log archive", "segway", "serve a robot's logs and support bundles over ROS 2", "archive"),
     ("station serve", "", "a page in the browser that shows and commands every robot on the ROS network", "supervise"),
@@ -17,15 +19,8 @@ _VERBS: Final = (
     ("deploy doctor", "segway", "whether this machine is fit to run the robot, and how to fix what is not", "doctor"),
     ("deploy image", "FOLDER", "build an image for the robot from Debian packages and this software", "image"),
 )
-"""Each with the arguments of its example, and its name in version 0.1 where that was another."""
-_INSTALLED: Final = "install the station on this machine: service, tokens, discovery, firewall"
-_DEPLOYED: Final = "versions on a robot, images, and checks of machine and robot file"
+_INSTALL: Final = "install the station on this machine: service, tokens, discovery, firewall"
 VERBS: Final = (
-    Verb("station", "the base station", "segway-ecc station serve", None, Section.OPERATION),
-    Verb("deploy", _DEPLOYED, "segway-ecc deploy push HOST", None, Section.OPERATION),
-    *(
-        Verb(name, summary, f"segway-ecc {name} {words}".rstrip(), __name__, formerly=formerly)
-        for name, words, summary, formerly in _VERBS
-    ),
-    Verb("station install", _INSTALLED, "sudo segway-ecc station install", __name__, formerly="base-station"),
+    *list_verbs(__name__, _ROWS),
+    Verb("station install", _INSTALL, "sudo segway-ecc station install", __name__, formerly="base-station"),
 )

@@ -2,6 +2,7 @@
 """What the command line knows of a verb before it is used; each room lists its own in `verbs/__init__.py`."""
 
 import enum
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -43,3 +44,20 @@ class Verb:
     def module(self) -> str:
         """The module that implements it."""
         return f"{self.package}.{self.name.replace(' ', '_').replace('-', '_')}"
+
+
+def list_verbs(package: str, rows: Iterable[tuple[str, str, str, Section | str]]) -> tuple[Verb, ...]:
+    """The verbs of a package; one with others below it is a group.
+
+    Args:
+        package: Where their modules are.
+        rows: Of each its name, the arguments of its example and its summary; then the section of one at the top, and of
+            one in a group its name in version 0.1, empty where it had none or the same.
+    """
+    rows = tuple(rows)
+    groups = {name.partition(" ")[0] for name, *_ in rows if " " in name}
+    return tuple(
+        Verb(name, summary, f"segway-ecc {name} {words}".rstrip(), None if name in groups else package, section, was)
+        for name, words, summary, where in rows
+        for section, was in [(where, "") if isinstance(where, Section) else (None, where)]
+    )
