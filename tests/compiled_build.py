@@ -16,11 +16,11 @@ from segway_ecc.firmware_io.devices import Readings
 from segway_ecc.firmware_io.drives.wheel_board.frames import Wheel
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.value import Value
-from segway_ecc.hil.plants.segway_sensors import Encoder
+from segway_ecc.hil.plants.segway_hardware import Encoder
 from segway_ecc.node.cycle import cycle
 from segway_ecc.node.models.segway_estimate import Estimate
+from segway_ecc.node.models.segway_law import PhaseProgress
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import PhaseProgress
 from segway_ecc.node.safety.limiter import limit, not_finite
 from tests.compiled_modules import COMPILED
 

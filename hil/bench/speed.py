@@ -3,6 +3,8 @@
 
 import os
 import statistics
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +19,8 @@ from segway_ecc.hil.case_study.seats import SUBMODEL_CART
 from segway_ecc.hil.endurance.endurance import drive
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.native.cost import step_cost
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.compile import compile_c
 from segway_ecc.node.native.library import NativeModel
 from segway_ecc.node.native.load import load_native
 from segway_ecc.node.robot import build_robot
@@ -124,3 +127,35 @@ def _timed_load() -> tuple[float, NativeModel]:
     began_s = time.perf_counter()
     model = load_native(Path(SUBMODEL_CART.source))
     return time.perf_counter() - began_s, model
+
+
+_STEPS: Final = 20_000
+
+
+def step_cost(model: NativeModel) -> dict[str, float]:
+    """Measure a step through our interface and called from C, of a model whose library stands alone.
+
+    Returns:
+        `through_our_interface_s` and `native_s`: medians over many steps, each with the cost of reading the clock, s.
+
+    Raises:
+        ModelError: The C side cannot be compiled or run.
+    """
+    u = [v.value for v in model.inputs]
+    model.initialize(u)
+    durations = []
+    for _ in range(_STEPS):
+        start = time.perf_counter_ns()
+        model.step(u)
+        durations.append(time.perf_counter_ns() - start)
+    source = Path(__file__).with_name("native_cost.c").read_bytes()
+    with tempfile.TemporaryDirectory(prefix="segway-ecc-cost-") as name:
+        program = str(Path(name) / "native_cost")
+        compile_c(["-O2", "-x", "c", "-", "-o", program, "-ldl"], "native_cost.c", source)
+        ports = (str(len(model.inputs)), str(len(model.outputs)), str(_STEPS))
+        try:
+            words = [program, str(model.library_path), *ports]
+            native_ns = int(subprocess.check_output(words, stderr=subprocess.DEVNULL))  # noqa: S603 - our own program
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise ModelError(f"cannot measure model '{model.name}' from C: {error}") from error
+    return {"through_our_interface_s": statistics.median(durations) * 1e-9, "native_s": native_ns * 1e-9}

@@ -19,7 +19,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoS
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.model.model import Model
-from segway_ecc.node.models.segway_phases import Phase
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.robot import build_robot
 
 

@@ -8,8 +8,8 @@ from typing import Final
 
 from segway_ecc.hil.design.balance import Balance
 from segway_ecc.node.config import RobotFile
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED, SegwayParameters
-from segway_ecc.node.models.segway_phases import Phase
 
 PUSH_S: Final = 0.1
 """How long a shove lasts."""

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.safety.modes import Mode
 
 FALLEN_RAD: Final = 0.9 * PUBLISHED.stop_angle

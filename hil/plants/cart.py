@@ -3,15 +3,33 @@
 
 The equations are those of `segway_ecc.node.models.cart`, where they are derived; the frames are its frames.
 The IMU sits in the middle of the axle: it measures the yaw rate, and as specific force (REP-145) what speeds the cart
-up, what keeps it on its curve, and the floor that carries it.
+up, what keeps it on its curve, and the floor that carries it. The outputs are those of every two-wheeled plant.
 """
 
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.models.cart import POSE_STATES, WHEEL_PARAMETERS, WHEEL_STATES, CartBody
+
+WHEEL_OUTPUTS: Final = tuple(
+    Variable(f"{side}.{name}", unit)
+    for side in ("left", "right")
+    for name, unit in (("angle", "rad"), ("velocity", "rad/s"))
+)
+IMU_OUTPUTS: Final = tuple(
+    Variable(f"imu.{name}_{axis}", unit)
+    for name, unit in (("angular_velocity", "rad/s"), ("linear_acceleration", "m/s2"))
+    for axis in "xyz"
+)
+POSE_OUTPUTS: Final = (
+    Variable("truth.x", "m"),
+    Variable("truth.y", "m"),
+    Variable("truth.heading", "rad"),
+    Variable("truth.linear_velocity", "m/s"),
+    Variable("truth.angular_velocity", "rad/s"),
+)
+
 
 STEP_SIZE: Final = 0.005
 STANDARD_GRAVITY: Final = 9.80665

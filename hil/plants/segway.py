@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The segway as a plant: a body that balances on two wheels, behind drives of torque or of voltage.
 
-The equations of motion, and what they leave out, are in `segway_ecc.hil.plants.segway_body`; motors and battery in
-`segway_ecc.hil.plants.segway_motors`; encoders and IMU in `segway_ecc.hil.plants.segway_sensors`; the numbers in
+The equations of motion, and what they leave out, are in `segway_ecc.hil.plants.segway_body`; motors,
+battery, encoders and IMU in `segway_ecc.hil.plants.segway_hardware`; the numbers in
 `segway_ecc.node.models.segway_parameters`. It starts at rest at the pitch `InitialPitch`; exactly upright and without
 torque it stays there, at anything else it falls, until it lies on a bumper.
 """
@@ -12,10 +12,19 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from segway_ecc.hil.plants.outputs import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
+from segway_ecc.hil.plants.cart import IMU_OUTPUTS, POSE_OUTPUTS, WHEEL_OUTPUTS
 from segway_ecc.hil.plants.segway_body import SegwayBody
-from segway_ecc.hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
-from segway_ecc.hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
+from segway_ecc.hil.plants.segway_hardware import (
+    MOST_STEPS,
+    Battery,
+    Encoder,
+    Imu,
+    ImuErrors,
+    Motion,
+    TorqueMotor,
+    VoltageMotor,
+    measured_motion,
+)
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
@@ -25,16 +34,14 @@ _MOST_STIFF: Final = 1.0
 """How much of its way to rest friction may go in one substep: the method is stable up to 2.8, and exact far below."""
 
 _TYPICAL: Final = ImuErrors()
-_SENSOR_PARAMETERS: Final = (
-    Variable("SensorErrors", "1", 1.0),
-    Variable("Seed", "1", 1.0),
+# In the order of the fields of ImuErrors.
+_IMU_ERRORS: Final = (
     Variable("GyroNoise", "rad/s/sqrt(Hz)", _TYPICAL.gyro_noise),
     Variable("GyroBias", "rad/s", _TYPICAL.gyro_bias),
     Variable("GyroScale", "1", _TYPICAL.gyro_scale),
     Variable("AccelerometerNoise", "m/s2/sqrt(Hz)", _TYPICAL.accelerometer_noise),
     Variable("AccelerometerBias", "m/s2", _TYPICAL.accelerometer_bias),
     Variable("AccelerometerScale", "1", _TYPICAL.accelerometer_scale),
-    Variable("ImuLatency", "s", _TYPICAL.latency),
 )
 _PARAMETERS: Final = tuple(
     dataclasses.replace(variable, write=Write.RESET)
@@ -42,7 +49,10 @@ _PARAMETERS: Final = tuple(
         *VARIABLES,
         Variable("InitialPitch", "rad"),
         Variable("PayloadHeight", "m", 0.5),
-        *_SENSOR_PARAMETERS,
+        Variable("SensorErrors", "1", 1.0),
+        Variable("Seed", "1", 1.0),
+        *_IMU_ERRORS,
+        Variable("ImuLatency", "s", _TYPICAL.latency),
     )
 )
 _OUTPUTS: Final = (
@@ -97,19 +107,9 @@ class _Segway(SectionedModel):
         left, right = self.body.wheel_angles()
         self._left_encoder, self._right_encoder = Encoder(p, STEP_SIZE, left), Encoder(p, STEP_SIZE, right)
         self._imu_sample = motion = self._motion()
-        self._imu = Imu(self._imu_errors(share), STEP_SIZE, int(self.p["Seed"]), motion) if share else None
-
-    def _imu_errors(self, share: float) -> ImuErrors:
-        p = self.p
-        return ImuErrors(
-            gyro_noise=share * p["GyroNoise"],
-            gyro_bias=share * p["GyroBias"],
-            gyro_scale=share * p["GyroScale"],
-            accelerometer_noise=share * p["AccelerometerNoise"],
-            accelerometer_bias=share * p["AccelerometerBias"],
-            accelerometer_scale=share * p["AccelerometerScale"],
-            latency=p["ImuLatency"],
-        )
+        errors = ImuErrors(*(share * self.p[variable.name] for variable in _IMU_ERRORS))
+        errors = dataclasses.replace(errors, latency=self.p["ImuLatency"])
+        self._imu = Imu(errors, STEP_SIZE, int(self.p["Seed"]), motion) if share else None
 
     def input(self, u: Sequence[float]) -> None:
         """Take the commands of the drives, N m or V."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from segway_ecc.node.cycle.interfaces import SetValue
-from segway_ecc.node.models.segway_phases import Phase
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.robot import Robot
 
 PUSH_N: Final = 50.0
@@ -74,7 +74,7 @@ class PlantControls:
 
 
 class Posture:
-    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_phases`.
+    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_law`.
 
     Attributes:
         can_change: Whether the robot is one that stands up and sits down.

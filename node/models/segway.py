@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The controller of a segway: a body on two wheels that it keeps upright, still or on its way.
 
-In each step it estimates how the robot leans and moves (`segway_estimate`), decides what it is doing (`segway_phases`)
+In each step it estimates how the robot leans and moves (`segway_estimate`), decides what it is doing
 and works out the torques that follow (`segway_law`). Its gains are parameters: `segway-ecc design gains` finds them.
 Frames are those of REP-103; pitch is positive when the body leans forward.
 """
@@ -15,9 +15,8 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.segway_estimate import Estimate, Estimator, SegwayMeasurement, within
-from segway_ecc.node.models.segway_law import Law, Motion, Torques, stopped, torques
+from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, PhaseRules, Torques, stopped, torques
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import Phase, PhaseProgress, PhaseRules
 
 STEP_SIZE: Final = 0.005
 

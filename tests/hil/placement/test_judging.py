@@ -8,7 +8,7 @@ import pytest
 from segway_ecc.hil.campaign.watch import Change
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.placement.judging import RunOutcome, RunRecord, errors, outcome_of, reason_of, story
-from segway_ecc.node.models.segway_phases import Phase
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.safety.modes import Mode
 
 S = 1_000_000_000

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.mujoco
 
 STEPS_EACH = 5
 # Where it turns, MuJoCo's contacts give way sideways and the body rolls a little on them, half a metre below the IMU.
-# That ours are the accelerations of its own path is shown in test_segway_sensors.py.
+# That ours are the accelerations of its own path is shown in test_segway_hardware_sensors.py.
 ROLLING = (0.6, 2.0, 0.8)
 P = PUBLISHED
 IDEAL = {

@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.hil.plants.segway import STEP_SIZE, SegwayPlant, SegwayTorquePlant
 from segway_ecc.hil.plants.segway_body import SegwayBody
-from segway_ecc.hil.plants.segway_motors import Battery, TorqueMotor, VoltageMotor
+from segway_ecc.hil.plants.segway_hardware import Battery, TorqueMotor, VoltageMotor
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 STEPS: Final = 5

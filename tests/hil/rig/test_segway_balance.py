@@ -6,8 +6,8 @@ from msgspec import structs
 
 from segway_ecc.hil.design.balance import Balance, Truth
 from segway_ecc.node.config import load_robot
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.models.segway_parameters import PUBLISHED
-from segway_ecc.node.models.segway_phases import Phase
 from segway_ecc.node.safety.modes import Mode
 
 STOP = PUBLISHED.stop_angle

@@ -11,7 +11,7 @@ from segway_ecc.hil.verbs.design_gains import designed
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.models.segway import STEP_SIZE, SegwayController, SegwayVoltageController
-from segway_ecc.node.models.segway_phases import Phase
+from segway_ecc.node.models.segway_law import Phase
 
 G = 9.80665
 GAINS = load_robot("segway").model.parameters

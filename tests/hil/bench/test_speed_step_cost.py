@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 import segway_ecc.node.models
+from segway_ecc.hil.bench.speed import step_cost
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.cost import step_cost
 from segway_ecc.node.native.load import load_native
 
 CART = Path(segway_ecc.node.models.__file__).with_name("cart_submodel")

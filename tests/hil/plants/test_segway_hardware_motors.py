@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from segway_ecc.hil.plants.segway_motors import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
+from segway_ecc.hil.plants.segway_hardware import MOST_STEPS, Battery, TorqueMotor, VoltageMotor
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Sequence
 import pytest
 
 from segway_ecc.hil.plants.segway_body import SegwayBody
-from segway_ecc.hil.plants.segway_motors import MOST_STEPS
-from segway_ecc.hil.plants.segway_sensors import Encoder, Imu, ImuErrors, Motion, measured_motion
+from segway_ecc.hil.plants.segway_hardware import MOST_STEPS, Encoder, Imu, ImuErrors, Motion, measured_motion
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
