@@ -12,11 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan
-from segway_ecc.deploy.station.installer.machine import USER, TargetMachine
-from segway_ecc.deploy.station.installer.remove import remove
+from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan, remove
+from segway_ecc.deploy.station.installer.machine import ACCESS, USER, TargetMachine, has_tokens, is_the_service_s
 from segway_ecc.deploy.station.installer.settings import DISCOVERY, InstallSettings
-from segway_ecc.deploy.station.installer.tokens import ACCESS, has_tokens, is_the_service_s
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.site_address import SiteAddress, url
 from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens

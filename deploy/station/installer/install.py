@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Makes a machine a base station; doing it again changes what is different, and nothing else."""
+"""Makes a machine a base station, and takes one away; doing it again changes what is different, and nothing else."""
 
+import contextlib
 import os
 import shutil
 from collections.abc import Callable, Mapping
@@ -8,13 +9,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.station.installer.checks import check_files, check_machine, check_place, check_rules
-from segway_ecc.deploy.station.installer.health import wait_until_healthy
-from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine
-from segway_ecc.deploy.station.installer.program import check_environment, command_for, ros_variables
-from segway_ecc.deploy.station.installer.rendering import FIREWALL, PENDING, RULES, STATION, SYSUSERS, UNITS, files
-from segway_ecc.deploy.station.installer.settings import InstallSettings, check
-from segway_ecc.deploy.station.installer.tokens import make_tokens
+from segway_ecc.deploy.station.installer.checks import (
+    check_environment,
+    check_files,
+    check_machine,
+    check_place,
+    check_rules,
+    command_for,
+    ros_variables,
+    wait_until_healthy,
+)
+from segway_ecc.deploy.station.installer.machine import ACCESS, Owner, TargetMachine, delete_tokens, make_tokens
+from segway_ecc.deploy.station.installer.settings import (
+    ALL_FILES,
+    ENVIRONMENT,
+    FIREWALL,
+    PENDING,
+    RULES,
+    STATION,
+    SYSUSERS,
+    UNITS,
+    InstallSettings,
+    check,
+    files,
+)
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.node.errors import NodeError
 
@@ -135,3 +153,28 @@ def _starting(made: Plan, *, is_changed: bool) -> list[list[str]]:
     verbs = {FIREWALL: "reload-or-restart", STATION: "restart"} if is_changed else {}
     starting = [["systemctl", verbs.get(unit, "start"), unit] for unit in made.units]
     return [["systemctl", "--quiet", "enable", *made.units], *starting]
+
+
+def remove(machine: TargetMachine) -> list[str]:
+    """Stop the service and delete its files, but for its logs.
+
+    The user stays: the logs are its own, and the number must not become somebody else's.
+
+    Returns:
+        The files that were deleted.
+
+    Raises:
+        NodeError: Something could not be stopped or deleted.
+    """
+    if machine.is_live:
+        for unit in (STATION, FIREWALL):
+            if machine.path(f"{UNITS}/{unit}").exists():
+                machine.run(["systemctl", "--quiet", "disable", "--now", unit])
+    gone = [ACCESS] if delete_tokens(machine) else []
+    links = [f"{_WANTED}/{unit}" for unit in (STATION, FIREWALL)]
+    gone += [name for name in (*links, *ALL_FILES) if machine.delete(name)]
+    with contextlib.suppress(OSError):  # where something else of ours is in it
+        machine.path(ENVIRONMENT).parent.rmdir()
+    if machine.is_live:
+        machine.run(["systemctl", "daemon-reload"])
+    return gone

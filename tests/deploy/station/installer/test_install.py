@@ -10,8 +10,15 @@ import pytest
 from segway_ecc.deploy.station.installer.checks import check_rules
 from segway_ecc.deploy.station.installer.install import Plan, commands, install, plan
 from segway_ecc.deploy.station.installer.machine import TargetMachine
-from segway_ecc.deploy.station.installer.rendering import ENVIRONMENT, FIREWALL, RULES, STATION, SYSUSERS, UNITS
-from segway_ecc.deploy.station.installer.settings import InstallSettings
+from segway_ecc.deploy.station.installer.settings import (
+    ENVIRONMENT,
+    FIREWALL,
+    RULES,
+    STATION,
+    SYSUSERS,
+    UNITS,
+    InstallSettings,
+)
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.site_address import bind
 from segway_ecc.node.errors import ConfigurationError, NodeError

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.station.installer.health import wait_until_healthy
+from segway_ecc.deploy.station.installer.checks import wait_until_healthy
 from segway_ecc.deploy.station.web.site_address import bind
 from tests.deploy.station.installer.conftest import Fake, Outcome
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc import deploy
-from segway_ecc.deploy.station.installer.rendering import (
+from segway_ecc.deploy.station.installer.settings import (
     ALL_FILES,
     ENVIRONMENT,
     FIREWALL,
@@ -16,9 +16,9 @@ from segway_ecc.deploy.station.installer.rendering import (
     STATION,
     SYSUSERS,
     UNITS,
+    InstallSettings,
     files,
 )
-from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.node.errors import ConfigurationError
 from tests.deploy.station.installer.conftest import COMMAND
 
@@ -89,7 +89,7 @@ def test_the_firewall_is_closed_before_a_network_is_up() -> None:
 
 
 def test_unexpected_shipped_file_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("segway_ecc.deploy.station.installer.rendering._shipped", lambda _folder, _name: "[Service]\n")
+    monkeypatch.setattr("segway_ecc.deploy.station.installer.settings._shipped", lambda _folder, _name: "[Service]\n")
     with pytest.raises(ConfigurationError, match="ExecStart="):
         files(InstallSettings(), COMMAND, {})
 

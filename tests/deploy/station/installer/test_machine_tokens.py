@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine
-from segway_ecc.deploy.station.installer.tokens import delete_tokens, has_tokens, make_tokens
+from segway_ecc.deploy.station.installer.machine import Owner, TargetMachine, delete_tokens, has_tokens, make_tokens
 from segway_ecc.deploy.station.web.access import Role, load_access
 from segway_ecc.node.errors import ConfigurationError, NodeError
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.installer import program
+from segway_ecc.deploy.station.installer import checks
+from segway_ecc.deploy.station.installer.checks import check_environment, command_for, first_closed, ros_variables
 from segway_ecc.deploy.station.installer.machine import TargetMachine
-from segway_ecc.deploy.station.installer.program import check_environment, command_for, first_closed, ros_variables
-from segway_ecc.deploy.station.installer.rendering import RELEASE
+from segway_ecc.deploy.station.installer.settings import RELEASE
 from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
 from tests.deploy.station.installer.conftest import COMMAND, Fake
 
@@ -67,7 +67,7 @@ def test_a_program_that_is_chosen_has_to_be_there(fake: Fake) -> None:
 
 
 def test_what_the_service_s_user_does_not_get_to_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program, "_HIDDEN", (tmp_path / "hidden",))
+    monkeypatch.setattr(checks, "_HIDDEN", (tmp_path / "hidden",))
     for folder in (*tmp_path.parents, tmp_path):
         if folder.stat().st_uid == os.geteuid() and folder != Path("/"):
             folder.chmod(folder.stat().st_mode | 0o011)
@@ -88,7 +88,7 @@ def test_what_the_service_s_user_does_not_get_to_is_found(tmp_path: Path, monkey
 
 @pytest.mark.parametrize("folder", ["/root/venv", "/home/ann/venv", "/run/user/1000/venv"])
 def test_what_the_sandbox_hides_is_known(folder: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program, "require_ros", lambda: None)
+    monkeypatch.setattr(checks, "require_ros", lambda: None)
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda _name: importlib.machinery.ModuleSpec("x", None, origin="/usr")
     )

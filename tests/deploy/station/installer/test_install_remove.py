@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.deploy.station.installer.install import install, plan
-from segway_ecc.deploy.station.installer.machine import TargetMachine
-from segway_ecc.deploy.station.installer.remove import remove
-from segway_ecc.deploy.station.installer.rendering import ALL_FILES, FIREWALL, PENDING, STATION
-from segway_ecc.deploy.station.installer.settings import InstallSettings
-from segway_ecc.deploy.station.installer.tokens import ACCESS, FOLDER
+from segway_ecc.deploy.station.installer.install import install, plan, remove
+from segway_ecc.deploy.station.installer.machine import ACCESS, FOLDER, TargetMachine
+from segway_ecc.deploy.station.installer.settings import ALL_FILES, FIREWALL, PENDING, STATION, InstallSettings
 from tests.deploy.station.installer.conftest import COMMAND, Fake
 
 LOGS = {f"{FOLDER}/audit.jsonl", "/var/log/segway-ecc/logs/a.mcap"}

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import pytest
 
-from segway_ecc.deploy.station.installer.health import wait_until_healthy
+from segway_ecc.deploy.station.installer.checks import wait_until_healthy
 from segway_ecc.deploy.station.installer.settings import InstallSettings
 from segway_ecc.deploy.station.web.site_address import bind, tls_context
 from segway_ecc.node.errors import NodeError
