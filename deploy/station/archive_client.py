@@ -7,7 +7,6 @@ what a robot claims decides neither where a file goes nor how much space it take
 
 import contextlib
 import functools
-import hashlib
 import os
 import shutil
 import threading
@@ -17,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
+from segway_ecc.deploy.release.agent.files import sha256_of
 from segway_ecc.deploy.support.log_folder import LogFile, open_log
 from segway_ecc.deploy.support.pieces import (
     BUNDLE,
@@ -35,7 +35,7 @@ from segway_ecc.deploy.support.pieces import (
 )
 from segway_ecc.node.errors import NobodyListensError
 
-MOST_KEPT_BYTES: Final = 4 * 1024**3
+_MOST_KEPT_BYTES: Final = 4 * 1024**3
 _LEFT_FREE_BYTES: Final = 256 * 1024**2
 _LARGEST_BUNDLE: Final = 512 * 1024**2
 _AT_ONCE: Final = 2
@@ -52,8 +52,8 @@ class FetchError(NobodyListensError):
     """A file could not be fetched; what is here already is kept and resumed from."""
 
 
-class ArchiveConnection(NamedTuple):
-    """Access to the archive of one robot.
+class _Archive(NamedTuple):
+    """The archive of one robot.
 
     Attributes:
         ask: Returns the value of a parameter.
@@ -84,53 +84,23 @@ class ArchiveConnection(NamedTuple):
             answer = self.value(name)
         raise FetchError(f"the robot was not done within {_PATIENCE_S:g} s")
 
-
-def fetch_log(connection: ArchiveConnection, log: LogFile, folder: Path) -> Path:
-    """Fetch a log into a folder; return where it is, whole and checked.
-
-    Raises:
-        NobodyListensError: It cannot be fetched; what is here of it stays, for the next time.
-        OSError: It cannot be written.
-    """
-    part, target = folder / f".{log.name}.part", folder / log.name
-    sha256 = ""
-    for _ in range(2):
-        _download(connection, LOG, log.name, log.size, part)
-        if not sha256:
-            name = parameter_name(FileRequest(SHA256, log.name, log.size))
-            sha256 = connection.text_when_done(name, name)
-            if not is_sha256(sha256):
-                raise FetchError(f"the robot has no SHA-256 of {log.name}: {sha256 or 'it is gone'}")
-        if _hashed(part) == sha256:
-            os.utime(part, ns=(log.changed_ns, log.changed_ns))
-            part.replace(target)
-            return target
-        part.unlink()  # it began with another log of that name: once more from the start
-    raise FetchError(f"{log.name} is not what the robot has, twice; try again")
-
-
-def fetch_bundle(connection: ArchiveConnection, folder: Path, most_bytes: int) -> Path:
-    """Have the robot make a support bundle, and fetch it.
-
-    Raises:
-        NobodyListensError: It cannot be fetched.
-        OSError: It cannot be written.
-    """
-    answer = connection.text_when_done(BUNDLE, MAKE)
-    made = finished_bundle_of(answer)
-    if made is None:
-        raise FetchError(f"the robot made no bundle: {answer.removeprefix(FAILED) or 'it gives no reason'}")
-    if made.size > most_bytes:
-        raise FetchError(f"the robot's bundle has {made.size} bytes, more than the {most_bytes} that there is room for")
-    part = folder / f".{made.name}.part"
-    part.unlink(missing_ok=True)
-    with contextlib.ExitStack() as cleanup:
-        cleanup.callback(part.unlink, missing_ok=True)
-        _download(connection, BUNDLE, made.name, made.size, part)
-        if _hashed(part) != made.sha256:
-            raise FetchError("the robot's bundle came damaged; try again")
-        cleanup.pop_all()
-    return part
+    def download(self, kind: str, name: str, size: int, part: Path) -> str:
+        """Fetch what is not yet in the file `part`; return the SHA-256 of the whole."""
+        file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        with os.fdopen(file, "r+b", buffering=0) as stream:
+            here = stream.seek(0, os.SEEK_END)
+            self.report(here, size)
+            while here < size:
+                piece = self.value(parameter_name(FileRequest(kind, name, here)))
+                if not isinstance(piece, bytes) or not piece:
+                    raise FetchError(f"the robot has no more of {name} at byte {here}: it was deleted or shortened")
+                rest = piece[: size - here]
+                while rest:
+                    rest = rest[os.write(file, rest) :]
+                here = stream.tell()
+                self.report(here, size)
+            os.fsync(file)
+        return sha256_of(part)
 
 
 class ParameterReader(Protocol):
@@ -172,7 +142,7 @@ class ArchiveClient:
         calls: ParameterReader,
         folder: Path,
         *,
-        most_bytes: int = MOST_KEPT_BYTES,
+        most_bytes: int = _MOST_KEPT_BYTES,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
         """Fetch into a folder.
@@ -260,7 +230,21 @@ class ArchiveClient:
         with self._bundle:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             space = min(_LARGEST_BUNDLE, self._free_bytes(self._folder) - _LEFT_FREE_BYTES)
-            return fetch_bundle(self._connection(robot, lambda _here, _size: None), self._folder, space)
+            archive = self._archive(robot, lambda _here, _size: None)
+            answer = archive.text_when_done(BUNDLE, MAKE)
+            made = finished_bundle_of(answer)
+            if made is None:
+                raise FetchError(f"the robot made no bundle: {answer.removeprefix(FAILED) or 'it gives no reason'}")
+            if made.size > space:
+                raise FetchError(f"the robot's bundle has {made.size} bytes, more than the {space} there is room for")
+            part = self._folder / f".{made.name}.part"
+            part.unlink(missing_ok=True)
+            with contextlib.ExitStack() as cleanup:
+                cleanup.callback(part.unlink, missing_ok=True)
+                if archive.download(BUNDLE, made.name, made.size, part) != made.sha256:
+                    raise FetchError("the robot's bundle came damaged; try again")
+                cleanup.pop_all()
+            return part
 
     def _fetch(self, robot: str, name: str) -> None:
         key = (robot, name)
@@ -287,11 +271,23 @@ class ArchiveClient:
         folder = self._folder_of(robot)
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._make_space(log, folder)
-        fetch_log(self._connection(robot, report), log, folder)
-        return log.size
+        archive, part, sha256 = self._archive(robot, report), folder / f".{name}.part", ""
+        for _ in range(2):
+            found = archive.download(LOG, name, log.size, part)
+            if not sha256:
+                request = parameter_name(FileRequest(SHA256, name, log.size))
+                sha256 = archive.text_when_done(request, request)
+                if not is_sha256(sha256):
+                    raise FetchError(f"the robot has no SHA-256 of {name}: {sha256 or 'it is gone'}")
+            if found == sha256:
+                os.utime(part, ns=(log.changed_ns, log.changed_ns))
+                part.replace(folder / name)
+                return log.size
+            part.unlink()  # it began with another log of that name: once more from the start
+        raise FetchError(f"{name} is not what the robot has, twice; try again")
 
-    def _connection(self, robot: str, report: Callable[[int, int], None]) -> ArchiveConnection:
-        return ArchiveConnection(functools.partial(self._calls.ask, robot), self._wait, report)
+    def _archive(self, robot: str, report: Callable[[int, int], None]) -> _Archive:
+        return _Archive(functools.partial(self._calls.ask, robot), self._wait, report)
 
     def _wait(self, seconds: float) -> None:
         if self._ending.wait(seconds):
@@ -314,25 +310,3 @@ class ArchiveClient:
                 oldest.unlink()
             if self._free_bytes(self._folder) < log.size + _LEFT_FREE_BYTES:
                 raise FetchError(f"the station's disk has no room for {log.name} ({log.size} bytes)")
-
-
-def _download(connection: ArchiveConnection, kind: str, name: str, size: int, part: Path) -> None:
-    file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-    with os.fdopen(file, "r+b", buffering=0) as stream:
-        here = stream.seek(0, os.SEEK_END)
-        connection.report(here, size)
-        while here < size:
-            piece = connection.value(parameter_name(FileRequest(kind, name, here)))
-            if not isinstance(piece, bytes) or not piece:
-                raise FetchError(f"the robot has no more of {name} at byte {here}: it was deleted or shortened")
-            rest = piece[: size - here]
-            while rest:
-                rest = rest[os.write(file, rest) :]
-            here = stream.tell()
-            connection.report(here, size)
-        os.fsync(file)
-
-
-def _hashed(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -18,6 +18,7 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.deploy.release.agent.files import sync_folder
 from segway_ecc.deploy.station.web.limits import Bucket, Limits
 from segway_ecc.node.errors import ConfigurationError
 
@@ -134,11 +135,7 @@ def replace_file(path: Path, content: bytes, mode: int) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     new.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    sync_folder(path.parent)
 
 
 @dataclasses.dataclass(slots=True, eq=False)
