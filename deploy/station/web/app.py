@@ -15,9 +15,9 @@ from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
-from segway_ecc.deploy.station.web.browser import Browser, Client, SharedServices
+from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.downloads import Downloads
-from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError, json_response, refusal
+from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices, json_response, refusal
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
 MOST_BODY_BYTES: Final = 4096
@@ -146,7 +146,7 @@ class WebApplication:
             raise RefusedRequestError(Cause.TOO_MANY_SOCKETS)
         await socket.prepare(request)
         transport = request.transport if isinstance(request.transport, asyncio.WriteTransport) else None
-        browser = Browser(self._shared, Client(session, address, transport), socket)
+        browser = Browser(self._shared, socket, session, address, transport)
         await self._serve(browser, socket)
         return socket
 

@@ -3,16 +3,15 @@
 
 import asyncio
 import ipaddress
-from collections.abc import Callable
 from typing import Final
 
 import msgspec
 from aiohttp import web
 
 from segway_ecc.deploy.station.web.access import LONGEST_S, Access, Role, Session, Sessions
-from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
-from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
-from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError
+from segway_ecc.deploy.station.web.audit import AuditEntry
+from segway_ecc.deploy.station.web.limits import Bucket, Buckets, site_of
+from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices
 from segway_ecc.deploy.station.web.site_address import SiteAddress
 
 _BODY_S: Final = 5.0
@@ -26,20 +25,17 @@ class _Login(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class AuthenticationMiddleware:
     """Checks requests by address, host, origin and session."""
 
-    def __init__(
-        self, place: SiteAddress, access: Access | None, limits: Limits, audit: AuditLog, clock_ns: Callable[[], int]
-    ) -> None:
+    def __init__(self, place: SiteAddress, access: Access | None, shared: SharedServices) -> None:
         """Guard the station at `place`; without `access` everybody who reaches it is an operator."""
+        _, self._audit, _, limits, self._clock_ns = shared
         self.sessions = Sessions(limits)
         self._place = place
         self._access = access
-        self._audit = audit
-        self._clock_ns = clock_ns
         # Browsers distinguish cookies by the machine and not by the port.
         self._cookie = f"station_{place.port}"
         self._requests = Buckets(limits.requests)
         self._logins = Buckets(limits.logins)
-        self._all_logins = Bucket(limits.all_logins, clock_ns())
+        self._all_logins = Bucket(limits.all_logins, shared.clock_ns())
 
     def check(self, request: web.Request) -> None:
         """Check the rate, host and origin of a request.

@@ -4,20 +4,17 @@
 import asyncio
 import contextlib
 import math
-from collections import Counter, deque
-from collections.abc import Callable
-from typing import Final, NamedTuple, Protocol
+from collections import deque
+from typing import Final
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from segway_ecc.deploy.station.requests import Reply
-from segway_ecc.deploy.station.views import Act, Command, Drive, FleetStatus, ReplyView
+from segway_ecc.deploy.station.views import Act, Command, Drive, ReplyView
 from segway_ecc.deploy.station.web.access import Role, Session
-from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
-from segway_ecc.deploy.station.web.limits import Bucket, Limits
-from segway_ecc.deploy.station.web.refusals import Cause
-from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.deploy.station.web.audit import AuditEntry
+from segway_ecc.deploy.station.web.limits import Bucket
+from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _MOST_WAITING: Final = 1000
 _STUCK_NS: Final = 10_000_000_000
@@ -35,60 +32,23 @@ _LARGEST_ID: Final = 2**53 - 1
 _decoder: Final[msgspec.json.Decoder[Command | Drive]] = msgspec.json.Decoder(Command | Drive)
 
 
-class Robots(FleetStatus, Protocol):
-    """Shows robots and accepts operators' commands; nothing of it waits. `deploy.station.station.Station` is one.
-
-    Seven methods with the three of `FleetStatus`, which are all that what only shows robots needs.
-    """
-
-    @property
-    def limits(self) -> Setpoint:
-        """The fastest that may be requested, m/s and rad/s."""
-
-    def submit(self, who: str, command: Command, reply: Reply) -> None:
-        """Have a command carried out; the reply may come from any thread."""
-
-    def drive(self, who: str, drive: Drive) -> None:
-        """Have a robot driven."""
-
-    def leave(self, who: str) -> None:
-        """An operator is gone."""
-
-
-class SharedServices(NamedTuple):
-    """What all browsers share."""
-
-    robots: Robots
-    audit: AuditLog
-    refusals: Counter[Cause]
-    limits: Limits
-    clock_ns: Callable[[], int]
-
-
-class Client(NamedTuple):
-    """Whose socket it is.
-
-    Attributes:
-        session: Whose.
-        address: From where.
-        transport: The connection, to be aborted.
-    """
-
-    session: Session
-    address: str
-    transport: asyncio.WriteTransport | None
-
-
 class Browser:
     """Sends the newest picture, never an old one, and all events and replies in their order."""
 
-    def __init__(self, shared: SharedServices, client: Client, socket: web.WebSocketResponse) -> None:
-        """Serve a socket that is open."""
-        self.session = client.session
-        self.address = client.address
+    def __init__(
+        self,
+        shared: SharedServices,
+        socket: web.WebSocketResponse,
+        session: Session,
+        address: str,
+        transport: asyncio.WriteTransport | None,
+    ) -> None:
+        """Serve a socket that is open, of a session at an address; `transport` is aborted where it is stuck."""
+        self.session = session
+        self.address = address
         self._shared = shared
         self._socket = socket
-        self._transport = client.transport
+        self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[bytes] = deque()
         self._picture: bytes | None = None

@@ -11,8 +11,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
-from segway_ecc.deploy.station.web.limits import Bucket, Buckets, Limits, site_of
-from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.limits import Bucket, Buckets, site_of
+from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 _AT_ONCE: Final = 64
 """Accepted before everything else has its turn."""
@@ -34,21 +34,14 @@ class ConnectionLimiter:
     """Accepts the connections that the limits allow, and passes them to a protocol."""
 
     def __init__(
-        self,
-        protocol: Callable[[], asyncio.BaseProtocol],
-        limits: Limits,
-        refusals: Counter[Cause],
-        clock_ns: Callable[[], int],
-        tls: ssl.SSLContext | None,
+        self, protocol: Callable[[], asyncio.BaseProtocol], shared: SharedServices, tls: ssl.SSLContext | None
     ) -> None:
         """Serve with `protocol`, inside TLS where a context is given."""
         self._protocol = protocol
-        self._limits = limits
-        self._refusals = refusals
-        self._clock_ns = clock_ns
+        _, _, self._refusals, self._limits, self._clock_ns = shared
         self._tls = tls
-        self._all = Bucket(limits.all_connections, clock_ns())
-        self._each = Buckets(limits.connections)
+        self._all = Bucket(shared.limits.all_connections, shared.clock_ns())
+        self._each = Buckets(shared.limits.connections)
         self._open: set[_Connection] = set()
         self._by_site: Counter[str] = Counter()
         self._sockets: list[socket.socket] = []

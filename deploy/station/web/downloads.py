@@ -15,7 +15,7 @@ from aiohttp import web
 from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.views import FleetView
 from segway_ecc.deploy.station.web.log_pages import RobotLogs, logs_page, path_of
-from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError, json_response
+from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, json_response
 from segway_ecc.deploy.support.log_folder import LogFile, logs_in, open_log
 from segway_ecc.node.errors import NodeError
 

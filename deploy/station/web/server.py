@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 from typing import Final, NamedTuple, Self, TypeAlias
 
 from aiohttp import web
@@ -20,11 +19,10 @@ from segway_ecc.deploy.station.web.access import Access
 from segway_ecc.deploy.station.web.app import WebApplication
 from segway_ecc.deploy.station.web.audit import AuditEntry, AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
-from segway_ecc.deploy.station.web.browser import Robots, SharedServices
 from segway_ecc.deploy.station.web.connection_limiter import ConnectionLimiter
 from segway_ecc.deploy.station.web.downloads import Archive, Bundle, Downloads
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.shared import Cause, Robots, SharedServices
 from segway_ecc.deploy.station.web.site_address import SiteAddress
 from segway_ecc.deploy.station.web.websocket_hub import WebSocketHub
 
@@ -82,12 +80,11 @@ class Server:
         self._sockets = sockets
         self._settings = settings
         self.audit = AuditLog(settings.folder, settings.wall_ns)
-        limits, clock_ns = settings.limits, settings.clock_ns
-        shared = SharedServices(robots, self.audit, self.refusals, limits, clock_ns)
-        self.hub = WebSocketHub(robots, limits, self.refusals, clock_ns, settings.version)
-        self._authentication = AuthenticationMiddleware(settings.place, settings.access, limits, self.audit, clock_ns)
-        downloads = Downloads(settings.logs, settings.bundle, settings.archive, robots.fleet, clock_ns)
-        self._application = WebApplication(shared, self.hub, self._authentication, downloads)
+        self._shared = SharedServices(robots, self.audit, self.refusals, settings.limits, settings.clock_ns)
+        self.hub = WebSocketHub(self._shared, settings.version)
+        self._authentication = AuthenticationMiddleware(settings.place, settings.access, self._shared)
+        downloads = Downloads(settings.logs, settings.bundle, settings.archive, robots.fleet, settings.clock_ns)
+        self._application = WebApplication(self._shared, self.hub, self._authentication, downloads)
 
     async def __aenter__(self) -> Self:
         _http_logger.addFilter(self._count_bad_http)
@@ -104,7 +101,7 @@ class Server:
         server, settings = self._runner.server, self._settings
         if server is None:
             raise RuntimeError("aiohttp gave no server")
-        self._limiter = ConnectionLimiter(server, settings.limits, self.refusals, settings.clock_ns, settings.tls)
+        self._limiter = ConnectionLimiter(server, self._shared, settings.tls)
         self._application.on_request = self._limiter.on_request
         for listening in self._sockets:
             self._limiter.open(listening)
@@ -117,9 +114,7 @@ class Server:
         self.audit.add(AuditEntry(act="starts", outcome="done", text=settings.version))
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the listening sockets, then those of the browsers, and end; within a few seconds in any case."""
         self._limiter.close()
         self.hub.end("the station ends")

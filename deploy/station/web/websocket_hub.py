@@ -11,9 +11,9 @@ import msgspec
 from aiohttp import WSCloseCode
 
 from segway_ecc.deploy.station.views import FleetView, HelloView
-from segway_ecc.deploy.station.web.browser import Browser, Robots
-from segway_ecc.deploy.station.web.limits import Limits, site_of
-from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.browser import Browser
+from segway_ecc.deploy.station.web.limits import site_of
+from segway_ecc.deploy.station.web.shared import Cause, SharedServices
 
 DRIVE_PERIOD_S: Final = 0.1
 _POLL_S: Final = 0.01
@@ -27,20 +27,14 @@ _logger = logging.getLogger(__name__)
 class WebSocketHub:
     """Sends pictures and events to all browsers."""
 
-    def __init__(
-        self, robots: Robots, limits: Limits, refusals: Counter[Cause], clock_ns: Callable[[], int], version: str
-    ) -> None:
-        """Begin with no browser."""
-        self._robots = robots
-        self._limits = limits
-        self._refusals = refusals
-        self._clock_ns = clock_ns
+    def __init__(self, shared: SharedServices, version: str) -> None:
+        self._robots, _, self._refusals, self._limits, self._clock_ns = shared
         self._version = version
         self._browsers: set[Browser] = set()
         self._by_site: Counter[str] = Counter()
         self._picture: FleetView | None = None
         self._encoded = b""
-        self._changed_ns = clock_ns()
+        self._changed_ns = shared.clock_ns()
         self._event = 0
         self.is_empty = asyncio.Event()
         """Set while no browser is connected."""

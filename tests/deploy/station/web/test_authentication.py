@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -8,16 +9,17 @@ from multidict import CIMultiDict
 from segway_ecc.deploy.station.web.audit import AuditLog
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware
 from segway_ecc.deploy.station.web.limits import Limits
-from segway_ecc.deploy.station.web.refusals import Cause, RefusedRequestError
+from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, SharedServices
 from segway_ecc.deploy.station.web.site_address import SiteAddress
+from tests.deploy.station.web.scripted_station import ScriptedStation
 
 OURS = "127.0.0.1:8700"
 
 
 @pytest.fixture
 def authentication(tmp_path: Path) -> AuthenticationMiddleware:
-    audit = AuditLog(tmp_path, lambda: 0)
-    return AuthenticationMiddleware(SiteAddress("http", 8700), None, Limits(), audit, lambda: 0)
+    shared = SharedServices(ScriptedStation(), AuditLog(tmp_path, lambda: 0), Counter(), Limits(), lambda: 0)
+    return AuthenticationMiddleware(SiteAddress("http", 8700), None, shared)
 
 
 @pytest.mark.parametrize("hosts", [(), (OURS, OURS), (OURS, "evil.example:8700"), ("evil.example:8700", OURS)])

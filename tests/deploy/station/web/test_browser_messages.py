@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from segway_ecc.deploy.station.views import Act, Command, Drive
 from segway_ecc.deploy.station.web.browser import RefusedMessageError, decode
-from segway_ecc.deploy.station.web.refusals import Cause
+from segway_ecc.deploy.station.web.shared import Cause
 from tests.fuzzing import fuzzed
 
 MAX = (1.0, 2.0)

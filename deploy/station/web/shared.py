@@ -1,11 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""Why requests and messages are refused, and the response to a refused request."""
+"""What the parts of the web server share: the robots, the audit log, the limits, and why something is refused."""
 
 import enum
-from typing import Final
+from collections import Counter
+from collections.abc import Callable
+from typing import Final, NamedTuple, Protocol
 
 import msgspec
 from aiohttp import web
+
+from segway_ecc.deploy.station.requests import Reply
+from segway_ecc.deploy.station.views import Command, Drive, FleetStatus
+from segway_ecc.deploy.station.web.audit import AuditLog
+from segway_ecc.deploy.station.web.limits import Limits
+from segway_ecc.node.cycle.setpoints import Setpoint
 
 
 @enum.unique
@@ -53,6 +61,36 @@ _STATUS: Final = {
     Cause.TOO_MANY_SOCKETS: (503, "too many browsers are connected already"),
     Cause.FAILED: (500, "the station failed at this; see its messages"),
 }
+
+
+class Robots(FleetStatus, Protocol):
+    """Shows robots and accepts operators' commands; nothing of it waits. `deploy.station.station.Station` is one.
+
+    Seven methods with the three of `FleetStatus`, which are all that what only shows robots needs.
+    """
+
+    @property
+    def limits(self) -> Setpoint:
+        """The fastest that may be requested, m/s and rad/s."""
+
+    def submit(self, who: str, command: Command, reply: Reply) -> None:
+        """Have a command carried out; the reply may come from any thread."""
+
+    def drive(self, who: str, drive: Drive) -> None:
+        """Have a robot driven."""
+
+    def leave(self, who: str) -> None:
+        """An operator is gone."""
+
+
+class SharedServices(NamedTuple):
+    """What every part has; `clock_ns` is monotonic, ns."""
+
+    robots: Robots
+    audit: AuditLog
+    refusals: Counter[Cause]
+    limits: Limits
+    clock_ns: Callable[[], int]
 
 
 class RefusedRequestError(Exception):
