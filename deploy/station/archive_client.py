@@ -120,7 +120,6 @@ class Progress(NamedTuple):
         state: `waiting`, `fetching`, `done` or `failed`.
         fetched: Bytes that are here.
         size: Bytes that there are.
-        why: Why it failed.
     """
 
     state: str

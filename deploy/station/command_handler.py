@@ -29,9 +29,6 @@ class SubmittedCommand:
     """A command as it was submitted.
 
     Attributes:
-        who: The operator.
-        command: The command.
-        reply: Called with the outcome.
         at_ns: When, monotonic.
         manoeuvre: What is to be played, decoded already; the error's text where it is not valid.
     """
@@ -47,10 +44,6 @@ class RobotTasks:
     """What is in progress with one robot.
 
     Attributes:
-        connection: The connection to it.
-        requests: Its service requests.
-        stop: Its stop.
-        posture: Its request to stand up or to sit down.
         playback: The sequence that is played, or was last.
     """
 
@@ -97,8 +90,6 @@ class CommandHandler:
     """Carries out commands and driving on the robots that were received.
 
     Attributes:
-        fleet: The robots.
-        control: Who has control of which.
         refused: Commands and set-points that were refused or clamped, by cause.
     """
 
@@ -193,14 +184,7 @@ class CommandHandler:
             self._carry_out(submitted, tasks, reply, now_ns)
 
     def drive(self, who: str, drive: Drive, at_ns: int, now_ns: int) -> None:
-        """Send a set-point now, from who has control.
-
-        Args:
-            who: Who drives.
-            drive: The set-point.
-            at_ns: When it was given, monotonic; it counts as renewed then.
-            now_ns: The present.
-        """
+        """Send a set-point now, from who has control; it was given, and counts as renewed, at `at_ns`, monotonic."""
         name, wanted = drive.robot, fitted(drive.linear, drive.angular, self._limits)
         refusal = self._drive_refusal(who, name, wanted)
         if wanted is None or refusal is not None:

@@ -81,7 +81,6 @@ class DeadMan:
     """The dead man's switch of whoever drives: brings a robot to rest whose set-point is released or not renewed."""
 
     def __init__(self) -> None:
-        """Begin with no robot driven."""
         self._driven: dict[str, _Driven] = {}
 
     def drives(self, robot: str) -> bool:

@@ -71,14 +71,9 @@ class EventLog:
 
 
 class Heartbeats:
-    """One clock of heartbeats for all robots; only stamps that we sent count as echoes of ours.
-
-    Attributes:
-        name: Our name.
-    """
+    """One clock of heartbeats for all robots; only stamps that we sent count as echoes of ours."""
 
     def __init__(self, name: str) -> None:
-        """Send as `name`."""
         self.name = name
         self._sent: deque[int] = deque(maxlen=_KEPT)
         self._round_trips: dict[str, tuple[float, int]] = {}
@@ -105,14 +100,10 @@ class Robot:
     """One robot by its messages.
 
     Attributes:
-        robot: Its namespace.
-        mode: Its newest message on the topic `mode`.
-        received_ns: When that arrived, monotonic.
-        is_alive: Whether it arrived lately.
+        received_ns: When its newest `mode` arrived, monotonic.
     """
 
     def __init__(self, robot: str, mode: ModeReport, received_ns: int) -> None:
-        """Begin with the first message."""
         self.robot = robot
         self.mode = mode
         self.received_ns = received_ns
@@ -174,11 +165,7 @@ class Robot:
 
 
 class Fleet:
-    """Every robot that was ever received.
-
-    Attributes:
-        robots: By namespace.
-    """
+    """Every robot that was ever received, by namespace."""
 
     def __init__(self, events: EventLog) -> None:
         """Begin with none; log changes of mode to `events`."""
@@ -186,13 +173,7 @@ class Fleet:
         self._events = events
 
     def update(self, name: str, message: RobotMessage, at_ns: int) -> None:
-        """Keep a robot's message; a robot is known from its first mode on.
-
-        Args:
-            name: Its namespace.
-            message: The message.
-            at_ns: When it arrived, monotonic.
-        """
+        """Keep a robot's message, which arrived at `at_ns`, monotonic; it is known from its first mode on."""
         robot = self.robots.get(name)
         if not isinstance(message, ModeReport):
             if robot is not None:

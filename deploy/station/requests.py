@@ -79,7 +79,6 @@ class Requests:
     """The service requests to one robot; at most one of each kind is pending."""
 
     def __init__(self, connection: RobotConnection) -> None:
-        """Send over `connection`."""
         self._connection = connection
         self._pending: dict[Action, _Pending] = {}
 
@@ -124,7 +123,6 @@ class PostureRequest:
     """The newest request to one robot to stand up or to sit down."""
 
     def __init__(self, connection: RobotConnection) -> None:
-        """Send over `connection`."""
         self._connection = connection
         self._reply: Reply | None = None
         self._up = False
@@ -179,7 +177,6 @@ class Stop:
     For a robot that has no drives it is confirmed by commands that are zero.
 
     Attributes:
-        state: How far it has come.
         after_s: From the request to the confirmation, s.
     """
 
@@ -203,13 +200,7 @@ class Stop:
         return self.state is StopState.REQUESTED and not self._has_failed
 
     def send(self, reply: Reply, requested_ns: int, now_ns: int) -> None:
-        """Send it now, or join the one that is pending and send that again.
-
-        Args:
-            reply: Called with the outcome.
-            requested_ns: When the operator requested it.
-            now_ns: The present.
-        """
+        """Send it now, or join the one that is pending and send that again; the operator asked at `requested_ns`."""
         if len(self._waiting) >= _MOST_WAITING:
             reply(False, "a stop is pending and not confirmed yet")  # noqa: FBT003 - the contract's form
             return

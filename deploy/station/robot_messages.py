@@ -31,13 +31,9 @@ class ModeReport(NamedTuple):
 
     Attributes:
         name: Its name in the robot file.
-        mode: Its mode.
-        reason: Why.
         drives: `on`, `off` where every drive reports so itself, `unconfirmed` where one does not, or `none`.
         is_zero: Whether the commands of its newest cycle were all zero; None where it does not report that.
-        station: Whose heartbeat it received last; empty for nobody's.
-        beat_ns: The stamp of that heartbeat.
-        beat_age_ns: How long ago it was received.
+        station: Whose heartbeat it received last, `beat_age_ns` ago and stamped `beat_ns`; empty for nobody's.
         stand: The value in force for standing up (1) or sitting down (0); None where it can do neither by command.
     """
 
@@ -95,12 +91,7 @@ RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | Pitch | Suppl
 
 
 def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:
-    """Decode a message of the topic `mode`; None where it is none of ours.
-
-    Args:
-        name: The name of the status, `<robot>: mode`.
-        values: Its values.
-    """
+    """Decode a message of the topic `mode` by its status's name, `<robot>: mode`, and values; None if none of ours."""
     mode = values.get("mode", "")
     if mode not in Mode.__members__ or not name.endswith(MODE_SUFFIX):
         return None

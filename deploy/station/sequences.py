@@ -68,7 +68,6 @@ class SequencePlayback:
     """
 
     def __init__(self, manoeuvre: Manoeuvre, name: str, reply: Reply, now_ns: int) -> None:
-        """Begin with the next odometry."""
         self._player = Player(manoeuvre)
         self._name = name[:_LONGEST_NAME] or "sequence"
         self._reply: Reply | None = reply

@@ -34,11 +34,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Station:
-    """The robots on the ROS network, and the commands to them. Every method may be called from any thread.
-
-    Attributes:
-        limits: The fastest that an operator may request.
-    """
+    """The robots on the ROS network, and the commands to them. Every method may be called from any thread."""
 
     def __init__(  # noqa: PLR0913 - what differs between a station, a status query and a test
         self,

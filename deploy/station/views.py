@@ -32,7 +32,6 @@ class SequenceView(msgspec.Struct, frozen=True, kw_only=True):
     """A sequence that is played, or was last.
 
     Attributes:
-        name: Its name.
         fraction: How much of it has passed, 0 to 1.
         state: `waiting`, `running`, `done`, `broken off`, `failed`.
         reason: Why it ended, where it did not end by itself.
@@ -54,7 +53,6 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         age_s: Since its last `mode`, s.
         round_trip_s: From our heartbeat to the robot's echo of it, s.
         mode: DISARMED, ARMED, HOLD, FAULT.
-        reason: Why.
         drives: `on`, `off`, `unconfirmed` where not every drive reports that it is off, or `none` where it has none.
         is_zero: Whether the commands of its newest cycle were all zero.
         stop: Empty, `requested`, or `confirmed`: in FAULT, with drives that report off, or with no drives and zero.
@@ -72,8 +70,6 @@ class RobotView(msgspec.Struct, frozen=True, kw_only=True):
         links: Health of each link, by name: `state`, frames, errors, load and so on, as in its diagnostics.
         timing: Rate, deadlines and percentiles of the phases, as in its diagnostics.
         controller: Who commands it from this station, or empty.
-        sequence: What is played.
-        can_stand: Whether it can stand up and sit down by command.
     """
 
     robot: str
@@ -109,7 +105,6 @@ class FleetView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
 
     Attributes:
         time_s: The station's monotonic clock, s: a picture whose time does not advance is stale.
-        robots: The robots.
     """
 
     time_s: float
@@ -128,7 +123,6 @@ class EventView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
         number: Counts up from 1.
         wall_ns: When, ns since the Unix epoch, by the station's clock.
         robot: Which robot; empty for the station itself.
-        text: What.
         level: `info`, `warning` or `error`.
         who: Whose command it was, or empty.
     """
@@ -158,7 +152,6 @@ class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     """What came of a command.
 
     Attributes:
-        id: The command's.
         is_accepted: Whether the robot confirmed it.
         text: Its answer, or why it failed.
     """
@@ -174,7 +167,6 @@ class HelloView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     Attributes:
         who: The operator's name.
         role: `viewer` or `operator`.
-        version: Of segway-ecc.
         drive_period_s: How often a driving browser is to send, s.
         max_linear: The fastest that the page may request, m/s.
         max_angular: The same for turning, rad/s.
@@ -193,10 +185,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="
 
     Attributes:
         id: Counts up within a socket; one that does not is refused, as a replayed one.
-        robot: Which robot.
-        act: What.
-        text: The sequence to play, as YAML, for `play`.
-        name: The sequence's name.
+        text: The sequence to play, as YAML, for `play`; `name` is what to call it.
     """
 
     id: int
@@ -211,7 +200,6 @@ class Drive(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="dr
 
     Attributes:
         id: Counts up with those of the commands.
-        robot: Which robot.
         linear: m/s.
         angular: rad/s.
     """

@@ -46,7 +46,6 @@ class Plan:
     """What is to be done to a machine.
 
     Attributes:
-        machine: The machine.
         settings: Checked.
         files: What is to be written: text by path.
     """

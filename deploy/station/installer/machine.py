@@ -152,12 +152,7 @@ def has_tokens(machine: TargetMachine) -> bool:
 
 
 def make_tokens(machine: TargetMachine, owner: Owner, *, anew: bool) -> Mapping[Role, str]:
-    """Make tokens where there are none, or in place of those that are there; empty where they stay.
-
-    Args:
-        machine: Where.
-        owner: The service's user.
-        anew: Whether the old ones become invalid.
+    """Make tokens of the service's user where there are none, or `anew`; empty where those that are there stay.
 
     Raises:
         ConfigurationError: The file is none of ours.

@@ -118,14 +118,10 @@ def check(settings: InstallSettings) -> None:
 
 
 def environment(settings: InstallSettings, ros: Mapping[str, str]) -> str:
-    """The file of variables that the service reads.
+    """The file of variables that the service reads; `ros` is empty where Python finds ROS 2 by itself.
 
     Each variable of discovery is there, also where it is empty: a robot's own settings on the same machine are not
     the station's.
-
-    Args:
-        settings: Checked.
-        ros: Where a sourced ROS 2 lies; empty where Python finds it by itself.
     """
     options = ["--address", settings.address, "--port", str(settings.port), "--require-token"]
     for host in settings.hosts:
@@ -170,13 +166,7 @@ def _is_address(text: str) -> bool:
 
 
 def files(settings: InstallSettings, command: str, ros: Mapping[str, str]) -> dict[str, str]:
-    """What is to be written: text by path.
-
-    Args:
-        settings: Checked.
-        command: The program that the service runs.
-        ros: Variables of a sourced ROS 2.
-    """
+    """What is to be written, text by path: by settings, the service's program and variables of a sourced ROS."""
     station = _replaced(_shipped("systemd", STATION), f"ExecStart={RELEASE} ", f"ExecStart={command} ")
     # After the robot's, where this machine is one too: what comes later counts.
     station = _replaced(station, _VARIABLES, f"EnvironmentFile={ENVIRONMENT}\n")

@@ -43,12 +43,7 @@ class Role(enum.StrEnum):
 
 
 class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The file.
-
-    Attributes:
-        salt: In hexadecimal digits.
-        hashes: By role, in hexadecimal digits.
-    """
+    """The file; both in hexadecimal digits."""
 
     salt: str
     hashes: dict[Role, str]
@@ -58,7 +53,6 @@ class Access:
     """Finds the role of a token."""
 
     def __init__(self, salt: bytes, hashes: Mapping[Role, bytes]) -> None:
-        """Use the salt and the hashes of the tokens."""
         self._salt = salt
         self._hashes = dict(hashes)
 
@@ -144,12 +138,8 @@ class Session:
 
     Attributes:
         who: The operator's name; no two sessions at the same time have the same.
-        role: What they may do.
         born_ns: When they logged in, monotonic.
         seen_ns: When they were last active, monotonic.
-        commands: Their budget of commands.
-        stops: Their budget of stops.
-        drives: Their budget of set-points.
         sockets: Open ones.
         is_over: Whether it ended; its sockets are then closed.
     """
@@ -169,7 +159,6 @@ class Sessions:
     """The sessions, by the secret that a browser keeps; only its hash is held here."""
 
     def __init__(self, limits: Limits) -> None:
-        """Begin with no session."""
         self._limits = limits
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
 

@@ -13,7 +13,6 @@ from typing import Final, TypeAlias
 from aiohttp import WebSocketError, WSCloseCode, WSMsgType, web
 
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.station.web.audit import AuditEntry
 from segway_ecc.deploy.station.web.authentication import AuthenticationMiddleware, address_of
 from segway_ecc.deploy.station.web.browser import Browser
 from segway_ecc.deploy.station.web.downloads import Downloads
@@ -60,7 +59,6 @@ class WebApplication:
         authentication: AuthenticationMiddleware,
         downloads: Downloads,
     ) -> None:
-        """Answer with these parts."""
         self.on_request: Callable[[asyncio.BaseTransport | None], None] = lambda _: None
         self._shared = shared
         self._hub = hub
@@ -187,17 +185,7 @@ class WebApplication:
         """A handler for sessions of a role, whose requests are noted in the audit log."""
 
         async def audited(request: web.Request) -> web.StreamResponse:
-            session = self._authentication.session(request, role)
-            entry = AuditEntry(
-                who=session.who,
-                role=session.role,
-                address=address_of(request),
-                act=act,
-                robot=request.match_info.get("robot", "")[:256],
-                outcome="done",
-                text=request.match_info.get("name", ""),
-            )
-            self._shared.audit.add(entry)
+            self._authentication.note(request, act, self._authentication.session(request, role))
             return await handler(request)
 
         return audited

@@ -31,11 +31,9 @@ class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         time: When, UTC, as ISO 8601 writes it.
-        who: Who.
         role: As what.
         address: From where.
         act: What: one of `Act`, or `login`, `logout`, `drive`, `rest`, `bundle`, `log`, `fetch`, `starts`, `ends`.
-        robot: Which robot.
         number: The command's number on its socket, which joins what was asked with what came of it.
         outcome: `asked`, then `accepted`, `failed` or `refused`; `done` for what no robot has to confirm.
         text: The answer, or what it is about.
@@ -64,15 +62,7 @@ class AuditLog:
         kept: int = _KEPT,
         write: Callable[[int, bytes], int] = os.write,
     ) -> None:
-        """Write into a folder; at `most_bytes` the file is put aside, and `kept` older ones are kept.
-
-        Args:
-            folder: Where.
-            wall_ns: The wall clock, ns since the Unix epoch.
-            most_bytes: Of one file.
-            kept: How many older files stay.
-            write: What writes.
-        """
+        """Write into a folder; at `most_bytes` the file is put aside, and `kept` older ones are kept."""
         self._path = folder / NAME
         self._wall_ns = wall_ns
         self._most_bytes = most_bytes

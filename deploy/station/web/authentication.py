@@ -30,6 +30,7 @@ class AuthenticationMiddleware:
         _, self._audit, _, limits, self._clock_ns = shared
         self.sessions = Sessions(limits)
         self._place = place
+        self._is_secure = place.scheme == "https"
         self._access = access
         # Browsers distinguish cookies by the machine and not by the port.
         self._cookie = f"station_{place.port}"
@@ -74,6 +75,22 @@ class AuthenticationMiddleware:
                 return None
             return self._begin(request, response, "", Role.OPERATOR)
 
+    def note(
+        self, request: web.Request, act: str, session: Session | None, outcome: str = "done", text: str = ""
+    ) -> None:
+        """Note a request in the audit log; without another text that is the name of the file requested, if any."""
+        names = request.match_info
+        entry = AuditEntry(
+            who="" if session is None else session.who,
+            role="" if session is None else session.role.value,
+            address=address_of(request),
+            act=act,
+            robot=names.get("robot", "")[:256],
+            outcome=outcome,
+            text=text or names.get("name", ""),
+        )
+        self._audit.add(entry)
+
     async def login(self, request: web.Request) -> web.Response:
         """Begin a session with a name and a token."""
         # Another site's form cannot send this type without a preflight request, which is never answered here.
@@ -97,10 +114,6 @@ class AuthenticationMiddleware:
         response.del_cookie(self._cookie, path="/", httponly=True, samesite="Strict", secure=self._is_secure)
         return response
 
-    @property
-    def _is_secure(self) -> bool:
-        return self._place.scheme == "https"
-
     def _role(self, request: web.Request, access: Access, token: str) -> Role:
         now_ns = self._clock_ns()
         each = self._logins.of(site_of(address_of(request)), now_ns)
@@ -111,7 +124,7 @@ class AuthenticationMiddleware:
         if role is None:
             each.take_token(now_ns)
             self._all_logins.take_token(now_ns)
-            self._note(request, "login", outcome="refused", text="the token is wrong")
+            self.note(request, "login", None, "refused", "the token is wrong")
             raise RefusedRequestError(Cause.WRONG_TOKEN)
         return role
 
@@ -126,7 +139,7 @@ class AuthenticationMiddleware:
             samesite="Strict",
             secure=self._is_secure,
         )
-        self._note(request, "login", session)
+        self.note(request, "login", session)
         return session
 
     def _leave(self, request: web.Request) -> None:
@@ -135,15 +148,7 @@ class AuthenticationMiddleware:
         except RefusedRequestError:
             return
         self.sessions.end(session)
-        self._note(request, "logout", session)
-
-    def _note(
-        self, request: web.Request, act: str, session: Session | None = None, outcome: str = "done", text: str = ""
-    ) -> None:
-        who, role = ("", "") if session is None else (session.who, session.role.value)
-        self._audit.add(
-            AuditEntry(who=who, role=role, address=address_of(request), act=act, outcome=outcome, text=text)
-        )
+        self.note(request, "logout", session)
 
 
 async def _body(request: web.Request) -> bytes:

@@ -62,6 +62,7 @@ class Downloads:
         """Serve the logs of a folder, bundles that `bundle` makes, and logs that `archive` fetches from robots."""
         self._folder = folder
         self._bundle = bundle
+        self._archive = archive
         self._robots = RobotArchives(archive, clock_ns)
         self._fleet = fleet
         self._making = asyncio.Lock()
@@ -97,7 +98,7 @@ class Downloads:
         """One log of a robot that was fetched."""
         robot, name = self._known(request), request.match_info["name"]
         try:
-            file, size = await self._robots.open(robot, name)
+            file, size = await asyncio.to_thread(self._archive.open, robot, name)
         except FileNotFoundError:
             text = f"this log is not on the station; see {path_of(robot)}, and fetch it first (POST to this address)"
             return json_response({"error": text}, 404)
@@ -107,9 +108,14 @@ class Downloads:
         """Begin to fetch a log from a robot."""
         robot, name = self._known(request), request.match_info["name"]
         logs: RobotLogs = await self._robots.of(robot)
-        if not logs.error and all(log.name != name for log in logs.logs):
+        why = logs.error
+        if not why and all(log.name != name for log in logs.logs):
             raise RefusedRequestError(Cause.NOT_FOUND)
-        why = logs.error or await self._robots.begin(robot, name)
+        if not why:
+            try:
+                await asyncio.to_thread(self._archive.begin, robot, name)
+            except NodeError as error:
+                why = str(error)
         if _wants_json(request) or why:
             return json_response({"error": why} if why else {"see": path_of(robot)}, 503 if why else 202)
         return web.Response(status=303, headers={"Location": path_of(robot)})
@@ -175,7 +181,6 @@ class RobotArchives:
     """Lists the logs of robots, each at most once at a time and every two seconds, however many browsers ask."""
 
     def __init__(self, archive: Archive, clock_ns: Callable[[], int]) -> None:
-        """List by an archive."""
         self._archive = archive
         self._clock_ns = clock_ns
         # Of its own: what waits for robots must not delay what reads files.
@@ -200,22 +205,6 @@ class RobotArchives:
         logs = asked[1]
         here = await asyncio.to_thread(_here, self._archive, robot, [log.name for log in logs.logs])
         return logs._replace(progress=self._archive.progress(robot), here=here)
-
-    async def begin(self, robot: str, name: str) -> str:
-        """Begin to fetch a log; return why it cannot be fetched, or an empty text."""
-        try:
-            await asyncio.to_thread(self._archive.begin, robot, name)
-        except NodeError as error:
-            return str(error)
-        return ""
-
-    async def open(self, robot: str, name: str) -> tuple[int, int]:
-        """A log that was fetched: its descriptor, which is the caller's to close, and its size.
-
-        Raises:
-            FileNotFoundError: It was not fetched.
-        """
-        return await asyncio.to_thread(self._archive.open, robot, name)
 
     async def _ask(self, robot: str) -> RobotLogs:
         try:

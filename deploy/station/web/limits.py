@@ -67,7 +67,6 @@ class Bucket:
     __slots__ = ("_at_ns", "_rate", "_tokens")
 
     def __init__(self, rate: Rate, now_ns: int) -> None:
-        """Begin full."""
         self._rate = rate
         self._tokens = float(rate.burst)
         self._at_ns = now_ns
@@ -88,10 +87,9 @@ class Bucket:
 
 
 class Buckets:
-    """A bucket for each key; of too many keys the one that was idle for longest is discarded."""
+    """A bucket for each key, at first full; of more than `most` keys the one that was idle for longest is discarded."""
 
     def __init__(self, rate: Rate, most: int = _MOST_KEYS) -> None:
-        """Keep at most `most` buckets."""
         self._rate = rate
         self._most = most
         self._buckets: OrderedDict[Hashable, Bucket] = OrderedDict()

@@ -34,8 +34,6 @@ class RobotLogs(NamedTuple):
     """The logs of a robot.
 
     Attributes:
-        robot: Its namespace.
-        logs: What it offers.
         error: Why it offers nothing.
         progress: Of what is fetched, by name.
         here: The logs that lie in the station's folder whole, by name: when each was written, ns since the Unix epoch.

@@ -38,15 +38,10 @@ class ServerSettings(NamedTuple):
     """How a station is served.
 
     Attributes:
-        place: Its address.
         folder: Where the audit log goes.
         logs: Where recorded logs lie.
-        version: Of segway-ecc.
-        bundle: Makes support bundles.
-        archive: Fetches logs from robots.
         access: Who has a token; None where none is needed.
         tls: The certificate, or None for plain HTTP.
-        limits: Its limits.
         clock_ns: Monotonic, ns.
         wall_ns: ns since the Unix epoch.
     """
@@ -65,26 +60,18 @@ class ServerSettings(NamedTuple):
 
 
 class Server:
-    """Serves while its context lasts.
-
-    Attributes:
-        refusals: What was refused, by cause.
-        audit: The audit log.
-        hub: The browsers.
-    """
+    """Serves while its context lasts."""
 
     def __init__(self, robots: Robots, sockets: Sequence[socket.socket], settings: ServerSettings) -> None:
         """Serve on sockets that are bound; they are ours from now on."""
-        self.refusals: Counter[Cause] = Counter()
-        self._robots = robots
         self._sockets = sockets
         self._settings = settings
-        self.audit = AuditLog(settings.folder, settings.wall_ns)
-        self._shared = SharedServices(robots, self.audit, self.refusals, settings.limits, settings.clock_ns)
-        self.hub = WebSocketHub(self._shared, settings.version)
-        self._authentication = AuthenticationMiddleware(settings.place, settings.access, self._shared)
+        audit = AuditLog(settings.folder, settings.wall_ns)
+        self.shared = SharedServices(robots, audit, Counter(), settings.limits, settings.clock_ns)
+        self.hub = WebSocketHub(self.shared, settings.version)
+        self._authentication = AuthenticationMiddleware(settings.place, settings.access, self.shared)
         downloads = Downloads(settings.logs, settings.bundle, settings.archive, robots.fleet, settings.clock_ns)
-        self._application = WebApplication(self._shared, self.hub, self._authentication, downloads)
+        self._application = WebApplication(self.shared, self.hub, self._authentication, downloads)
 
     async def __aenter__(self) -> Self:
         _http_logger.addFilter(self._count_bad_http)
@@ -101,7 +88,7 @@ class Server:
         server, settings = self._runner.server, self._settings
         if server is None:
             raise RuntimeError("aiohttp gave no server")
-        self._limiter = ConnectionLimiter(server, self._shared, settings.tls)
+        self._limiter = ConnectionLimiter(server, self.shared, settings.tls)
         self._application.on_request = self._limiter.on_request
         for listening in self._sockets:
             self._limiter.open(listening)
@@ -111,7 +98,7 @@ class Server:
             self._limiter.sweep()
 
         self._broadcasting = asyncio.create_task(self.hub.run(sweep))
-        self.audit.add(AuditEntry(act="starts", outcome="done", text=settings.version))
+        self.shared.audit.add(AuditEntry(act="starts", outcome="done", text=settings.version))
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -126,21 +113,21 @@ class Server:
         await asyncio.to_thread(self._settings.archive.close)
         await self._runner.cleanup()
         _http_logger.removeFilter(self._count_bad_http)
-        self.audit.add(AuditEntry(act="ends", outcome="done"))
-        await asyncio.to_thread(self.audit.close)
+        self.shared.audit.add(AuditEntry(act="ends", outcome="done"))
+        await asyncio.to_thread(self.shared.audit.close)
 
     def report(self) -> Mapping[str, object]:
         """What was counted."""
         return {
-            "refused": dict(self.refusals.most_common()),
-            "station_refused": dict(self._robots.refused()),
-            "audit_lost": self.audit.lost,
+            "refused": dict(self.shared.refusals.most_common()),
+            "station_refused": dict(self.shared.robots.refused()),
+            "audit_lost": self.shared.audit.lost,
         }
 
     def _count_bad_http(self, record: logging.LogRecord) -> bool:
         """Bad HTTP is counted and not logged: strangers decide how much of it there is."""
         if str(record.msg).startswith("Error handling request"):
-            self.refusals[Cause.BAD_HTTP] += 1
+            self.shared.refusals[Cause.BAD_HTTP] += 1
         return False
 
 
@@ -153,12 +140,7 @@ def serve(
 ) -> Mapping[str, object]:
     """Serve until a signal; return what was counted.
 
-    Args:
-        robots: The robots.
-        sockets: Bound, and ours from now on.
-        settings: The settings.
-        stoppable: Lets signals end us.
-        ready: Called once browsers can connect.
+    The sockets are bound, and ours from now on. Signals end us through `stoppable`; browsers can connect at `ready`.
     """
 
     async def serve_until_stopped() -> Mapping[str, object]:

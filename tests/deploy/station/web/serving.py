@@ -60,7 +60,7 @@ class Served(NamedTuple):
         return f"{self.scheme}://127.0.0.1:{self.port}"
 
     def refused(self) -> Mapping[str, int]:
-        return dict(self.server.refusals.most_common())
+        return dict(self.server.shared.refusals.most_common())
 
     async def audit(self) -> list[dict[str, Any]]:
         """What stands in the audit log, once it is written."""
