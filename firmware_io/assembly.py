@@ -4,18 +4,17 @@
 import itertools
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import Drive, FrameKey, Sensor
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.heartbeat import GuardHeartbeat
-from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
-from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
+from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching
 
-NowNs = Callable[[], int]
 _EVENTS_KEPT: Final = 16
 
 
@@ -30,13 +29,12 @@ class Assembly:
         switching: What passes between the lines of a redundant link; None where there is one line.
     """
 
-    def __init__(  # noqa: PLR0913 - what the robot is made of
+    def __init__(
         self,
         link: Link,
         drives: Sequence[Drive],
         sensors: Sequence[Sensor] = (),
         now_ns: NowNs = time.monotonic_ns,
-        rules: SwitchRules | None = None,
         *,
         heartbeat: GuardHeartbeat | None = None,
     ) -> None:
@@ -62,8 +60,7 @@ class Assembly:
         self._armed = False
         self._heartbeat = heartbeat
         self._events: deque[str] = deque(maxlen=_EVENTS_KEPT)
-        self._redundant = link if isinstance(link, RedundantLink) else None
-        self.switching = Switching(self._redundant, now_ns, rules or SwitchRules()) if self._redundant else None
+        self.switching = Switching(link, now_ns) if isinstance(link, RedundantLink) else None
 
     def open(self) -> None:
         """Open the link and start every device; see `Hardware.open`."""
@@ -77,9 +74,8 @@ class Assembly:
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
             if device is not None and device.take_frame(frame) and self.switching is not None:
                 self._received_ns[device.name] = frame.received_ns
-        if self._redundant is not None:
-            self._look_aside(self._redundant)
         if self.switching is not None:
+            self._look_aside(self.switching.link)
             self._switch(self.switching)
         if commands is not None:
             for drive, part in self._parts:
@@ -180,9 +176,9 @@ class Assembly:
         While the lines change, that of every device; a drive that has fallen silent on one line, while the other is
         good, is about to answer there.
         """
-        if self.switching is None or self._redundant is None:
+        if self.switching is None:
             return False
-        return self.switching.is_under_way or (self._redundant.standby_is_good and device in self._drives)
+        return self.switching.is_under_way or (self.switching.link.standby_is_good and device in self._drives)
 
 
 def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:

@@ -22,15 +22,12 @@ from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.firmware_io.heartbeat import HeartbeatSender
 from segway_ecc.firmware_io.links.can_link import wall_ns
 from segway_ecc.firmware_io.links.can_ports import make_can_link
-from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.firmware_io.links.link import Link, NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
-from segway_ecc.firmware_io.switching import SwitchRules
 
 if TYPE_CHECKING:
     from segway_ecc.firmware_io.links.serial_link import OpenPort, SerialCodec
-
-NowNs = Callable[[], int]
 
 HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSettings
 """The drive families, distinguished by `type` in the robot file."""
@@ -74,7 +71,7 @@ def make_link(
     from segway_ecc.firmware_io.links.serial_port import open_serial_port
 
     second = SerialLink(serial, serial_codec(settings), clocks.now_ns, open_port or open_serial_port)
-    return RedundantLink(first, second, clocks.now_ns)
+    return RedundantLink(first, second, clocks.now_ns, round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
 
 
 def takes_serial(settings: HardwareSettings) -> bool:
@@ -143,10 +140,7 @@ def build_hardware(
         sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
     # What runs on a link of the rig has no guard, and must be the same every time.
     heartbeat = HeartbeatSender(settings.can) if link is None else None
-    serial, rules = serial_of(settings), None
-    if serial is not None:
-        rules = SwitchRules(round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
-    return Assembly(used, drives, sensors, clocks.now_ns, rules, heartbeat=heartbeat)
+    return Assembly(used, drives, sensors, clocks.now_ns, heartbeat=heartbeat)
 
 
 def _devices(

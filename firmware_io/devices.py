@@ -1,13 +1,31 @@
 # SPDX-License-Identifier: MIT
-"""What is at the other end of a link: sensors, and drives, which are sensors that also move something."""
+"""What is at the other end of a link: sensors, and drives, which are sensors that also move something.
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Final, NamedTuple, Protocol
+How their frames are followed is the same for all: how old the newest of each kind is, and counters that wrap.
+"""
+
+import math
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
 from segway_ecc.firmware_io.hardware import Diagnosed
-from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import Frame, NowNs
 from segway_ecc.firmware_io.value import Value
 
+Kind = TypeVar("Kind", bound=Hashable)
+
+STALE_PERIODS: Final = 3
+"""A value older than this many of its own periods, or of the loop's if those are longer, is not valid."""
+PATIENCE_PERIODS: Final = 5
+"""Nor, while the device still sends other frames, one older than this many.
+
+A bus that loses one frame in a hundred loses three in a row of one kind every hour, and of all kinds never. So a device
+that is silent is known after three periods, and a healthy one is not cut off for the frames that were lost.
+"""
+SUPPLY_STALE_NS: Final = 1_000_000_000
+"""The voltage of the supply is sent seldom and changes slowly: it is valid up to this age."""
+TURN: Final = 6.283185307179586
+"""One turn, rad."""
 SUPPLY_VOLTAGE: Final = "supply.voltage"
 """The signal of what feeds the motors, V. A robot has one: of two drives that each measure it, the left one's."""
 
@@ -95,3 +113,80 @@ class Drive(Sensor, MotorState, Protocol):
 
     def disable(self) -> None:
         """Send zero and switch the motors off; may be called at any time, and sends every time."""
+
+
+def stale_after_ns(frame_period_s: float, loop_period_s: float) -> int:
+    """Age above which a value from a frame that comes at this period is not valid, ns."""
+    return round(STALE_PERIODS * max(frame_period_s, loop_period_s) * 1e9)
+
+
+class Freshness(Generic[Kind]):
+    """Remembers when each kind of frame of one device last arrived intact.
+
+    Attributes:
+        newest_ns: When the newest of them all arrived; None before the first.
+    """
+
+    def __init__(self, stale_ns: Mapping[Kind, int], now_ns: NowNs) -> None:
+        """Follow the kinds that are keys of `stale_ns`, whose values are the ages above which they are not valid."""
+        self.newest_ns: int | None = None
+        self._stale_ns = stale_ns
+        self._now_ns = now_ns
+        self._received_ns: dict[Kind, int] = {}
+
+    def mark(self, kind: Kind, received_ns: int) -> None:
+        """Note that a frame of this kind arrived intact."""
+        self._received_ns[kind] = received_ns
+        self.newest_ns = received_ns if self.newest_ns is None else max(self.newest_ns, received_ns)
+
+    def age(self, kind: Kind, stale_ns: int | None = None, now_ns: int | None = None) -> tuple[float, bool]:
+        """Age of the newest frame of a kind, s, infinite where none has arrived, and whether it is fresh enough.
+
+        Args:
+            kind: Which.
+            stale_ns: The age above which it is not, ns, for what the frame carries beside its quicker values; where
+                left out, the one that was given for the kind.
+            now_ns: The time, for who asks for several kinds at once.
+        """
+        received_ns = self._received_ns.get(kind)
+        if received_ns is None or self.newest_ns is None:
+            return math.inf, False
+        if now_ns is None:
+            now_ns = self._now_ns()
+        age_ns = now_ns - received_ns
+        limit_ns = self._stale_ns[kind] if stale_ns is None else stale_ns
+        if now_ns - self.newest_ns <= limit_ns:
+            limit_ns = limit_ns * PATIENCE_PERIODS // STALE_PERIODS
+        return age_ns * 1e-9, age_ns <= limit_ns
+
+
+class WrappedCounter:
+    """Follows a counter of a few bits over its wraps; exact, since Python's integers do not wrap.
+
+    Attributes:
+        total: Counts since the first, which counts as itself.
+    """
+
+    __slots__ = ("_half", "_is_resumed", "_last", "_modulus", "total")
+
+    def __init__(self, bits: int) -> None:
+        """Follow a counter of this many bits."""
+        self.total = 0
+        self._modulus = 1 << bits
+        self._half = self._modulus >> 1
+        self._last: int | None = None
+        self._is_resumed = False
+
+    def follow(self, raw: int) -> int:
+        """Take a count, signed or unsigned, and return the total; steps of up to half the range are followed."""
+        if self._last is not None:
+            self.total += (raw - self._last + self._half) % self._modulus - self._half
+        elif not self._is_resumed:
+            self.total = raw
+        self._last = raw
+        return self.total
+
+    def resume(self) -> None:
+        """Keep the total over the next count, whatever that is: the device has restarted, perhaps at another count."""
+        self._last = None
+        self._is_resumed = True

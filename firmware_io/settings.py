@@ -5,16 +5,13 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from segway_ecc.firmware_io.drivetrain import Drivetrain
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.firmware_io.section import Section
-
-Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+from segway_ecc.firmware_io.value import Positive, Section
 
 
 class WheelSettings(Section, frozen=True, kw_only=True):
-    """Between a motor and its wheel; see `Drivetrain`.
+    """Between a motor and its wheel: how the one follows the other.
 
     Attributes:
         gear_ratio: Turns of the motor for one turn of the wheel.
@@ -26,10 +23,21 @@ class WheelSettings(Section, frozen=True, kw_only=True):
     direction: Literal[1, -1] = 1
     max_torque: Positive
 
-    @property
-    def drivetrain(self) -> Drivetrain:
-        """Gear ratio and direction as what converts."""
-        return Drivetrain(self.gear_ratio, self.direction)
+    def wheel(self, motor: float) -> float:
+        """A motor's angle (rad) or velocity (rad/s) as its wheel's."""
+        return motor * self.direction / self.gear_ratio
+
+    def motor(self, wheel: float) -> float:
+        """A wheel's angle (rad) or velocity (rad/s) as its motor's."""
+        return wheel * self.direction * self.gear_ratio
+
+    def motor_torque(self, wheel_torque: float) -> float:
+        """The motor torque that gives a wheel torque, N m; losses in the gear are not counted."""
+        return wheel_torque * self.direction / self.gear_ratio
+
+    def wheel_torque(self, motor_torque: float) -> float:
+        """The wheel torque of a motor torque, N m."""
+        return motor_torque * self.direction * self.gear_ratio
 
 
 class BusSettings(Section, frozen=True, kw_only=True):

@@ -2,13 +2,12 @@
 """When a redundant link passes from one line to the other, and how long that took."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from segway_ecc.firmware_io.links.link import NowNs
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
-
-NowNs = Callable[[], int]
 
 SWITCH_WITHIN_NS: Final = 60_000_000
 """While lines change, values may be this old: a robot with a fall time of 0.2 s has moved little."""
@@ -37,19 +36,6 @@ class Switch:
         return {"telemetry_gap": self.telemetry_gap_ns, "torque_gap": self.torque_gap_ns}
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchRules:
-    """When to change.
-
-    Attributes:
-        silence_ns: A drive unheard for longer than this is lost on the line in use.
-        dwell_ns: Shortest time between two changes, so that two bad lines do not take turns.
-    """
-
-    silence_ns: int = 20_000_000
-    dwell_ns: int = 1_000_000_000
-
-
 class Switching:
     """Judges the line in use, once a cycle.
 
@@ -57,17 +43,17 @@ class Switching:
     if the other is good. Back to the bus: only while the robot is disarmed, once the bus has been good for a while.
 
     Attributes:
+        link: What passes from one line to the other.
         switches: The last changes, oldest first.
         count: How many there were.
     """
 
-    def __init__(self, link: RedundantLink, now_ns: NowNs, rules: SwitchRules) -> None:
+    def __init__(self, link: RedundantLink, now_ns: NowNs) -> None:
         """Judge the lines of `link`."""
+        self.link = link
         self.switches: deque[Switch] = deque(maxlen=_KEPT)
         self.count = 0
-        self._link = link
         self._now_ns = now_ns
-        self._rules = rules
         self._began_ns: int | None = None
         self._changed_ns: int | None = None
         self._bus_good_since_ns: int | None = None
@@ -101,20 +87,20 @@ class Switching:
         now_ns = self._now_ns()
         self._began_ns = self._began_ns or now_ns
         last_good_ns = min(self._began_ns if at_ns is None else at_ns for at_ns in received_ns)
-        if not self._link.is_on_fallback or not self._link.standby_is_good:
+        if not self.link.is_on_fallback or not self.link.standby_is_good:
             self._bus_good_since_ns = None
         elif self._bus_good_since_ns is None:
             self._bus_good_since_ns = now_ns
         reason = self._reason(now_ns, last_good_ns, is_armed=is_armed)
         if reason is None:
             return None
-        left = self._link.owner_name
-        self._link.pass_over()
+        left = self.link.owner_name
+        self.link.pass_over()
         self._changed_ns = now_ns
         self.count += 1
         self._unmeasured = Switch(reason, last_good_ns)
         self.switches.append(self._unmeasured)
-        return f"link: from {left} to {self._link.owner_name}: {reason}"
+        return f"link: from {left} to {self.link.owner_name}: {reason}"
 
     def measure(self, received_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
         """Complete the measurement of the last change, and report it.
@@ -137,12 +123,12 @@ class Switching:
             self._unmeasured = None
 
     def _reason(self, now_ns: int, last_good_ns: int, *, is_armed: bool) -> str | None:
-        dwell_ns = self._rules.dwell_ns
-        if not self._link.standby_is_good or (self._changed_ns is not None and now_ns - self._changed_ns < dwell_ns):
+        dwell_ns = self.link.dwell_ns
+        if not self.link.standby_is_good or (self._changed_ns is not None and now_ns - self._changed_ns < dwell_ns):
             return None
-        if self._link.trouble is not None:
-            return self._link.trouble
-        if now_ns - last_good_ns > self._rules.silence_ns:
+        if self.link.trouble is not None:
+            return self.link.trouble
+        if now_ns - last_good_ns > self.link.silence_ns:
             return f"no good frame for {_ms(now_ns - last_good_ns)} ms"
         since_ns = self._bus_good_since_ns
         if not is_armed and since_ns is not None and now_ns - since_ns >= dwell_ns:

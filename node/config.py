@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from segway_ecc.firmware_io.build import HardwareSettings
-from segway_ecc.firmware_io.section import Section
+from segway_ecc.firmware_io.value import Section
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.models.load import locate

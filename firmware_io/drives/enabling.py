@@ -4,7 +4,7 @@
 import enum
 from typing import Final
 
-from segway_ecc.firmware_io.freshness import NowNs
+from segway_ecc.firmware_io.links.link import NowNs
 
 ENABLE_WITHIN_NS: Final = 500_000_000
 """A drive that has not confirmed by then has failed to enable."""

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: MIT
 """A link made of two: a bus first, and a serial line to fall back on."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final, Protocol
 
 from segway_ecc.firmware_io.errors import LinkLostError
-from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
-
-NowNs = Callable[[], int]
+from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState, NowNs
 
 _NAMES: Final = ("can", "serial")
 
@@ -36,12 +34,23 @@ class RedundantLink:
         lines: The bus, and the line to fall back on.
         owner: Which of the two carries what is sent.
         aside: What the last `receive` found on the line in standby.
+        silence_ns: A drive unheard for longer than this is lost on the line in use.
+        dwell_ns: Shortest time between two changes, so that two bad lines do not take turns.
     """
 
-    def __init__(self, bus: Link, fallback: StandbyLink, now_ns: NowNs) -> None:
+    def __init__(
+        self,
+        bus: Link,
+        fallback: StandbyLink,
+        now_ns: NowNs,
+        silence_ns: int = 20_000_000,
+        dwell_ns: int = 1_000_000_000,
+    ) -> None:
         """Join two lines; the bus is the first owner."""
         self.lines: tuple[Link, StandbyLink] = (bus, fallback)
         self.owner: Link = bus
+        self.silence_ns = silence_ns
+        self.dwell_ns = dwell_ns
         self._now_ns = now_ns
         self.aside: list[Frame] = []
         self._standby_received_ns: int | None = None

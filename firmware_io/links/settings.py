@@ -5,7 +5,7 @@ from typing import Annotated
 
 import msgspec
 
-from segway_ecc.firmware_io.section import Section
+from segway_ecc.firmware_io.value import Section
 
 
 class CanSettings(Section, frozen=True, kw_only=True):

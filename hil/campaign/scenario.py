@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 
-from segway_ecc.firmware_io.section import Section
+from segway_ecc.firmware_io.value import Section
 from segway_ecc.hil.faults.fault import Fault, Seconds
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError

@@ -3,10 +3,10 @@
 
 from typing import Final
 
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.odrive.frames import WATCHDOG, Firmware
 from segway_ecc.firmware_io.drives.odrive.messages import TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveWheelSettings
-from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE
 
 INVALID_STATE: Final = 0x1
@@ -52,7 +52,7 @@ class SimulatedAxis:
         self.settings = settings
         self.watchdog_s = watchdog_s
         self.torque_constant = settings.torque_constant or _TORQUE_CONSTANT
-        largest = abs(settings.drivetrain.motor_torque(settings.max_torque))
+        largest = abs(settings.motor_torque(settings.max_torque))
         self.current_limit_a = _MORE_THAN_ASKED * largest / self.torque_constant
         self.velocity_limit_rev_s: float | None = None
         self.counts_per_turn = 8192
@@ -111,7 +111,7 @@ class SimulatedAxis:
 
     def move(self, angle: float, velocity: float) -> None:
         """Take where the wheel is, rad, and how fast it turns, rad/s."""
-        motor = self.settings.drivetrain.motor
+        motor = self.settings.motor
         self._turns, self.velocity_rev_s = motor(angle) / TURN, motor(velocity) / TURN
         if self._origin_turns is None:
             self._origin_turns = self._turns

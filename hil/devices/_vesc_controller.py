@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.vesc.frames import (
     FIELD_NAMES,
     SET_PACKETS,
@@ -26,7 +27,6 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
     read_mask,
 )
 from segway_ecc.firmware_io.drives.vesc.settings import VescWheelSettings
-from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE
 
@@ -113,8 +113,8 @@ class Controller:
     def measure(self, angle: float, velocity: float, bus_voltage: float = SUPPLY_VOLTAGE) -> None:
         """Take the wheel's angle, rad, and velocity, rad/s, and the supply, V, which is no less than a volt."""
         self.bus_voltage = max(bus_voltage, _LEAST_VOLTAGE)
-        self._angle = self._settings.drivetrain.motor(angle)
-        self._velocity = self._settings.drivetrain.motor(velocity)
+        self._angle = self._settings.motor(angle)
+        self._velocity = self._settings.motor(velocity)
 
     def fail(self, fault: VescFault) -> None:
         """Report a fault for half a second from the next pass on, with the motor free."""
@@ -144,7 +144,7 @@ class Controller:
         limit = self.firmware.max_current
         wanted = 0.0 if self.fault else min(max(self._wanted_current(), -limit), limit)
         self.current += ((wanted if abs(wanted) >= _MIN_CURRENT else 0.0) - self.current) * _CURRENT_STEP
-        return self._settings.drivetrain.wheel_torque(self.current * self._settings.torque_constant)
+        return self._settings.wheel_torque(self.current * self._settings.torque_constant)
 
     def due(self, now_ns: int) -> list[Frame]:
         """The status messages that are to be sent now; what the model does not know is zero in them."""

@@ -4,10 +4,10 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.cia402.frames import Emergency
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.cia402.states import DriveState
-from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices._canopen_objects import Key, ObjectEntry
@@ -73,7 +73,6 @@ class SimulatedDrive:
     def __init__(self, link: Link, settings: Cia402WheelSettings, lacks: Collection[int] = ()) -> None:
         """Switch a drive on that does not have the objects that it `lacks`."""
         self._settings = settings
-        self._drivetrain = settings.drivetrain
         self.state = DriveState.SWITCH_ON_DISABLED
         self.torque = 0.0
         self._last_controlword = 0
@@ -117,14 +116,14 @@ class SimulatedDrive:
         permille = min(max(objects[0x6071, 0].signed, -limit), limit) if is_on else 0
         objects[0x6077, 0].put(permille)
         self.torque = permille * _PERMILLE_MNM
-        return self._drivetrain.wheel_torque(self.torque)
+        return self._settings.wheel_torque(self.torque)
 
     def send_telemetry(self, now_ns: int, angle: float, velocity: float, supply: float) -> None:
         """Measure the wheel (rad, rad/s) and the supply (V), and send what is due."""
         counts, objects = self._settings.counts_per_turn, self.slave.objects
-        self._position_counts = int(self._drivetrain.motor(angle) / TURN * counts // 1)
+        self._position_counts = int(self._settings.motor(angle) / TURN * counts // 1)
         objects[0x6064, 0].put(self._position_counts - self._origin_counts)
-        objects[0x606C, 0].put(round(self._drivetrain.motor(velocity) / TURN / self._settings.velocity_unit_turns))
+        objects[0x606C, 0].put(round(self._settings.motor(velocity) / TURN / self._settings.velocity_unit_turns))
         objects[0x6041, 0].put(_STATUSWORDS[self.state])
         if _DC_LINK not in self._lacks:
             objects[_DC_LINK, 0].put(max(round(supply / _MILLIVOLT), 0))

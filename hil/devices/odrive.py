@@ -123,7 +123,7 @@ class SimulatedOdrive:
             # An error on one axis of 0.5 keeps the other from closed loop; each 0.6 is a board of its own.
             has_errors = self.firmware is Firmware.V0_5 and any(each.error for each in self.axes)
             axis.tick(now_ns, board_has_errors=has_errors)
-        return [axis.settings.drivetrain.wheel_torque(axis.torque_nm) for axis in self.axes]
+        return [axis.settings.wheel_torque(axis.torque_nm) for axis in self.axes]
 
     def send_telemetry(self, now_ns: int, outputs: Mapping[str, float]) -> None:
         """Send what is due."""

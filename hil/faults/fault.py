@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 
-from segway_ecc.firmware_io.section import Section
+from segway_ecc.firmware_io.value import Section
 
 Target = Literal[
     "imu",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching, SwitchRules
+from segway_ecc.firmware_io.switching import SWITCH_WITHIN_NS, Switching
 
 MS = 1_000_000
 START = 1_000 * MS
@@ -18,6 +18,8 @@ class Lines:
     trouble: str | None = None
     standby_is_good: bool = True
     is_on_fallback: bool = False
+    silence_ns: int = 20 * MS
+    dwell_ns: int = 1_000 * MS
     passes: list[int] = field(default_factory=list)
 
     @property
@@ -32,7 +34,7 @@ class Bench:
     def __init__(self) -> None:
         self.now_ns = START
         self.lines = Lines()
-        self.switching = Switching(self.lines, lambda: self.now_ns, SwitchRules())  # type: ignore[arg-type]
+        self.switching = Switching(self.lines, lambda: self.now_ns)  # type: ignore[arg-type]
         self.judge(0)
 
     def judge(self, age_ms: float | None, other_age_ms: float = 0.0, *, armed: bool = True) -> str | None:

@@ -9,7 +9,7 @@ import enum
 import struct
 from typing import Final, NamedTuple, Self
 
-from segway_ecc.firmware_io.drivetrain import TURN
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 PERMILLE: Final = 0.001

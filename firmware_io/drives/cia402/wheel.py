@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Final
 
-from segway_ecc.firmware_io.devices import Readings
+from segway_ecc.firmware_io.devices import SUPPLY_STALE_NS, Freshness, Readings, WrappedCounter, stale_after_ns
 from segway_ecc.firmware_io.drives.cia402.frames import (
     EMERGENCY,
     DriveStatus,
@@ -29,10 +29,8 @@ from segway_ecc.firmware_io.drives.cia402.states import (
     step_towards_operation,
 )
 from segway_ecc.firmware_io.drives.enabling import Enabling
-from segway_ecc.firmware_io.drivetrain import WrappedCounter
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
-from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import Frame, NowNs
 
 _HEARD: Final = (Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.SDO_REPLY, Service.HEARTBEAT, EMERGENCY)
 _POSITION_BITS: Final = 32
@@ -69,7 +67,6 @@ class Cia402Wheel:
         self.supply_voltage = 0.0
         self.listens_to = frozenset(service + settings.node_id for service in _HEARD)
         self._settings = settings
-        self._drivetrain = settings.drivetrain
         self._counter = WrappedCounter(_POSITION_BITS)
         self._values = [0.0, 0.0, 0.0]
         self._last_sent = int(Controlword.DISABLE_VOLTAGE)
@@ -109,7 +106,7 @@ class Cia402Wheel:
                     self._take_status(DriveStatus.unpack(frame.data), frame.received_ns)
                 case Service.TPDO2:
                     velocity = motor_velocity(frame.data, self._settings.velocity_unit_turns)
-                    self._values[1] = self._drivetrain.wheel(velocity)
+                    self._values[1] = self._settings.wheel(velocity)
                 case Service.TPDO3:
                     self.supply_voltage = unpack_supply(frame.data)
                 case Service.HEARTBEAT:
@@ -145,7 +142,7 @@ class Cia402Wheel:
         """The frame with a controlword and a torque at the wheel, N m; limited, and zero where it is not finite."""
         limit = self._settings.max_torque
         limited = min(max(wheel_torque, -limit), limit) if math.isfinite(wheel_torque) else 0.0
-        command = TorqueCommand.of(controlword, self._drivetrain.motor_torque(limited), self.rated_torque)
+        command = TorqueCommand.of(controlword, self._settings.motor_torque(limited), self.rated_torque)
         self._last_sent = int(controlword)
         return Frame(Service.RPDO1 + self.node_id, command.pack())
 
@@ -218,8 +215,8 @@ class Cia402Wheel:
             self._refused[Refusal.UNKNOWN] += 1
         self._off_ns = received_ns if self.state in WITHOUT_TORQUE else None
         angle = motor_angle(self._counter.follow(status.position_counts), self._settings.counts_per_turn)
-        self._values[0] = self._drivetrain.wheel(angle)
-        self._values[2] = self._drivetrain.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
+        self._values[0] = self._settings.wheel(angle)
+        self._values[2] = self._settings.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
 
     def restart(self) -> None:
         """It has restarted: what it was set up to is gone."""

@@ -13,8 +13,7 @@ from segway_ecc.firmware_io.drives.odrive.frames import COMMANDS, HEARTBEAT, VER
 from segway_ecc.firmware_io.drives.odrive.listener import AxisListener
 from segway_ecc.firmware_io.drives.odrive.messages import PASSTHROUGH, TORQUE_CONTROL, AxisState
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.freshness import NowNs
-from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _ZERO = m.SetInputTorque(0.0)
 _TORQUE_MODE = m.SetControllerMode(TORQUE_CONTROL, PASSTHROUGH)
@@ -135,7 +134,7 @@ class Odrive(PhasedDrive):
                 # An axis that no longer follows commands gets zero.
                 wanted = commands[0] if self._axis.is_closed_loop and math.isfinite(commands[0]) else 0.0
                 limited = min(max(wanted, -self._wheel.max_torque), self._wheel.max_torque)
-                self._send(m.SetInputTorque(self._wheel.drivetrain.motor_torque(limited)))
+                self._send(m.SetInputTorque(self._wheel.motor_torque(limited)))
             case Phase.ENABLING:
                 self._step()
             case Phase.OFF:

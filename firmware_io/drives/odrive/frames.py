@@ -12,8 +12,8 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.odrive import messages as m
-from segway_ecc.firmware_io.drivetrain import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame
 

@@ -5,7 +5,15 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
-from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.devices import (
+    SUPPLY_STALE_NS,
+    SUPPLY_VOLTAGE,
+    FrameKey,
+    Freshness,
+    Readings,
+    stale_after_ns,
+    with_one_more,
+)
 from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
@@ -25,9 +33,8 @@ from segway_ecc.firmware_io.drives.odrive.frames import (
 from segway_ecc.firmware_io.drives.odrive.messages import AxisState
 from segway_ecc.firmware_io.drives.odrive.probes import FirmwareSearch, WatchdogProof
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
-from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.firmware_io.links.link import Frame, NowNs
 
 _SHOWN_IN_HEALTH: Final[Mapping[type[Any], str]] = {
     m.BusVoltageCurrent: "bus",
@@ -68,7 +75,6 @@ class AxisListener:
             **({SUPPLY_VOLTAGE: "V"} if name == "left" else {}),
         }
         self._wheel = settings.wheel(name)
-        self._drivetrain = self._wheel.drivetrain
         self.search = FirmwareSearch(settings.firmware)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)
         # A cycle more, since what comes over a serial line is read up to one cycle late.
@@ -119,11 +125,11 @@ class AxisListener:
         The angle is the drive's own, which counts from power-on: its resolution is that of the wire's 32-bit float,
         4e-4 rad at 1000 turns of the motor and 6e-3 rad at 10000.
         """
-        wheel = self._drivetrain.wheel
+        wheel = self._wheel.wheel
         angle, velocity = motor_motion(self._estimates)
         age, valid = self.age("estimates")
         torque_age, torque_valid = self.age("torque")
-        values = (wheel(angle), wheel(velocity), self._drivetrain.wheel_torque(self._torque))
+        values = (wheel(angle), wheel(velocity), self._wheel.wheel_torque(self._torque))
         readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
@@ -159,7 +165,7 @@ class AxisListener:
             "error": ", ".join(self.errors) or "none",
             "firmware": str(self.search),
             "watchdog_ms": "not seen" if self.proof.took_ns is None else f"{self.proof.took_ns * 1e-6:.1f}",
-            "angle_resolution_rad": f"{abs(self._drivetrain.wheel(angle_resolution(self._estimates))):.1e}",
+            "angle_resolution_rad": f"{abs(self._wheel.wheel(angle_resolution(self._estimates))):.1e}",
             **newest,
         }
 

@@ -6,7 +6,8 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.firmware_io.settings import BusSettings, Positive, WheelSettings
+from segway_ecc.firmware_io.settings import BusSettings, WheelSettings
+from segway_ecc.firmware_io.value import Positive
 
 NodeId = Annotated[int, msgspec.Meta(ge=0, le=62)]
 """What can be addressed; node 63 is everybody's."""

@@ -7,7 +7,16 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.devices import (
+    SUPPLY_STALE_NS,
+    SUPPLY_VOLTAGE,
+    FrameKey,
+    Freshness,
+    Readings,
+    WrappedCounter,
+    stale_after_ns,
+    with_one_more,
+)
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.vesc.buffers import decode_short
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
@@ -23,10 +32,8 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
 )
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
-from segway_ecc.firmware_io.drivetrain import WrappedCounter
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
-from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _ASK_EVERY_NS: Final = 100_000_000
 """A fault lasts half a second, so none is missed."""
@@ -68,7 +75,6 @@ class Vesc(PhasedDrive):
         self.limits: Sequence[float] = (wheel.max_torque,)
         self._link = link
         self._wheel = wheel
-        self._drivetrain = wheel.drivetrain
         self._timeout_s = settings.timeout_set_s
         self._rate_hz = settings.status_rate_hz
         self._answers_id = arbitration_id(PacketId.PROCESS_SHORT_BUFFER, HOST_IDS[name])
@@ -118,9 +124,9 @@ class Vesc(PhasedDrive):
 
     def read(self) -> Readings:
         """The wheel's angle, velocity and torque, and of the left controller the supply's voltage."""
-        angle = self._drivetrain.wheel(motor_angle(self._counter.total, self._wheel.pole_pairs))
-        velocity = self._drivetrain.wheel(self._status.motor_velocity(self._wheel.pole_pairs))
-        torque = self._drivetrain.wheel_torque(self._status.current * self._wheel.torque_constant)
+        angle = self._wheel.wheel(motor_angle(self._counter.total, self._wheel.pole_pairs))
+        velocity = self._wheel.wheel(self._status.motor_velocity(self._wheel.pole_pairs))
+        torque = self._wheel.wheel_torque(self._status.current * self._wheel.torque_constant)
         age, is_valid = self._fresh.age(PacketId.STATUS)
         angle_age, angle_is_valid = self._fresh.age(PacketId.STATUS_5)
         readings = Readings(
@@ -258,6 +264,6 @@ class Vesc(PhasedDrive):
         if not math.isfinite(torque):
             self._refused[Refusal.RANGE] += 1
             torque = 0.0
-        motor = self._drivetrain.motor_torque(min(max(torque, -limit), limit))
+        motor = self._wheel.motor_torque(min(max(torque, -limit), limit))
         current = Current(motor / self._wheel.torque_constant)
         self._link.send(frame_of(PacketId.SET_CURRENT, self._wheel.controller_id, current))

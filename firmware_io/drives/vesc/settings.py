@@ -37,7 +37,7 @@ class VescWheelSettings(WheelSettings, frozen=True, kw_only=True):
     @property
     def max_current(self) -> float:
         """Motor current at the largest torque, A."""
-        return abs(self.drivetrain.motor_torque(self.max_torque)) / self.torque_constant
+        return abs(self.motor_torque(self.max_torque)) / self.torque_constant
 
 
 class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):

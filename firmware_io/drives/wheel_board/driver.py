@@ -7,7 +7,15 @@ from typing import Final
 
 from msgspec.structs import astuple
 
-from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
+from segway_ecc.firmware_io.devices import (
+    SUPPLY_STALE_NS,
+    SUPPLY_VOLTAGE,
+    FrameKey,
+    Freshness,
+    Readings,
+    stale_after_ns,
+    with_one_more,
+)
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
@@ -20,8 +28,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     WheelCommand,
 )
 from segway_ecc.firmware_io.drives.wheel_board.settings import WATCHDOG_ALLOWED_S
-from segway_ecc.firmware_io.freshness import SUPPLY_STALE_NS, Freshness, NowNs, stale_after_ns
-from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _WHEELS: Final[Mapping[FrameId, Mapping[str, str]]] = {
     FrameId.LEFT_WHEEL: {"left.angle": "rad", "left.velocity": "rad/s"},

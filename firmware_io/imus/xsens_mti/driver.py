@@ -6,13 +6,12 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Final
 
-from segway_ecc.firmware_io.devices import FrameKey, Readings
-from segway_ecc.firmware_io.freshness import Freshness, NowNs, stale_after_ns
+from segway_ecc.firmware_io.devices import FrameKey, Freshness, Readings, stale_after_ns
 from segway_ecc.firmware_io.imus.mounting import Vector
 from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, Message, decode, elapsed_s
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
-from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)
 _USED: Final = (

@@ -8,7 +8,7 @@ import msgspec
 from segway_ecc.firmware_io.devices import FrameKey
 from segway_ecc.firmware_io.imus.mounting import Axis, Mounting
 from segway_ecc.firmware_io.imus.xsens_mti.frames import DEFAULT_IDS, Message
-from segway_ecc.firmware_io.section import Section
+from segway_ecc.firmware_io.value import Section
 
 _STANDARD_IDS: Final = 1 << 11
 _EXTENDED_IDS: Final = 1 << 29

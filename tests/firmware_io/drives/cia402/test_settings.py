@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drivetrain import Drivetrain
 from segway_ecc.node.config import load_robot, read_text
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
@@ -33,7 +32,7 @@ def test_what_is_left_out_has_its_default() -> None:
     settings = decode(hardware())
     assert settings.host_node_id == 127
     assert settings.watchdog_s == 0.05
-    assert settings.left.drivetrain == Drivetrain(1.0, 1)
+    assert (settings.left.gear_ratio, settings.left.direction) == (1.0, 1)
     assert settings.left.velocity_unit_turns == pytest.approx(1 / 4096)
 
 

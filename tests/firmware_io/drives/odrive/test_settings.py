@@ -23,7 +23,7 @@ def test_optional_settings_have_defaults() -> None:
     assert (settings.firmware, settings.watchdog_s, settings.serial) == ("auto", 0.05, None)
     assert (settings.heartbeat_period_s, settings.encoder_period_s) == (0.02, 0.005)
     assert (settings.wheel("left").node_id, settings.wheel("right").node_id) == (3, 4)
-    assert settings.wheel("right").drivetrain.wheel(2.0) == -2.0
+    assert settings.wheel("right").wheel(2.0) == -2.0
 
 
 @pytest.mark.parametrize(

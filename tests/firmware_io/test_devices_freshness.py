@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.freshness import PATIENCE_PERIODS, STALE_PERIODS, SUPPLY_STALE_NS, Freshness, stale_after_ns
+from segway_ecc.firmware_io.devices import PATIENCE_PERIODS, STALE_PERIODS, SUPPLY_STALE_NS, Freshness, stale_after_ns
 
 MS = 1_000_000
 

@@ -6,41 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drivetrain import TURN, Drivetrain, WrappedCounter
-
-RATIOS = st.floats(0.01, 1_000.0)
-DIRECTIONS = st.sampled_from([1, -1])
-VALUES = st.floats(-1e6, 1e6)
+from segway_ecc.firmware_io.devices import TURN, WrappedCounter
 
 
 def test_a_turn_is_two_pi() -> None:
     assert math.tau == TURN
-
-
-def test_without_a_gear_motor_and_wheel_are_one() -> None:
-    drivetrain = Drivetrain()
-    assert drivetrain.wheel(3.0) == drivetrain.motor(3.0) == 3.0
-    assert drivetrain.motor_torque(3.0) == drivetrain.wheel_torque(3.0) == 3.0
-
-
-@pytest.mark.parametrize("direction", [1, -1])
-def test_a_geared_motor_turns_faster_and_pulls_less_than_its_wheel(direction: int) -> None:
-    drivetrain = Drivetrain(gear_ratio=4.0, direction=direction)
-    assert drivetrain.wheel(8.0) == 2.0 * direction
-    assert drivetrain.motor(2.0) == 8.0 * direction
-    assert drivetrain.motor_torque(8.0) == 2.0 * direction
-    assert drivetrain.wheel_torque(2.0) == 8.0 * direction
-
-
-@given(RATIOS, DIRECTIONS, VALUES, VALUES)
-def test_there_and_back_is_the_same_and_no_power_is_made_or_lost(
-    ratio: float, direction: int, speed: float, torque: float
-) -> None:
-    drivetrain = Drivetrain(ratio, direction)
-    assert drivetrain.wheel(drivetrain.motor(speed)) == pytest.approx(speed, rel=1e-12)
-    assert drivetrain.wheel_torque(drivetrain.motor_torque(torque)) == pytest.approx(torque, rel=1e-12)
-    at_motor = drivetrain.motor(speed) * drivetrain.motor_torque(torque)
-    assert at_motor == pytest.approx(speed * torque, rel=1e-12)
 
 
 def _wrap(count: int, bits: int, *, signed: bool) -> int:
