@@ -53,12 +53,10 @@ RULES = {
         allowed=ours("firmware_io.value", "firmware_io.errors"),
     ),
     "the cycle knows no ROS": Rule(ours("node.cycle"), (*ours("node.ros"), *ROS)),
-    "ROS packages are imported by the ROS stage and the archive's server only": Rule(
+    "ROS packages are imported by the ROS stage and the archive's service only": Rule(
         ours(*FLOORS),
         ROS,
-        but_not_in=ours(
-            "node.ros", "deploy.support.archive_server", "deploy.support.archive_calls", "hil.bench.programs"
-        ),
+        but_not_in=ours("node.ros", "deploy.support.archive_service", "hil.bench.programs"),
     ),
     "simulation knows no safety, ROS or command line": Rule(
         ours("hil.rig", "hil.devices", "hil.plants", "hil.faults"), ours("node.safety", "node.ros", "node.cli")

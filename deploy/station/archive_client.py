@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.release.agent.files import sha256_of
-from segway_ecc.deploy.support.log_folder import LogFile, open_log
-from segway_ecc.deploy.support.pieces import (
+from segway_ecc.deploy.support.archive_files import (
     BUNDLE,
     BUSY,
     FAILED,
@@ -27,10 +26,12 @@ from segway_ecc.deploy.support.pieces import (
     MAKE,
     SHA256,
     FileRequest,
+    LogFile,
     Value,
     finished_bundle_of,
     is_sha256,
     logs_of,
+    open_log,
     parameter_name,
 )
 from segway_ecc.node.errors import NobodyListensError
@@ -104,7 +105,7 @@ class _Archive(NamedTuple):
 
 
 class ParameterReader(Protocol):
-    """Reads from archives; `segway_ecc.deploy.support.archive_calls.ArchiveCalls` is one."""
+    """Reads from archives; `segway_ecc.deploy.support.archive_service.ArchiveCalls` is one."""
 
     def ask(self, robot: str, name: str) -> Value:
         """The value of a parameter of a robot's archive."""

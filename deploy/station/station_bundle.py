@@ -15,7 +15,7 @@ import msgspec
 
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import FleetStatus
-from segway_ecc.deploy.support.bundle import Collected, Part, Stored, json_text, write_parts
+from segway_ecc.deploy.support.bundle import Collected, Parts, Stored, json_text, write_parts
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
 from segway_ecc.node.ros.runtime import discovery_text, require_ros
 
@@ -52,12 +52,12 @@ class StationBundle:
             mine = [event for event in self.station.events(0) if event.robot in {"", robot}]
             return Collected({"events.jsonl": "".join(msgspec.json.encode(event).decode() + "\n" for event in mine)})
 
-        parts = [
-            Part("robot's own bundle", functools.partial(self._own, robot)),
-            Part("picture", robots),
-            Part("events", events),
-            *machine_parts(BundleOptions(self.logs, log_count=0, station=self.folder)),
-        ]
+        parts: Parts = {
+            "robot's own bundle": functools.partial(self._own, robot),
+            "picture": robots,
+            "events": events,
+            **machine_parts(BundleOptions(self.logs, log_count=0, station=self.folder)),
+        }
         made = datetime.fromtimestamp(self.wall_ns() // 1_000_000_000, UTC).isoformat()
         stream = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115 - the caller's to close
         try:

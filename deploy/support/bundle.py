@@ -47,16 +47,8 @@ class Collected(NamedTuple):
     missing: Sequence[str] = ()
 
 
-class Part(NamedTuple):
-    """A part.
-
-    Attributes:
-        name: What it is called.
-        collect: Finds it; whatever it raises is noted.
-    """
-
-    name: str
-    collect: Callable[[], Collected]
+Parts: TypeAlias = Mapping[str, Callable[[], Collected]]
+"""What finds each part, by its name; whatever it raises is noted."""
 
 
 class FileEntry(msgspec.Struct, frozen=True):
@@ -108,7 +100,7 @@ def json_text(value: object) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=2).decode()
 
 
-def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], made: str) -> BundleManifest:
+def write_bundle(path: Path, parts: Parts, about: Mapping[str, str], made: str) -> BundleManifest:
     """Write a bundle; it is there whole or not at all, and only its owner reads it.
 
     Raises:
@@ -130,28 +122,28 @@ def write_bundle(path: Path, parts: Sequence[Part], about: Mapping[str, str], ma
     return manifest
 
 
-def write_parts(stream: IO[bytes], parts: Sequence[Part], about: Mapping[str, str], made: str) -> BundleManifest:
+def write_parts(stream: IO[bytes], parts: Parts, about: Mapping[str, str], made: str) -> BundleManifest:
     """Write the parts and the manifest into an open file."""
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        manifest = BundleManifest(about, made, [_write_part(archive, part) for part in parts])
+        manifest = BundleManifest(about, made, [_write_part(archive, *part) for part in parts.items()])
         archive.writestr(_info(MANIFEST), json_text(manifest), zipfile.ZIP_DEFLATED)
     return manifest
 
 
-def _write_part(archive: zipfile.ZipFile, part: Part) -> PartEntry:
+def _write_part(archive: zipfile.ZipFile, name: str, collect: Callable[[], Collected]) -> PartEntry:
     try:
-        collected = part.collect()
+        collected = collect()
     except Exception as error:  # noqa: BLE001 - one part must not cost the others
-        return PartEntry(part.name, "missing", (), (hidden(_reason(error)),))
+        return PartEntry(name, "missing", (), (hidden(_reason(error)),))
     files: list[FileEntry] = []
     missing = [hidden(text) for text in collected.missing]
-    for name, content in collected.files.items():
+    for file, content in collected.files.items():
         try:
-            files.append(_write_file(archive, name, content))
+            files.append(_write_file(archive, file, content))
         except _SourceError as error:
-            missing.append(f"{name}: {error}")
+            missing.append(f"{file}: {error}")
     state = "missing" if not files else "partly" if missing else "complete"
-    return PartEntry(part.name, state, files, missing)
+    return PartEntry(name, state, files, missing)
 
 
 def _write_file(archive: zipfile.ZipFile, name: str, content: Content) -> FileEntry:

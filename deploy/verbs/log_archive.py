@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.station.station_bundle import robots
-from segway_ecc.deploy.support.archive_server import ArchiveServer
+from segway_ecc.deploy.support.archive_files import NODE
+from segway_ecc.deploy.support.archive_service import ArchiveServer
 from segway_ecc.deploy.support.bundle import write_bundle
 from segway_ecc.deploy.support.file_store import FileStore
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
-from segway_ecc.deploy.support.pieces import NODE
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_namespace, default_log, stopped_by_signals
 from segway_ecc.node.config import load_robot, packaged_robots, read_text

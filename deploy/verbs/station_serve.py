@@ -18,7 +18,7 @@ from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
 from segway_ecc.deploy.station.web.access import Access, load_access, new_access
 from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, tls_context, url
-from segway_ecc.deploy.support.archive_calls import ArchiveCalls
+from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals

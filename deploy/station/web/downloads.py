@@ -16,7 +16,7 @@ from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.views import FleetView
 from segway_ecc.deploy.station.web.log_pages import RobotLogs, logs_page, path_of
 from segway_ecc.deploy.station.web.shared import Cause, RefusedRequestError, json_response
-from segway_ecc.deploy.support.log_folder import LogFile, logs_in, open_log
+from segway_ecc.deploy.support.archive_files import LogFile, logs_in, open_log
 from segway_ecc.node.errors import NodeError
 
 Bundle: TypeAlias = Callable[[str], IO[bytes]]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.deploy.station.archive_client import Progress
-from segway_ecc.deploy.support.log_folder import LogFile
+from segway_ecc.deploy.support.archive_files import LogFile
 
 _NS: Final = 1e-9
 _LATEST_S: Final = 253_402_300_799  # the end of the year 9999

@@ -11,19 +11,24 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Content, Part, Stored, write_bundle
+from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Content, Parts, Stored, write_bundle
 
 
-def _part(name: str, content: Content, *missing: str) -> Part:
-    return Part(name, lambda: Collected({f"{name}.txt": content}, missing))
+def _part(name: str, content: Content, *missing: str) -> Parts:
+    return {name: lambda: Collected({f"{name}.txt": content}, missing)}
 
 
 def _stored(path: Path, size: int) -> Stored:
     return Stored(lambda: os.open(path, os.O_RDONLY), size)
 
 
-def _write(path: Path, *parts: Part) -> dict[str, str]:
-    manifest = write_bundle(path, parts, {"robot": "cart"}, "2026-01-01T00:00:00+00:00")
+def _write(path: Path, *parts: Parts) -> dict[str, str]:
+    manifest = write_bundle(
+        path,
+        {name: part for each in parts for name, part in each.items()},
+        {"robot": "cart"},
+        "2026-01-01T00:00:00+00:00",
+    )
     return {part.part: part.state for part in manifest.parts}
 
 
@@ -49,7 +54,7 @@ def test_a_part_that_fails_is_named_with_why_and_costs_no_other(tmp_path: Path) 
         raise ValueError("the token=abc broke")
 
     path = tmp_path / "b.zip"
-    states = _write(path, Part("bad", fail), _part("gone", _stored(tmp_path / "gone", 5)), _part("good", "x"))
+    states = _write(path, {"bad": fail}, _part("gone", _stored(tmp_path / "gone", 5)), _part("good", "x"))
     assert states == {"bad": "missing", "gone": "missing", "good": "complete"}
     with zipfile.ZipFile(path) as archive:
         assert archive.namelist() == ["good.txt", MANIFEST]
@@ -97,7 +102,7 @@ def test_where_it_cannot_be_written_nothing_is_left(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        _write(tmp_path / "b.zip", Part("a", interrupted))
+        _write(tmp_path / "b.zip", {"a": interrupted})
     assert list(tmp_path.iterdir()) == []
 
 

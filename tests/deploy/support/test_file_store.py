@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from segway_ecc.deploy.support.archive_files import PIECE_BYTES, Value, finished_bundle_of
 from segway_ecc.deploy.support.file_store import FileStore
-from segway_ecc.deploy.support.pieces import PIECE_BYTES, Value, finished_bundle_of
 
 CONTENT = bytes(range(256)) * 512
 NS_PER_S = 1_000_000_000

@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.station.station_bundle import robots
-from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Part, Stored, write_bundle
+from segway_ecc.deploy.support import machine_bundle as machine
+from segway_ecc.deploy.support.bundle import MANIFEST, Collected, Stored, write_bundle
 from segway_ecc.deploy.support.commands import NoAnswerError, answer_of
-from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
-from segway_ecc.deploy.support.parts import machine
-from segway_ecc.deploy.support.parts.files import audit_log, newest_logs
+from segway_ecc.deploy.support.machine_bundle import BundleOptions, audit_log, machine_parts, newest_logs
 
 SECRET = "s3cr3t-value"  # noqa: S105 - nobody's
 
@@ -116,7 +115,7 @@ def test_no_secret_is_anywhere_in_a_whole_bundle(
     options = BundleOptions(tmp_path / "logs", robot=f"name: cart\napi_key: {SECRET}\n", station=station, robots=robots)
     parts = machine_parts(options)
     path = tmp_path / "b.zip"
-    manifest = write_bundle(path, [*parts, Part("broken", _fail)], {}, "now")
+    manifest = write_bundle(path, {**parts, "broken": _fail}, {}, "now")
 
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()

@@ -15,7 +15,7 @@ from segway_ecc.deploy.station.web.access import Access, Role, new_access
 from segway_ecc.deploy.station.web.downloads import Bundle
 from segway_ecc.deploy.station.web.server import Server, ServerSettings
 from segway_ecc.deploy.station.web.site_address import bind, site_address_of
-from segway_ecc.deploy.support.log_folder import LogFile
+from segway_ecc.deploy.support.archive_files import LogFile
 from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
 

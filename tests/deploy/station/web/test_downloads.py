@@ -16,7 +16,7 @@ from yarl import URL
 from segway_ecc.deploy.station.archive_client import Progress
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.deploy.station.web.access import Role
-from segway_ecc.deploy.support.log_folder import LogFile, open_log
+from segway_ecc.deploy.support.archive_files import LogFile, open_log
 from segway_ecc.node.errors import NobodyListensError
 from tests.deploy.station.web.scripted_station import ScriptedStation
 from tests.deploy.station.web.serving import Served, browser, served

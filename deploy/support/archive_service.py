@@ -1,22 +1,33 @@
 # SPDX-License-Identifier: MIT
-"""Asking the archives of robots, from a thread and a ROS context of its own: apart from the robots' connections."""
+"""The ROS side of the archives, with the parameters of `archive_files`: a robot's server, and a base station's calls.
+
+The server hands out pieces when they are asked for, and no faster than is good for others; the calls have a thread and
+a ROS context of their own, apart from the robots' connections.
+"""
 
 import contextlib
 import importlib
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import Final, NamedTuple
 
-from segway_ecc.deploy.support.archive_server import SERVICE, value_of
-from segway_ecc.deploy.support.pieces import NODE, Value
+from segway_ecc.deploy.support.archive_files import NODE, Value, piece_of, words_of
 from segway_ecc.node.errors import NobodyListensError, NodeError
 from segway_ecc.node.ros.messages import RosObject, message_type
 from segway_ecc.node.ros.runtime import ros_node
 
-_LOOK_S: Final = 0.05
+SERVICE: Final = "get_parameters"
+_MOST_NAMES: Final = 4
+_LONGEST_NAME: Final = 300
+_LOOK_S: Final = 0.1
+_STRING: Final = 4
+_INTEGERS: Final = 7
+_STRINGS: Final = 9
+"""rcl_interfaces/msg/ParameterType."""
+_POLL_S: Final = 0.05
 _FOUND_WITHIN_S: Final = 4.0
 """DDS takes up to that long to find a service on a busy machine."""
 _KNOWN_WITHIN_S: Final = 1.0
@@ -24,6 +35,62 @@ _KNOWN_WITHIN_S: Final = 1.0
 _ANSWER_S: Final = 5.0
 _MOST_WAITING: Final = 64
 _MOST_ROBOTS: Final = 100
+
+
+class ArchiveServer:
+    """Answers requests for parameters, in a loop of its own."""
+
+    def __init__(self, node: RosObject, answer: Callable[[str], Value], bytes_per_s: float) -> None:
+        """Answer through `node`, which has no parameter services of its own.
+
+        Args:
+            node: Who answers.
+            answer: What the value of a parameter is.
+            bytes_per_s: How much may leave in a second.
+        """
+        executors = importlib.import_module("rclpy.executors")
+        self._answer = answer
+        self._bytes_per_s = bytes_per_s
+        self._owed_s = 0.0
+        self._value_type = message_type("rcl_interfaces/msg/ParameterValue")
+        service_type = message_type("rcl_interfaces/srv/GetParameters")
+        node.create_service(service_type, f"~/{SERVICE}", self._serve)
+        self._executor = executors.SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Answer until `stopped`, which is asked often, is true."""
+        while not stopped():
+            self._executor.spin_once(timeout_sec=_LOOK_S)
+            # Whatever was sent is waited for before the next request is even looked at, whoever's it is.
+            while self._owed_s > 0.0 and not stopped():
+                pause_s = min(self._owed_s, _LOOK_S)
+                time.sleep(pause_s)
+                self._owed_s -= pause_s
+        self._executor.shutdown()
+
+    def _serve(self, request: RosObject, response: RosObject) -> RosObject:
+        response.values = [self._value_type() for _ in request.names]
+        for name, value in zip(request.names[:_MOST_NAMES], response.values, strict=False):
+            answer = self._answer(name) if len(name) <= _LONGEST_NAME else None
+            if isinstance(answer, bytes):
+                self._owed_s += len(answer) / self._bytes_per_s
+                value.type, value.integer_array_value = _INTEGERS, words_of(answer)
+            elif isinstance(answer, str):
+                value.type, value.string_value = _STRING, answer
+            elif answer is not None:
+                value.type, value.string_array_value = _STRINGS, [str(line) for line in answer]
+                self._owed_s += sum(len(line) for line in value.string_array_value) / self._bytes_per_s
+        return response
+
+
+def value_of(value: RosObject) -> Value:
+    """What a `rcl_interfaces/msg/ParameterValue` holds; None for a type that no archive sends."""
+    if value.type == _STRING:
+        return str(value.string_value)
+    if value.type == _STRINGS:
+        return list(value.string_array_value)
+    return piece_of(value.integer_array_value) if value.type == _INTEGERS else None
 
 
 class NoArchiveError(NobodyListensError):
@@ -152,7 +219,7 @@ class _Exchange:
                 self._unsent.append(call)
             else:
                 call.answer.set_exception(NoArchiveError(call.robot))
-        self._executor.spin_once(timeout_sec=_LOOK_S)
+        self._executor.spin_once(timeout_sec=_POLL_S)
         now_s = time.monotonic()
         sent, self._sent = self._sent, []
         for call, client, future in sent:

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.deploy.station.archive_client import ArchiveClient, Progress
-from segway_ecc.deploy.support.archive_calls import ArchiveCalls, NoArchiveError
+from segway_ecc.deploy.support.archive_service import ArchiveCalls, NoArchiveError
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.ros.runtime import ros_node
 from tests.ros_processes import Start
@@ -133,7 +133,7 @@ def test_any_ros_node_can_ask_and_too_many_names_at_once_are_not_answered(
 def test_frozen_archive_is_reported_and_fetch_resumes_when_it_is_back(
     client: ArchiveClient, robot: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("segway_ecc.deploy.support.archive_calls._ANSWER_S", 0.5)
+    monkeypatch.setattr("segway_ecc.deploy.support.archive_service._ANSWER_S", 0.5)
     assert len(client.logs("/alice")) == 1
     robot.send_signal(signal.SIGSTOP)
     try:

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.deploy.support.log_folder import LogFile
-from segway_ecc.deploy.support.pieces import (
+from segway_ecc.deploy.support.archive_files import (
     PIECE_BYTES,
     FileRequest,
     FinishedBundle,
+    LogFile,
     file_request_of,
     finished_bundle_of,
     listing_of,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.support.log_folder import logs_in, open_log
+from segway_ecc.deploy.support.archive_files import logs_in, open_log
 
 
 @pytest.fixture

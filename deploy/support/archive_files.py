@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How a robot's files travel over ROS 2: as the read-only parameters of a node named `archive`.
+"""A folder of logs, and how a robot's files travel over ROS 2: as the read-only parameters of a node named `archive`.
 
 The service is the standard `rcl_interfaces/srv/GetParameters`, which every ROS 2 installation has because rclpy itself
 needs it; `ros2 service call` shows what there is without any code of ours. One request brings one piece, and the next
@@ -22,13 +22,17 @@ What is not there is not set. A log that grows is fetched as long as it was when
 """
 
 import array
+import contextlib
+import os
 import re
+import stat
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from segway_ecc.deploy.support.log_folder import LONGEST_NAME, MOST_LOGS, LogFile, is_plain_name
-
+MOST_LOGS: Final = 1000
+LONGEST_NAME: Final = 200
 NODE: Final = "archive"
 PIECE_BYTES: Final = 60 * 1024
 """Fits one UDP message of DDS; what else the robot has to send waits for no more than that on a slow network."""
@@ -44,9 +48,65 @@ LARGEST: Final = 2**62
 _WORD: Final = 8
 _NUMBER: Final = re.compile(r"[0-9]{1,19}")
 _HASH: Final = re.compile(r"[0-9a-f]{64}")
-
 Value: TypeAlias = str | Sequence[str] | bytes | None
 """Of a parameter; None where it is not set, bytes where it is a piece."""
+
+
+class LogFile(NamedTuple):
+    """A log.
+
+    Attributes:
+        name: Of the file.
+        size: Bytes.
+        changed_ns: When it was last written, ns since the Unix epoch.
+    """
+
+    name: str
+    size: int
+    changed_ns: int
+
+
+def is_plain_name(name: str) -> bool:
+    """Whether it can only be a file of a folder, and not a hidden one."""
+    return bool(name) and not name.startswith(".") and "/" not in name and "\0" not in name
+
+
+def logs_in(folder: Path) -> list[LogFile]:
+    """The logs of a folder, newest first: regular files only; links and hidden files are none."""
+    found = []
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            with contextlib.suppress(OSError):
+                if not entry.name.startswith(".") and entry.is_file(follow_symlinks=False):
+                    status = entry.stat(follow_symlinks=False)
+                    found.append(LogFile(entry.name, status.st_size, status.st_mtime_ns))
+    return sorted(found, key=lambda log: (-log.changed_ns, log.name))[:MOST_LOGS]
+
+
+def open_log(folder: Path, name: str) -> tuple[int, int]:
+    """A log's file descriptor, which is the caller's to close, and its size in bytes.
+
+    Raises:
+        FileNotFoundError: There is no such log: it is a link, no file, hidden, or in another folder.
+    """
+    if not is_plain_name(name):
+        raise FileNotFoundError
+    try:
+        place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        raise FileNotFoundError from None
+    try:
+        # Neither a link nor a pipe, which would make us wait, is opened.
+        file = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=place)
+    except (OSError, ValueError):  # ValueError: a name that no file can have
+        raise FileNotFoundError from None
+    finally:
+        os.close(place)
+    status = os.fstat(file)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(file)
+        raise FileNotFoundError
+    return file, status.st_size
 
 
 class FileRequest(NamedTuple):
