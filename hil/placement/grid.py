@@ -1,19 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""The placement study: networks, placements, what is run on each, and all of it side by side on the cores."""
+"""The placement study: networks and placements, what is run on each, and all of it side by side on the cores."""
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from typing import Final
 
 import msgspec
 
 from segway_ecc.hil.parallel import results_of
-from segway_ecc.hil.placement.cells import Setting, cut, drive, stop
-from segway_ecc.hil.placement.network import Delivery, Network
-from segway_ecc.hil.placement.placement import PLACEMENTS, Placement
-from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
+from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
+from segway_ecc.hil.placement.judging import (
+    UPRIGHT,
+    Errors,
+    RunOutcome,
+    RunRecord,
+    errors,
+    outcome_of,
+    reason_of,
+    story,
+)
+from segway_ecc.hil.placement.network import PERFECT, Delivery, Network, Partition
+from segway_ecc.hil.placement.results import (
+    ON_THE_ROBOT,
+    PLACEMENTS,
+    STAMPED,
+    UNSTAMPED,
+    Bound,
+    Cut,
+    Drive,
+    Placement,
+    Row,
+    Stop,
+    StudyResult,
+)
 from segway_ecc.hil.placement.search import LimitSearch, Size, find
 from segway_ecc.hil.progress import OnProgress
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 ROBOT: Final = "segway"
 TORQUE_ROBOT: Final = "segway-odrive"
@@ -42,9 +64,20 @@ PARTITIONS_S: Final = (0.1, 0.3, 2.0, 12.0, 18.0)
 SEEDS: Final = (1, 2, 3)
 SEARCH_SEEDS: Final = (1, 2)
 
-_QUICK_NETWORKS: Final = ("50 ms",)
-_QUICK_PARTITIONS_S: Final = (0.3,)
-_QUICK_RESOLUTION: Final = 0.032
+MANOEUVRE: Final = Manoeuvre(
+    segments=(Segment(linear=0.5, duration=2.0), Segment(linear=0.5, angular=0.8, duration=2.0))
+)
+"""Ahead, then a curve, then rest."""
+_REST_S: Final = 1.5
+_CUT_AT_S: Final = START_S + 1.5
+"""When a partition begins, s."""
+_AFTER_CUT_S: Final = 3.0
+_STOP_AT_S: Final = START_S + 1.5
+_STOP_EVERY_S: Final = 0.0237
+"""How much later each further seed presses: anywhere in a cycle, and between heartbeats."""
+_STOPPED_WITHIN_S: Final = 2.5
+_remembered_run: Final = lru_cache(maxsize=16)(run)
+"""For the references, runs with everything on the robot, which many cells share."""
 
 
 class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -69,7 +102,8 @@ class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
     resolution: float | None = None
 
 
-Task = Callable[[], Drive | Stop | Cut | Bound]
+Found = Drive | Stop | Cut | Bound
+Task = Callable[[], Found]
 
 
 def whole(margins_s: Mapping[str, float]) -> StudyPlan:
@@ -87,13 +121,13 @@ def whole(margins_s: Mapping[str, float]) -> StudyPlan:
 def quick(margins_s: Mapping[str, float]) -> StudyPlan:
     """A few cells of it: enough to see that the study works."""
     return StudyPlan(
-        networks=_QUICK_NETWORKS,
+        networks=("50 ms",),
         placements=(PLACEMENTS[0], PLACEMENTS[5], PLACEMENTS[7]),
-        partitions_s=_QUICK_PARTITIONS_S,
+        partitions_s=(0.3,),
         seeds=SEEDS[:1],
         searches=(LimitSearch(robot=ROBOT, size=Size.DELAY, theory=margins_s.get(ROBOT)),),
         search_seeds=SEARCH_SEEDS[:1],
-        resolution=_QUICK_RESOLUTION,
+        resolution=0.032,
     )
 
 
@@ -110,18 +144,18 @@ def tasks(plan: StudyPlan) -> list[Task]:
     """Everything that is run, what takes long first, so that no process is left alone with it."""
     found: list[Task] = [partial(find, kind, plan.search_seeds, plan.resolution) for kind in plan.searches]
     for partition_s in sorted(plan.partitions_s, reverse=True):
-        found += [partial(cut, setting, partition_s) for setting in settings(plan, CUT_NETWORK)]
+        found += [partial(cut, cell, partition_s) for cell in cells(plan, CUT_NETWORK)]
     for name in plan.networks:
-        found += [partial(drive, setting) for setting in settings(plan, name)]
-        found += [partial(stop, setting, plan.seeds) for setting in settings(plan, name) if setting.stamped]
+        found += [partial(drive, cell) for cell in cells(plan, name)]
+        found += [partial(stop, cell, plan.seeds) for cell in cells(plan, name) if cell.stamped]
     return found
 
 
-def settings(plan: StudyPlan, name: str) -> Iterator[Setting]:
+def cells(plan: StudyPlan, network: str) -> Iterator[Row]:
     """Every placement on a network; with set-points of both kinds where they cross it."""
     for placement in plan.placements:
-        for stamped in (True, False) if placement.sequence_crosses else (True,):
-            yield Setting(robot=ROBOT, placement=placement, name=name, network=NETWORKS[name], stamped=stamped)
+        for setpoints in (STAMPED, UNSTAMPED) if placement.sequence_crosses else ("",):
+            yield Row(**placement._asdict(), network=network, setpoints=setpoints)
 
 
 def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
@@ -133,7 +167,7 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
         on_progress: Called after each task.
     """
     todo = tasks(plan)
-    everything: list[Drive | Stop | Cut | Bound] = []
+    everything: list[Found] = []
     with results_of(_call, todo, jobs) as results:
         for result in results:
             everything.append(result)
@@ -146,5 +180,75 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     )
 
 
-def _call(task: Task) -> Drive | Stop | Cut | Bound:
+def _call(task: Task) -> Found:
     return task()
+
+
+def drive(cell: Row) -> Drive:
+    """Drive the manoeuvre."""
+    job = _job(cell, MANOEUVRE, START_S + MANOEUVRE.duration_ns * 1e-9 + _REST_S)
+    seen, apart = _against_reference(job)
+    return Drive(
+        **msgspec.structs.asdict(cell),
+        outcome=outcome_of(seen, START_S),
+        reason=reason_of(seen),
+        max_position_m=apart.max_position,
+        rms_position_m=apart.rms_position,
+        max_velocity_m_s=apart.max_velocity,
+        rms_velocity_m_s=apart.rms_velocity,
+        max_tilt_rad=seen.max_tilt(START_S),
+        digest=seen.digest,
+    )
+
+
+def stop(cell: Row, seeds: Sequence[int]) -> Stop:
+    """Press stop while it drives, once for each seed."""
+    times, outcomes = [], []
+    for place, seed in enumerate(seeds):
+        pressed_s = _STOP_AT_S + place * _STOP_EVERY_S
+        job = _job(cell, MANOEUVRE, pressed_s + _STOPPED_WITHIN_S)
+        seen = run(msgspec.structs.replace(job, seed=seed, stop_at_s=pressed_s))
+        before = seen._replace(
+            truth=[at for at in seen.truth if at.time < pressed_s],
+            changes=[change for change in seen.changes if change.at_ns < pressed_s * 1e9],
+            phases=[phase for phase in seen.phases if phase[0] < pressed_s],
+        )
+        outcome = outcome_of(before, START_S)
+        outcomes.append(outcome)
+        is_measured = outcome in UPRIGHT and seen.zero_s is not None
+        times.append((seen.zero_s or 0.0) - pressed_s if is_measured else None)
+    return Stop(**msgspec.structs.asdict(cell), zero_s=tuple(times), outcome=max(outcomes, key=list(RunOutcome).index))
+
+
+def cut(cell: Row, partition_s: float) -> Cut:
+    """Cut the network while it drives."""
+    network = msgspec.structs.replace(NETWORKS[cell.network], partitions=(Partition(_CUT_AT_S, partition_s),))
+    lasts_s = _CUT_AT_S - START_S + partition_s + _AFTER_CUT_S
+    manoeuvre = Manoeuvre(segments=(Segment(linear=0.3, angular=0.4, duration=lasts_s),))
+    job = msgspec.structs.replace(_job(cell, manoeuvre, START_S + lasts_s + _REST_S), network=network)
+    seen, apart = _against_reference(job)
+    return Cut(
+        **msgspec.structs.asdict(cell),
+        partition_s=partition_s,
+        outcome=outcome_of(seen, START_S),
+        did=story(seen, _CUT_AT_S),
+        max_position_m=apart.max_position,
+        max_tilt_rad=seen.max_tilt(START_S),
+    )
+
+
+def _job(cell: Row, manoeuvre: Manoeuvre, until_s: float) -> PlacementRun:
+    return PlacementRun(
+        robot=ROBOT,
+        placement=cell.placement,
+        network=NETWORKS[cell.network],
+        manoeuvre=manoeuvre,
+        until_s=until_s,
+        stamped=cell.stamped,
+    )
+
+
+def _against_reference(job: PlacementRun) -> tuple[RunRecord, Errors]:
+    seen = run(job)
+    reference = _remembered_run(msgspec.structs.replace(job, placement=ON_THE_ROBOT, network=PERFECT, stamped=True))
+    return seen, errors(seen.since(START_S), reference.since(START_S))

@@ -18,6 +18,7 @@ FALLEN_RAD: Final = 0.9 * PUBLISHED.stop_angle
 _CALM: Final = (0.15, 0.5, 0.3)
 """Pitch, rad; pitch rate, rad/s; velocity, m/s: far more than at rest, and far less than what shakes."""
 _CALM_FOR_S: Final = 1.0
+_NS_PER_S: Final = 1_000_000_000
 
 
 class PhaseRecorder(NoRecorder):
@@ -86,15 +87,13 @@ class RunRecord(NamedTuple):
     @property
     def is_calm_at_the_end(self) -> bool:
         """Whether it balanced at the end, armed and still."""
-        last = self.since(self.end_s - _CALM_FOR_S)
         mode = self.changes[-1].mode if self.changes else None
-        most = [max(map(abs, column)) for column in ([a.pitch for a in last], [a.pitch_rate for a in last])]
-        most.append(max(abs(a.linear_velocity) for a in last))
-        is_up = self.phase_at(self.end_s) is Phase.BALANCING and mode in (Mode.ARMED, Mode.HOLD)
-        return is_up and all(value < limit for value, limit in zip(most, _CALM, strict=True))
-
-
-_NS_PER_S: Final = 1_000_000_000
+        is_still = all(
+            abs(value) < limit
+            for at in self.since(self.end_s - _CALM_FOR_S)
+            for value, limit in zip((at.pitch, at.pitch_rate, at.linear_velocity), _CALM, strict=True)
+        )
+        return is_still and self.phase_at(self.end_s) is Phase.BALANCING and mode in (Mode.ARMED, Mode.HOLD)
 
 
 @enum.unique

@@ -9,7 +9,8 @@ from typing import Final, NamedTuple, Protocol
 
 from segway_ecc.deploy.station.fleet import Heartbeats
 from segway_ecc.deploy.station.requests import AGAIN_NS
-from segway_ecc.hil.placement.network import Channel, NowNs
+from segway_ecc.hil.placement.network import Channel
+from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule

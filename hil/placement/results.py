@@ -1,32 +1,124 @@
 # SPDX-License-Identifier: MIT
-"""What the placement study finds."""
+"""Where the three parts of control run, what the study finds for each such choice, and which one is recommended."""
+
+import enum
+import itertools
+from typing import Final, NamedTuple
 
 import msgspec
 
-from segway_ecc.hil.placement.judging import RunOutcome
+from segway_ecc.hil.placement.judging import UPRIGHT, RunOutcome
+
+POSITION_M: Final = 0.1
+"""Farther than that from where it is with everything on the robot, a placement does not follow its set-points."""
+STOP_S: Final = 0.5
+"""A stop that takes longer to zero torque is none."""
+UNSTAMPED: Final = "cmd_vel"
+STAMPED: Final = "cmd_vel_stamped"
+
+
+@enum.unique
+class Site(enum.StrEnum):
+    """One end of the network."""
+
+    ROBOT = "robot"
+    STATION = "station"
+
+
+class Placement(NamedTuple):
+    """Where each part runs. Drives, their watchdogs, sensors and the guard are on the robot.
+
+    Attributes:
+        sequence: Sequence control: who sends set-points.
+        balance: Balance control: the model node.
+        supervision: Supervision: heartbeats, and the stop button.
+    """
+
+    sequence: Site
+    balance: Site
+    supervision: Site
+
+    @property
+    def sequence_crosses(self) -> bool:
+        """Whether set-points cross the network to the model node."""
+        return self.sequence is not self.balance
+
+    @property
+    def balance_crosses(self) -> bool:
+        """Whether what is measured, and the commands, cross the network."""
+        return self.balance is Site.STATION
+
+    @property
+    def supervision_crosses(self) -> bool:
+        """Whether heartbeats and the stop cross the network to the model node."""
+        return self.supervision is not self.balance
+
+    @property
+    def at_station(self) -> int:
+        """How many of the three are on the base station."""
+        return sum(place is Site.STATION for place in self)
+
+    def __str__(self) -> str:
+        """What is on the station, in words."""
+        away = [name for name, place in zip(self._fields, self, strict=True) if place is Site.STATION]
+        return f"{' and '.join(away)} on the station" if away else "all on the robot"
+
+
+PLACEMENTS: Final = tuple(itertools.starmap(Placement, itertools.product(Site, repeat=3)))
+"""All there are; the first has everything on the robot."""
+ON_THE_ROBOT: Final = PLACEMENTS[0]
+
+
+class Choice(NamedTuple):
+    """A placement with the way its set-points travel."""
+
+    sequence: Site
+    balance: Site
+    supervision: Site
+    setpoints: str
+
+    def __str__(self) -> str:
+        """Who is where, in words."""
+        where = str(Placement(*self[:3]))
+        return f"{where}, {self.setpoints}" if self.setpoints else where
+
+    @property
+    def rank(self) -> tuple[int, bool, bool]:
+        """The highest that is fit is recommended: most on the station, then supervision there, where people are."""
+        return Placement(*self[:3]).at_station, self.supervision is Site.STATION, self.setpoints == STAMPED
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Which cell of the grid.
 
     Attributes:
-        sequence: Where sequence control is: robot or station.
+        sequence: Where sequence control is.
         balance: Where balance control is.
         supervision: Where supervision is.
         network: The name of the network.
         setpoints: On which topic set-points travel; empty where they do not cross the network.
     """
 
-    sequence: str
-    balance: str
-    supervision: str
+    sequence: Site
+    balance: Site
+    supervision: Site
     network: str
     setpoints: str = ""
 
     @property
-    def placement(self) -> tuple[str, str, str]:
+    def placement(self) -> Placement:
         """Where the three are."""
-        return self.sequence, self.balance, self.supervision
+        return Placement(self.sequence, self.balance, self.supervision)
+
+    @property
+    def choice(self) -> Choice:
+        """Which choice it is of."""
+        return Choice(*self.placement, self.setpoints)
+
+    @property
+    def stamped(self) -> bool:
+        """Whether set-points are sent ahead, with their time."""
+        return self.setpoints != UNSTAMPED
 
 
 class Drive(Row, frozen=True, kw_only=True):
@@ -118,3 +210,44 @@ class StudyResult(msgspec.Struct, frozen=True, kw_only=True):
     stops: tuple[Stop, ...]
     cuts: tuple[Cut, ...]
     bounds: tuple[Bound, ...]
+
+
+def choices(found: StudyResult) -> list[Choice]:
+    """All that were studied, in their order."""
+    return list(dict.fromkeys(row.choice for row in found.drives))
+
+
+def network_names(found: StudyResult) -> list[str]:
+    """The networks on which was driven, in their order."""
+    return list(dict.fromkeys(row.network for row in found.drives))
+
+
+def unfit(found: StudyResult, choice: Choice, network: str) -> list[str]:
+    """What speaks against a choice on a network; empty where it is fit."""
+    reasons = []
+    for drive in (row for row in found.drives if row.choice == choice and row.network == network):
+        if drive.outcome is not RunOutcome.DROVE_ON:
+            reasons.append(drive.outcome.value)
+        elif drive.max_position_m > POSITION_M:
+            reasons.append(f"{drive.max_position_m:.2f} m off")
+    # On the stop, the kind of set-points has no influence.
+    stop = next((row for row in found.stops if row.placement == choice[:3] and row.network == network), None)
+    if stop is not None and (stop.worst_s is None or stop.worst_s > STOP_S) and stop.outcome in UPRIGHT:
+        reasons.append("no stop" if stop.worst_s is None else f"stops after {stop.worst_s:.2f} s")
+    cuts = (cut for cut in found.cuts if cut.choice == choice and cut.outcome not in UPRIGHT)
+    reasons += [f"falls in a partition of {cut.partition_s:g} s" for cut in itertools.islice(cuts, 1)]
+    return reasons
+
+
+def recommended(found: StudyResult, network: str) -> Choice | None:
+    """Of the choices that are fit on a network, the one of the highest rank; None where none is fit."""
+    fit = [choice for choice in choices(found) if not unfit(found, choice, network)]
+    return max(fit, key=lambda choice: choice.rank, default=None)
+
+
+def overall(found: StudyResult) -> Choice | None:
+    """The choice that is fit on the most networks, and of several the one of the highest rank."""
+    networks = network_names(found)
+    fit_on = {c: sum(not unfit(found, c, network) for network in networks) for c in choices(found)}
+    best = max(fit_on, key=lambda choice: (fit_on[choice], choice.rank), default=None)
+    return best if best is not None and fit_on[best] else None

@@ -10,8 +10,7 @@ import msgspec
 from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
 from segway_ecc.hil.placement.judging import RunRecord, reason_of
 from segway_ecc.hil.placement.network import Delivery, Network, Partition
-from segway_ecc.hil.placement.placement import Placement, Site
-from segway_ecc.hil.placement.results import Bound
+from segway_ecc.hil.placement.results import Bound, Placement, Site
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 AWAY: Final = Placement(sequence=Site.ROBOT, balance=Site.STATION, supervision=Site.ROBOT)

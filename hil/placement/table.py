@@ -5,8 +5,17 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from segway_ecc.hil.placement.judging import RunOutcome
-from segway_ecc.hil.placement.results import Bound, Drive, Row, StudyResult
-from segway_ecc.hil.placement.verdict import Choice, choice_of, choices, network_names, overall, recommended
+from segway_ecc.hil.placement.results import (
+    Bound,
+    Choice,
+    Drive,
+    Row,
+    StudyResult,
+    choices,
+    network_names,
+    overall,
+    recommended,
+)
 from segway_ecc.hil.text_table import aligned
 
 NOTHING: Final = "-"
@@ -33,9 +42,9 @@ _WHICH: Final = ("sequence", "balance", "supervision", "set-points on")
 def tables(found: StudyResult) -> list[Table]:
     """Everything, as tables."""
     stops = {_key(s): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
-    stopped = list(dict.fromkeys(choice_of(row) for row in found.stops))
+    stopped = list(dict.fromkeys(row.choice for row in found.stops))
     cuts = [
-        _marked((*choice_of(c), f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
+        _marked((*c.choice, f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
         for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
     ]
     bounds = [(b.robot, b.what, *bound_text(b), b.lost_by) for b in found.bounds]
@@ -91,4 +100,4 @@ def _marked(row: Sequence[str]) -> Sequence[str]:
 
 
 def _key(row: Row) -> tuple[Choice, str]:
-    return choice_of(row), row.network
+    return row.choice, row.network

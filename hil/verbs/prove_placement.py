@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 
 from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, conduct, quick, whole
+from segway_ecc.hil.placement.results import network_names, overall, recommended
 from segway_ecc.hil.placement.table import text
-from segway_ecc.hil.placement.verdict import network_names, overall, recommended
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.design_gains import designed
 from segway_ecc.hil.verbs.report_folder import make_folder, write_report

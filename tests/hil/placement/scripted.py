@@ -2,10 +2,10 @@
 """What a study might have found, made by hand."""
 
 from segway_ecc.hil.placement.judging import RunOutcome
-from segway_ecc.hil.placement.results import Bound, Cut, Drive, Stop, StudyResult
+from segway_ecc.hil.placement.results import Bound, Cut, Drive, Site, Stop, StudyResult
 
-R, S = "robot", "station"
-Places = tuple[str, str, str]
+R, S = Site.ROBOT, Site.STATION
+Places = tuple[Site, Site, Site]
 
 
 def drive(

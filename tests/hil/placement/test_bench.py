@@ -6,7 +6,7 @@ import pytest
 
 from segway_ecc.hil.placement.bench import START_S, PlacementRun, run
 from segway_ecc.hil.placement.network import Delivery, Network, Partition
-from segway_ecc.hil.placement.placement import ON_THE_ROBOT, PLACEMENTS, Placement
+from segway_ecc.hil.placement.results import ON_THE_ROBOT, PLACEMENTS, Placement
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.placement.network import Channel, Delivery, Network
-from segway_ecc.hil.placement.remote_link import RemoteLink, bursts
-from segway_ecc.hil.placement.rig import EventRig
+from segway_ecc.hil.placement.bench import EventRig
+from segway_ecc.hil.placement.network import Channel, Delivery, Network, RemoteLink, bursts
 
 MS = 1_000_000
 

@@ -3,8 +3,8 @@
 
 import msgspec
 
-from segway_ecc.hil.placement.grid import CUT_NETWORK, NETWORKS, PARTITIONS_S, conduct, quick, settings, tasks, whole
-from segway_ecc.hil.placement.placement import PLACEMENTS
+from segway_ecc.hil.placement.grid import CUT_NETWORK, NETWORKS, PARTITIONS_S, cells, conduct, quick, tasks, whole
+from segway_ecc.hil.placement.results import PLACEMENTS
 from segway_ecc.hil.placement.search import LimitSearch, Size, find
 
 MARGINS_S = {"segway": 0.0319, "segway-odrive": 0.0319}
@@ -15,8 +15,8 @@ def test_the_whole_grid_holds_every_placement_on_every_network() -> None:
     assert plan.placements == PLACEMENTS
     assert plan.networks == tuple(NETWORKS)
     # Set-points cross the network in four of the eight placements, and then in two ways.
-    assert [len(list(settings(plan, name))) for name in plan.networks] == [12] * len(NETWORKS)
-    assert all(each.stamped or each.placement.sequence != each.placement.balance for each in settings(plan, "none"))
+    assert [len(list(cells(plan, name))) for name in plan.networks] == [12] * len(NETWORKS)
+    assert all(each.stamped or each.placement.sequence != each.placement.balance for each in cells(plan, "none"))
     assert len(tasks(plan)) == len(plan.searches) + 12 * len(PARTITIONS_S) + (12 + 8) * len(NETWORKS)
 
 

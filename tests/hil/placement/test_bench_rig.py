@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Time in lock step stops where a source is to act."""
 
-from segway_ecc.hil.placement.rig import EventRig
+from segway_ecc.hil.placement.bench import EventRig
 
 MS = 1_000_000
 

@@ -3,7 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.placement.placement import ON_THE_ROBOT, PLACEMENTS, Placement, Site
+from segway_ecc.hil.placement.results import ON_THE_ROBOT, PLACEMENTS, Placement, Site
 
 R, S = Site.ROBOT, Site.STATION
 
