@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Every scenario with each of its seeds and sets of parameters, side by side on the cores."""
+"""Every scenario with each of its seeds and sets of parameters, side by side on the cores; and as a web page."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.campaign.result import ScenarioResult
+from segway_ecc.hil.campaign.result import HEAD, ScenarioResult, cells, verdict
 from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun
+from segway_ecc.hil.page import page, pairs, section, table
 from segway_ecc.hil.parallel import quiet, results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.node.replay.replay import replay
@@ -18,6 +20,12 @@ from segway_ecc.node.replay.replay import replay
 REPLAY: Final = "replay: "
 """How the reason begins where a replay was not identical."""
 _CHUNK: Final = 4
+_TITLE: Final = "Campaign: declared faults, in lock step"
+_INTRODUCTION: Final = (
+    "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
+    "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
+    "robot without the fault is at the same time. The command in a row runs it again, bit-identical."
+)
 
 
 def runs_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = None) -> list[ScenarioRun]:
@@ -75,3 +83,36 @@ def run_and_replay(run: ScenarioRun) -> ScenarioResult:
         return result
     why = f"{REPLAY}{outcome.difference or outcome.gap or 'the log holds no cycle'}"
     return msgspec.structs.replace(result, why_not=(*result.why_not, why))
+
+
+def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
+    """Render the results of a campaign, those that are not as expected first.
+
+    Args:
+        results: What came of each run.
+        facts: What else is known of the campaign, by name.
+
+    Returns:
+        A complete HTML page.
+    """
+    bad = [result for result in results if not result.is_as_expected]
+    good = [result for result in results if result.is_as_expected]
+    sections = (
+        section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
+        section("Not as expected", _table(bad)) if bad else "",
+        section("As expected", _table(good)) if good else "",
+        section("Facts of this campaign", pairs(facts)),
+    )
+    return page(_TITLE, _INTRODUCTION, sections)
+
+
+def _table(results: Sequence[ScenarioResult]) -> str:
+    rows = []
+    for result in results:
+        name, *others = cells(result)
+        data = "".join(f"<td>{escape(text)}</td>" for text in others)
+        reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
+        last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
+        kind = "" if result.is_as_expected else ' class="bad"'
+        rows.append(f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n')
+    return table("Runs", (*HEAD, "reason, and how to run it again"), rows)

@@ -15,8 +15,8 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.hil.processes import command
+from segway_ecc.hil.rig.fronts import kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.paced_link import kernel_ends
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder

@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile

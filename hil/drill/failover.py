@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.can import read_truth, resample
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder

@@ -17,7 +17,7 @@ from typing import Final, Literal
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.errors import ModelError

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
-from segway_ecc.hil.rig.real_time import Trace
+from segway_ecc.hil.rig.simulation import Trace
 
 _STAMPS: Final = ("monotonic_ns", "wall_ns")
 NOTHING: Final = 1e-4

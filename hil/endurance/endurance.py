@@ -17,9 +17,8 @@ from segway_ecc.hil.faults.injection import Injections, Timeline
 from segway_ecc.hil.faults.links import DisturbedBus
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.progress import OnSeconds
+from segway_ecc.hil.rig.fronts import RecorderFront, kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.paced_link import kernel_ends
-from segway_ecc.hil.rig.recorder_front import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile

@@ -53,6 +53,11 @@ class Injection:
         self._timeline = timeline
 
     @property
+    def size(self) -> float:
+        """The fault's amount; 0 where it means something else than any number would."""
+        return self.fault.size or 0.0
+
+    @property
     def is_active(self) -> bool:
         """Whether the fault is there now."""
         since_ns = self.since_ns
@@ -66,7 +71,7 @@ class Injection:
 
     def happens(self) -> bool:
         """Whether chance, at the fault's probability, has it happen this time."""
-        return self.random.random() < (self.fault.size or 0.0)
+        return self.random.random() < self.size
 
 
 class Injections:
@@ -92,3 +97,8 @@ class Injections:
     def of(self, *targets: Target) -> list[Injection]:
         """The faults of some parts."""
         return [injection for injection in self._all if injection.fault.target in targets]
+
+
+def active(injections: Sequence[Injection]) -> list[Injection]:
+    """Those that are there now."""
+    return [injection for injection in injections if injection.is_active]

@@ -8,9 +8,8 @@ from typing import Final
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.faults.injection import Injection, Injections
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.faults.injection import Injection, Injections, active
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault, LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 
@@ -40,32 +39,32 @@ class DisturbedBus(FaultyLink):
         """Send, or what the faults make of it; see `Link.send`."""
         if self.is_dead:
             return True
-        active = self._set_fault()
+        faults = self._set_fault()
         if self.fault is not None:
             return super().send(frame)
-        if not active and not self._out:
+        if not faults and not self._out:
             self._remember((frame,), is_sent=True)
             return self.behind.send(frame)
-        self._out.extend(self._disturbed(frame, active, is_sent=True))
+        self._out.extend(self._disturbed(frame, faults, is_sent=True))
         return self._flush()
 
     def receive(self) -> list[Frame]:
         """Receive, or what the faults make of it; see `Link.receive`."""
-        active = self._set_fault()
+        faults = self._set_fault()
         frames = super().receive()
-        if not active and not self._in and not self._out:
+        if not faults and not self._in and not self._out:
             self._remember(frames, is_sent=False)
             return frames
         for frame in frames:
-            self._in.extend(self._disturbed(frame, active, is_sent=False))
+            self._in.extend(self._disturbed(frame, faults, is_sent=False))
         self._flush()
         return [replace(frame, received_ns=max(due_ns, frame.received_ns)) for due_ns, frame in self._due(self._in)]
 
     def _set_fault(self) -> Sequence[Injection]:
         """Fail as a whole where that is asked for; returns what is there now."""
-        active = [injection for injection in self._injections if injection.is_active]
-        self.fault = next((_FAULTS[i.fault.type] for i in active if i.fault.type in _FAULTS), None) if active else None
-        return active
+        faults = active(self._injections)
+        self.fault = next((_FAULTS[i.fault.type] for i in faults if i.fault.type in _FAULTS), None) if faults else None
+        return faults
 
     def _remember(self, frames: Sequence[Frame], *, is_sent: bool) -> None:
         if self._repeats:
@@ -83,10 +82,10 @@ class DisturbedBus(FaultyLink):
             due.append(queue.popleft())
         return due
 
-    def _disturbed(self, frame: Frame, active: Sequence[Injection], *, is_sent: bool) -> list[tuple[int, Frame]]:
+    def _disturbed(self, frame: Frame, faults: Sequence[Injection], *, is_sent: bool) -> list[tuple[int, Frame]]:
         """What becomes of a frame, with the time when it goes on."""
         frames, delay_ns = [frame], 0
-        for injection in active:
+        for injection in faults:
             match injection.fault.type:
                 case "intermittent":
                     frames = [] if injection.happens() else frames
@@ -96,7 +95,7 @@ class DisturbedBus(FaultyLink):
                     older = self._newest.get((frame.arbitration_id, is_sent))
                     frames += [] if older is None else [replace(older, received_ns=frame.received_ns)]
                 case "delayed":
-                    delay_ns += round((injection.fault.size or 0.0) * 1e9)
+                    delay_ns += round(injection.size * 1e9)
         self._remember((frame,), is_sent=is_sent)
         begun_ns = self._now_ns() if is_sent else frame.received_ns
         return [(begun_ns + delay_ns, f) for f in frames]
@@ -160,16 +159,16 @@ class DisturbedLine:
 
     def act(self) -> None:
         """Do what is due now."""
-        active = {i.fault.type: i for i in self._injections if i.is_active}
-        is_cut = "off" in active or any(i.is_active for i in self._battery)
+        faults = {i.fault.type: i for i in active(self._injections)}
+        is_cut = "off" in faults or any(i.is_active for i in self._battery)
         if is_cut != self._wires.cut:
             self._wires.cut = is_cut
-        if ("stuck" in active) != self._is_unplugged:
-            self._is_unplugged = "stuck" in active
+        if ("stuck" in faults) != self._is_unplugged:
+            self._is_unplugged = "stuck" in faults
             (self._wires.host.unplug if self._is_unplugged else self._wires.host.plug)()
-        if "garbage" in active:
-            noise = active["garbage"]
-            expected = (noise.fault.size or 0.0) * self._tick_s
+        if "garbage" in faults:
+            noise = faults["garbage"]
+            expected = noise.size * self._tick_s
             count = int(expected) + (noise.random.random() < expected % 1.0)
             if count:
                 self._wires.garbage(noise.random.randbytes(count))

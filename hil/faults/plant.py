@@ -92,7 +92,7 @@ class _Disturbance:
         self._is_factor = fault.target in {"left_motor", "right_motor", "battery"}
         self._kept = [0.0] * len(self._places)
         self._varies = (fault.target, fault.type) in _VARYING
-        length = round((fault.size or 0.0) / step_size) + 1 if fault.type == "delayed" else 1
+        length = round(injection.size / step_size) + 1 if fault.type == "delayed" else 1
         self._past: deque[list[float]] = deque(maxlen=length)
 
     @property
@@ -126,7 +126,7 @@ class _Disturbance:
                 return true
             case "stuck":
                 return self._kept if size is None else [size] * len(true)
-        bound = (size or 0.0) if injection.fault.type == "garbage" else 0.0
+        bound = injection.size if injection.fault.type == "garbage" else 0.0
         return [injection.random.uniform(-bound, bound) if bound else 0.0 for _ in true]
 
     def _wrong(self, value: float) -> float:
@@ -137,7 +137,7 @@ class _Disturbance:
 
     def _slow(self, true: list[float]) -> list[float]:
         """What lags behind; of a battery, what sags."""
-        size = self._injection.fault.size or 0.0
+        size = self._injection.size
         if self._injection.fault.target == "battery":
             return [size * value for value in true]
         share = self._step_size / (size + self._step_size)

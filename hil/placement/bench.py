@@ -30,8 +30,8 @@ from segway_ecc.hil.placement.programs import (
 )
 from segway_ecc.hil.placement.results import Placement
 from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
-from segway_ecc.node.config import NoHardwareSection, load_robot
+from segway_ecc.hil.rig.simulation import hardware_of, simulated_bus, simulated_robot
+from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
@@ -170,9 +170,7 @@ class _LockstepPlacement:
         self._truth: list[Truth] = []
         names = self._simulated.output_names
         self._places = [names.index(f"truth.{name}") for name in Truth._fields[1:]]
-        if isinstance(file.hardware, NoHardwareSection):
-            raise ConfigurationError(f"robot '{file.name}' has no hardware that could be away from its control")
-        self._guard = LockstepGuard(file.hardware, rig)
+        self._guard = LockstepGuard(hardware_of(file), rig)
         rig.add(self._guard)
         self._robot = build_robot(file, rig, self._link())
         self._world = self._make_world()

@@ -14,7 +14,7 @@ import msgspec
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 
 T = TypeVar("T")

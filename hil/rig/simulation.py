@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The simulation that a robot file describes: its bus, its serial line, its plant and its devices."""
+"""The simulation that a robot file describes: its bus, serial line, plant and devices; and running it in real time."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,14 +20,28 @@ from segway_ecc.hil.devices.vesc import SimulatedVesc
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
 from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
 from segway_ecc.hil.errors import NoSimulationError
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import NoHardwareSection, RobotFile
+from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
 
 Observer = Callable[[int, Sequence[float]], None]
 """Called after each tick of the devices with the wall-clock time, ns, and the plant's outputs."""
+Trace = Callable[[int, int, Sequence[float]], None]
+"""Called after each tick with the monotonic and the wall-clock time at which it began, ns, and what the motors give."""
+
+
+def hardware_of(file: RobotFile) -> HardwareSettings:
+    """The hardware that is simulated.
+
+    Raises:
+        NoSimulationError: The robot has none.
+    """
+    if isinstance(file.hardware, NoHardwareSection):
+        raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
+    return file.hardware
 
 
 def simulated_bus(file: RobotFile) -> CanSettings:
@@ -36,7 +50,7 @@ def simulated_bus(file: RobotFile) -> CanSettings:
     Raises:
         NoSimulationError: The robot is on none.
     """
-    return _hardware(file).can
+    return hardware_of(file).can
 
 
 def simulated_serial(file: RobotFile) -> SerialSettings | None:
@@ -45,7 +59,7 @@ def simulated_serial(file: RobotFile) -> SerialSettings | None:
     Raises:
         NoSimulationError: The robot has no hardware.
     """
-    return serial_of(_hardware(file))
+    return serial_of(hardware_of(file))
 
 
 def simulated_plant(file: RobotFile) -> Model:
@@ -72,7 +86,7 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
         NoSimulationError: It names no plant, or has no hardware, or an IMU at a rate that the rig has not.
         PlantMismatchError: The plant does not fit the drives.
     """
-    hardware, behind = _hardware(file), link
+    hardware, behind = hardware_of(file), link
     while isinstance(behind, LinkFront):
         behind = behind.behind
     if isinstance(behind, CanLink):
@@ -89,12 +103,6 @@ def simulated_robot(file: RobotFile, link: Link, port: Port | None = None) -> Si
     return SimulatedRobot(link, devices, simulated_plant(file), tick_ns)
 
 
-def _hardware(file: RobotFile) -> HardwareSettings:
-    if isinstance(file.hardware, NoHardwareSection):
-        raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
-    return file.hardware
-
-
 def _drives(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[Device, int]:
     """The drives, and the period of their firmware's loops, ns."""
     match settings:
@@ -106,3 +114,59 @@ def _drives(settings: HardwareSettings, link: Link, port: Port | None) -> tuple[
             return SimulatedOdrive(link, settings, port), odrive.TICK_NS
         case Cia402Settings():
             return SimulatedCia402(link, settings, port), cia402.TICK_NS
+
+
+class RealTimePlant:
+    """Ticks a simulated robot at its own rate until it is stopped.
+
+    A tick that comes late is made up for: the laws of physics skip nothing.
+
+    Attributes:
+        ticks: Ticks so far.
+        late: Ticks that came more than a whole tick late.
+        robot: What is ticked.
+    """
+
+    def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:
+        """Tick a robot on a clock."""
+        self.ticks = 0
+        self.late = 0
+        self.robot = robot
+        self._clock = clock
+        self._stopped = False
+
+    def stop(self, _reason: str = "") -> None:
+        """End after the present tick; may be called from a signal handler."""
+        self._stopped = True
+
+    def run(
+        self,
+        observe: Observer | None,
+        trace: Trace | None = None,
+        before_tick: Callable[[], None] | None = None,
+    ) -> None:
+        """Tick until stopped, then close the bus, which is open.
+
+        Args:
+            observe: Sees the plant's outputs.
+            trace: Sees what the motors give, when they really give it.
+            before_tick: Called before each tick; what it changes is in force in that tick.
+        """
+        deadline_ns, tick_ns = self._clock.now_ns(), self.robot.tick_ns
+        try:
+            while not self._stopped:
+                self._clock.sleep_until_ns(deadline_ns)
+                late_ns = self._clock.now_ns() - deadline_ns
+                self.late += late_ns > tick_ns
+                if before_tick is not None:
+                    before_tick()
+                now_ns, wall_ns = self._clock.now_ns(), self._clock.wall_ns()
+                self.robot.tick(now_ns)
+                if trace is not None:
+                    trace(now_ns, wall_ns, self.robot.inputs)
+                if observe is not None:
+                    observe(self._clock.wall_ns() - late_ns, self.robot.outputs)
+                self.ticks += 1
+                deadline_ns += tick_ns
+        finally:
+            self.robot.link.close()

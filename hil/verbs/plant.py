@@ -14,8 +14,14 @@ from segway_ecc.firmware_io.build import can_link
 from segway_ecc.hil.drill import trace
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
 from segway_ecc.hil.pseudo_terminal import PtyPort
-from segway_ecc.hil.rig.real_time import RealTimePlant, Trace
-from segway_ecc.hil.rig.simulation import Observer, simulated_bus, simulated_robot, simulated_serial
+from segway_ecc.hil.rig.simulation import (
+    Observer,
+    RealTimePlant,
+    Trace,
+    simulated_bus,
+    simulated_robot,
+    simulated_serial,
+)
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,

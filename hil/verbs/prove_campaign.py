@@ -9,10 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import REPLAY, run_campaign, runs_of
-from segway_ecc.hil.campaign.report import render
+from segway_ecc.hil.campaign.campaign import REPLAY, render, run_campaign, runs_of
+from segway_ecc.hil.campaign.result import table
 from segway_ecc.hil.campaign.scenario import load_all
-from segway_ecc.hil.campaign.table import table
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.report_folder import make_folder, writing_to
 from segway_ecc.node.cli.options import add_json, print_json

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 
 from segway_ecc.hil.campaign.campaign import run_quietly
+from segway_ecc.hil.campaign.result import details
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
-from segway_ecc.hil.campaign.table import details
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.guard.guard import Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot

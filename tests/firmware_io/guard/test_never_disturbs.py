@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 
 MS = 1_000_000
 MINUTE = 6_000

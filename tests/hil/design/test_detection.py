@@ -14,7 +14,7 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.odrive import SimulatedOdrive
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot

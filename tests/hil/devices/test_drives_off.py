@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
 from segway_ecc.node.config import load_robot

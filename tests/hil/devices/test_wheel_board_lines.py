@@ -16,7 +16,7 @@ from segway_ecc.firmware_io.links.serial_link import SerialLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
 from segway_ecc.hil.plants.cart import CartPlant
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial

@@ -14,7 +14,7 @@ from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.switching import Switch
 from segway_ecc.hil.drill.failover import MANOEUVRE, Failover
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot

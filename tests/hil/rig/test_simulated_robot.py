@@ -8,7 +8,7 @@ from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.device import Device
 from segway_ecc.hil.errors import PlantMismatchError
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus, SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.model.model import Variable

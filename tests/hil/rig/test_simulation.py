@@ -11,8 +11,7 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.plants.cart import CartPlant
-from segway_ecc.hil.rig.faulty_link import FaultyLink
-from segway_ecc.hil.rig.paced_link import PacedLink
+from segway_ecc.hil.rig.fronts import FaultyLink, PacedLink
 from segway_ecc.hil.rig.simulation import simulated_bus, simulated_plant, simulated_robot
 from segway_ecc.node.config import SimulationSection, load_robot
 from segway_ecc.node.errors import ModelError

@@ -3,7 +3,7 @@ import pytest
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame, LinkState
-from segway_ecc.hil.rig.faulty_link import FaultyLink, LinkFault
+from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 COMMAND, TELEMETRY = Frame(0x110, b"torque"), Frame(0x120, b"angle")

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from segway_ecc.hil.campaign.commander import Commander
+from segway_ecc.hil.campaign.run import Commander
 from segway_ecc.hil.faults.fault import Fault, Type
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.node.cycle.interfaces import Report

@@ -3,7 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.faults.clock import DisturbedClock, ProcessKilledError
+from segway_ecc.hil.faults.computer import DisturbedClock, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault, Target, Type
 from segway_ecc.hil.faults.injection import Injections
 from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig

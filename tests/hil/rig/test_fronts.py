@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
-from segway_ecc.hil.rig.link_front import LinkFront
+from segway_ecc.hil.rig.fronts import LinkFront
 
 FRAME = Frame(0x120, b"angle")
 

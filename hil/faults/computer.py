@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""The node's clock in lock step, which steps, and on which the node stalls or dies, as faults make it."""
+"""What the node runs on, as faults make it: its clock, on which it stalls or dies, and the disk of its recorder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.injection import Injections, active
+from segway_ecc.hil.rig.fronts import RecorderFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
+from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.errors import RecordingError
 
 
 class ProcessKilledError(RigError):
@@ -34,10 +38,8 @@ class DisturbedClock:
     def wall_ns(self) -> int:
         """Simulated wall-clock time, and what is wrong with it."""
         wall_ns = self._rig.wall_ns()
-        for injection in self._clock:
-            since_ns, size = injection.since_ns, injection.fault.size or 0.0
-            if not injection.is_active:
-                continue
+        for injection in active(self._clock):
+            since_ns, size = injection.since_ns, injection.size
             match injection.fault.type:
                 case "stuck":
                     wall_ns -= since_ns
@@ -54,20 +56,53 @@ class DisturbedClock:
             ProcessKilledError: The node is dead.
         """
         self._rig.sleep_until_ns(deadline_ns)
-        for injection in self._process:
-            if not injection.is_active:
-                continue
+        for injection in active(self._process):
             match injection.fault.type:
                 case "off":
                     if self.on_kill is not None:
                         self.on_kill()
                     raise ProcessKilledError("the node was killed, as the scenario declares")
                 case "slow":
-                    self.spend(injection.fault.size or 0.0)
+                    self.spend(injection.size)
                 case "stuck" if injection in self._stalls:
                     self._stalls.remove(injection)
-                    self.spend(injection.fault.size or 0.0)
+                    self.spend(injection.size)
 
     def spend(self, duration_s: float) -> None:
         """Let time pass for everybody but the node, s."""
         self._rig.sleep_until_ns(self._rig.now_ns() + round(duration_s * 1e9))
+
+
+class FailingRecorder(RecorderFront):
+    """A recorder on a disk that fails as the scenario declares; see `Recorder`."""
+
+    def __init__(self, recorder: Recorder, injections: Injections, clock: DisturbedClock) -> None:
+        """Stand in front of `recorder`."""
+        super().__init__(recorder)
+        self._injections = injections.of("disk")
+        self._clock = clock
+
+    def write(self, record: CycleRecord) -> None:
+        """Keep one cycle, or fail to.
+
+        Raises:
+            RecordingError: The disk has failed.
+        """
+        self._fail()
+        super().write(record)
+
+    def write_diagnostics(self, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Keep diagnostics, or fail to.
+
+        Raises:
+            RecordingError: The disk has failed.
+        """
+        self._fail()
+        super().write_diagnostics(stamp_ns, statuses)
+
+    def _fail(self) -> None:
+        for injection in active(self._injections):
+            if injection.fault.type == "slow":
+                self._clock.spend(injection.size)
+            else:
+                raise RecordingError("the disk has failed, as the scenario declares")

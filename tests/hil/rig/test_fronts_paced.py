@@ -2,9 +2,9 @@
 import pytest
 
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
-from segway_ecc.hil.rig import paced_link
+from segway_ecc.hil.rig import fronts
+from segway_ecc.hil.rig.fronts import PacedLink, kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.paced_link import PacedLink, kernel_ends
 
 FRAME = Frame(0x120, b"angle")
 
@@ -96,7 +96,7 @@ def test_each_end_waits_for_the_other_on_the_rigs_clock(monkeypatch: pytest.Monk
         made.append(words)
         return rig.bus.attach("any")
 
-    monkeypatch.setattr(paced_link, "make_can_link", make)
+    monkeypatch.setattr(fronts, "make_can_link", make)
     robot, plant = kernel_ends(rig, ("can0", "can1"), 250_000)
     assert (robot.other, plant.other) == (plant, robot)
     assert made == [("socketcan", name, 250_000, rig.now_ns, rig.wall_ns) for name in ("can0", "can1")]

@@ -12,8 +12,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelComma
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.rig.real_time import RealTimePlant
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import RealTimePlant, simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.robot import clocks_of
