@@ -284,7 +284,6 @@ class CommandHandler:
                 tasks.log_outcome(playback)
 
     def _bring_to_rest(self, name: str, reason: str, now_ns: int) -> None:
-        """End driving and the sequence of a robot."""
         self._dead_man.release(name, now_ns)
         self._tasks[name].break_off(reason)
 

@@ -259,7 +259,6 @@ class RosBridge:
         return {"message: malformed": count} if count else {}
 
     def _follow(self, name: str) -> None:
-        """Connect to a robot, or to the node that publishes its `mode` now."""
         peers = self._node.get_publishers_info_by_topic(topic(name, MODE_TOPIC))
         nodes = sorted({peer.node_name for peer in peers} - {_UNKNOWN, ""})
         if not nodes:

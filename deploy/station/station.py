@@ -46,7 +46,7 @@ class Station:
         ros_arguments: Sequence[str] = (),
         is_watching: bool = False,
     ) -> None:
-        """Prepare a station; `open` starts it.
+        """Prepare a station; entering its context starts it.
 
         Args:
             name: Its name in the robots' reports.
@@ -80,13 +80,6 @@ class Station:
         self._thread = threading.Thread(target=self._run, name="station", daemon=True)
 
     def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def open(self) -> None:
         """Start the ROS thread.
 
         Raises:
@@ -96,6 +89,10 @@ class Station:
         self._has_begun.wait()
         if self._failure is not None:
             raise self._failure
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Bring what moves by us to rest, answer every command, and end the thread."""
@@ -151,8 +148,7 @@ class Station:
     def leave(self, who: str) -> None:
         """An operator's browser is gone: they lose control, and what they drove is brought to rest."""
         with self._lock:
-            for key in [key for key in self._drives if key[0] == who]:
-                del self._drives[key]
+            self._drives = {key: drive for key, drive in self._drives.items() if key[0] != who}
             self._commands.append(who)
         self._wake.set()
 
@@ -245,7 +241,6 @@ class Station:
         return True
 
     def _answer_late(self) -> None:
-        """Answer what came too late."""
         with self._lock:
             self._is_ending = True
             late = [*self._stops, *(item for item in self._commands if isinstance(item, SubmittedCommand))]

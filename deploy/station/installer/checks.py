@@ -41,7 +41,7 @@ def check_machine(machine: TargetMachine, settings: InstallSettings) -> None:
     Raises:
         ConfigurationError: Something is missing.
     """
-    if not machine.has_systemd():
+    if not machine.path("/run/systemd/system").is_dir():  # sd_booted(3)
         raise ConfigurationError(
             "no systemd runs here, which would start the station: use segway-ecc station serve, or --root for an image"
         )
@@ -129,7 +129,6 @@ def wait_until_healthy(
 
 
 def _problem(address: str) -> str | None:
-    """Why the health check fails, or None where it passes."""
     # No proxy, and no check of the certificate: it is for the name that browsers use, and we use the address.
     context = ssl.create_default_context()
     context.check_hostname = False

@@ -132,7 +132,6 @@ def commands(made: Plan) -> list[list[str]]:
 
 
 def _user(machine: TargetMachine) -> Owner:
-    """The service's user, made where it is not there."""
     if machine.is_live:
         machine.run(_MAKE_USER)
     elif machine.owner() is None and os.geteuid() == 0 and shutil.which("systemd-sysusers"):

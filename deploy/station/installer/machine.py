@@ -10,7 +10,6 @@ import shutil
 import stat
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -51,10 +50,6 @@ class TargetMachine:
         if not path.parent.resolve().is_relative_to(root):
             raise ConfigurationError(f"{path.parent} leads out of {self.root}: a link there is not relative")
         return path
-
-    def has_systemd(self) -> bool:
-        """Whether systemd runs here (sd_booted(3))."""
-        return self.path("/run/systemd/system").is_dir()
 
     def owner(self) -> Owner | None:
         """The service's user, or None where there is none yet."""
@@ -154,20 +149,33 @@ def has_tokens(machine: TargetMachine) -> bool:
 def make_tokens(machine: TargetMachine, owner: Owner, *, anew: bool) -> Mapping[Role, str]:
     """Make tokens of the service's user where there are none, or `anew`; empty where those that are there stay.
 
+    The service's folder is made too; on a running machine everything in it is done as its user.
+
     Raises:
         ConfigurationError: The file is none of ours.
         NodeError: It cannot be written.
     """
-    with _in_state(machine, owner):
-        path = machine.path(ACCESS)
-        if not anew and load_access(path) is not None:
-            return {}
-        access, tokens = new_access()
-        access.save(path)
-        if not machine.is_live:
-            _give(path.parent, owner)
-            _give(path, owner)
-    return tokens
+    state = machine.path(STATE)
+    try:
+        if not state.exists():
+            state.mkdir(parents=True, mode=0o750)
+            _give(state, owner)
+        with acting_as(owner) if machine.is_live else contextlib.nullcontext():
+            folder, path = machine.path(FOLDER), machine.path(ACCESS)
+            folder.mkdir(exist_ok=True, mode=0o700)
+            if folder.is_symlink():
+                raise ConfigurationError(f"{folder} is a link; it has to be a folder of the service's user")
+            folder.chmod(0o700)
+            if not anew and load_access(path) is not None:
+                return {}
+            access, tokens = new_access()
+            access.save(path)
+            if not machine.is_live:
+                _give(folder, owner)
+                _give(path, owner)
+            return tokens
+    except OSError as error:
+        raise NodeError(f"{state} cannot be made ready: {error.strerror}") from None
 
 
 def is_the_service_s(machine: TargetMachine) -> bool:
@@ -183,25 +191,6 @@ def delete_tokens(machine: TargetMachine) -> bool:
         return machine.delete(ACCESS)
     with acting_as(owner):
         return machine.delete(ACCESS)
-
-
-@contextmanager
-def _in_state(machine: TargetMachine, owner: Owner) -> Iterator[None]:
-    """The service's folder exists; on a running machine everything in it is done as its user."""
-    state = machine.path(STATE)
-    try:
-        if not state.exists():
-            state.mkdir(parents=True, mode=0o750)
-            _give(state, owner)
-        with acting_as(owner) if machine.is_live else nullcontext():
-            folder = machine.path(FOLDER)
-            folder.mkdir(exist_ok=True, mode=0o700)
-            if folder.is_symlink():
-                raise ConfigurationError(f"{folder} is a link; it has to be a folder of the service's user")
-            folder.chmod(0o700)
-            yield
-    except OSError as error:
-        raise NodeError(f"{state} cannot be made ready: {error.strerror}") from None
 
 
 def _give(path: Path, owner: Owner) -> None:

@@ -51,7 +51,11 @@ class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class AuditLog:
-    """Takes entries from any thread, and writes them in the order in which they came."""
+    """Takes entries from any thread, and writes them in the order in which they came.
+
+    Attributes:
+        lost: Entries that could not be kept.
+    """
 
     def __init__(
         self,
@@ -70,18 +74,12 @@ class AuditLog:
         self._write_bytes = write
         self._waiting: queue.Queue[bytes | None] = queue.Queue(_MOST_WAITING)
         self._lock = threading.Lock()
-        self._lost = 0
+        self.lost = 0
         self._has_logged = False
         self._file: int | None = None
         self._is_torn = False
         self._thread = threading.Thread(target=self._run, name="audit", daemon=True)
         self._thread.start()
-
-    @property
-    def lost(self) -> int:
-        """Entries that could not be kept."""
-        with self._lock:
-            return self._lost
 
     def add(self, entry: AuditEntry) -> None:
         """Keep an entry; never waits."""
@@ -138,7 +136,7 @@ class AuditLog:
 
     def _lose(self, why: str) -> None:
         with self._lock:
-            self._lost += 1
+            self.lost += 1
             has_logged, self._has_logged = self._has_logged, True
         if not has_logged:
             _logger.error("the audit log %s cannot be written: %s; the station goes on without it", self._path, why)

@@ -141,7 +141,6 @@ class Downloads:
 
 
 async def _send(request: web.Request, file: int, size: int, response: web.StreamResponse) -> web.StreamResponse:
-    """Send an open file, and close it."""
     try:
         response.content_length = size
         await response.prepare(request)

@@ -116,14 +116,6 @@ class Server:
         self.shared.audit.add(AuditEntry(act="ends", outcome="done"))
         await asyncio.to_thread(self.shared.audit.close)
 
-    def report(self) -> Mapping[str, object]:
-        """What was counted."""
-        return {
-            "refused": dict(self.shared.refusals.most_common()),
-            "station_refused": dict(self.shared.robots.refused()),
-            "audit_lost": self.shared.audit.lost,
-        }
-
     def _count_bad_http(self, record: logging.LogRecord) -> bool:
         """Bad HTTP is counted and not logged: strangers decide how much of it there is."""
         if str(record.msg).startswith("Error handling request"):
@@ -157,6 +149,11 @@ def serve(
             async with Server(robots, sockets, settings) as server:
                 ready()
                 await ended.wait()
-        return {"ended_by": causes[0], **server.report()}
+        return {
+            "ended_by": causes[0],
+            "refused": dict(server.shared.refusals.most_common()),
+            "station_refused": dict(robots.refused()),
+            "audit_lost": server.shared.audit.lost,
+        }
 
     return asyncio.run(serve_until_stopped())
