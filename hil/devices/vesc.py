@@ -4,7 +4,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.vesc.buffers import Mode, decode_short, frames_of
 from segway_ecc.firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
     SET_PACKETS,
@@ -16,7 +15,7 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
     decode,
     frame_of,
 )
-from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketReceiver, decode_short, frame_packet, frames_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link

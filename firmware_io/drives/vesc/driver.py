@@ -18,8 +18,17 @@ from segway_ecc.firmware_io.devices import (
     with_one_more,
 )
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
-from segway_ecc.firmware_io.drives.vesc.buffers import decode_short
-from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, HOST_IDS, answer, ask, fault_name
+from segway_ecc.firmware_io.drives.vesc.condition import (
+    FAULT,
+    FLAGS,
+    HOST_IDS,
+    Found,
+    Step,
+    TimeoutProbe,
+    answer,
+    ask,
+    fault_name,
+)
 from segway_ecc.firmware_io.drives.vesc.frames import (
     Current,
     PacketId,
@@ -30,8 +39,8 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
     frame_of,
     motor_angle,
 )
+from segway_ecc.firmware_io.drives.vesc.packets import decode_short
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
-from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 

@@ -116,43 +116,11 @@ class Status(NamedTuple):
         return self.erpm * TURN / (60.0 * pole_pairs)
 
 
-class Status2(NamedTuple):
-    """Charge drawn and charge put back since power-on, A h."""
-
-    amp_hours: float
-    amp_hours_charged: float
-
-
-class Status3(NamedTuple):
-    """Energy drawn and energy put back since power-on, W h."""
-
-    watt_hours: float
-    watt_hours_charged: float
-
-
-class Status4(NamedTuple):
-    """Temperatures (degrees Celsius), input current (A), angle of the position controller (degrees)."""
-
-    fet_celsius: float
-    motor_celsius: float
-    input_current: float
-    degrees: float
-
-
 class Status5(NamedTuple):
     """Tachometer, six counts for an electrical turn, and supply voltage, V."""
 
     tachometer: int
     bus_voltage: float
-
-
-class Status6(NamedTuple):
-    """Voltages at the analogue inputs, V, and the PPM input, -1 to 1."""
-
-    adc_1: float
-    adc_2: float
-    adc_3: float
-    ppm: float
 
 
 class Ping(NamedTuple):
@@ -201,9 +169,6 @@ _LAYOUTS: Final[dict[int, _PayloadLayout]] = {
     PacketId.SET_CURRENT_BRAKE_REL: _SHARE,
     PacketId.SET_CURRENT_HANDBRAKE: _CURRENT,
     PacketId.SET_CURRENT_HANDBRAKE_REL: _SHARE,
-    PacketId.STATUS_2: _PayloadLayout(Status2, struct.Struct(">ii"), (10_000, 10_000)),
-    PacketId.STATUS_3: _PayloadLayout(Status3, struct.Struct(">ii"), (10_000, 10_000)),
-    PacketId.STATUS_4: _PayloadLayout(Status4, struct.Struct(">hhhh"), (10, 10, 10, 50)),
     PacketId.PING: _PayloadLayout(Ping, struct.Struct(">B"), (1,)),
     PacketId.PONG: _PayloadLayout(Pong, struct.Struct(">BB"), (1, 1)),
     PacketId.CONF_CURRENT_LIMITS: _LIMITS,
@@ -211,7 +176,6 @@ _LAYOUTS: Final[dict[int, _PayloadLayout]] = {
     PacketId.CONF_CURRENT_LIMITS_IN: _LIMITS,
     PacketId.CONF_STORE_CURRENT_LIMITS_IN: _LIMITS,
     PacketId.STATUS_5: _PayloadLayout(Status5, struct.Struct(">ihxx"), (1, 10)),
-    PacketId.STATUS_6: _PayloadLayout(Status6, struct.Struct(">hhhh"), (1_000, 1_000, 1_000, 1_000)),
 }
 
 

@@ -10,7 +10,6 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.drives.vesc.buffers import Mode, frames_of
 from segway_ecc.firmware_io.drives.vesc.condition import HOST_IDS
 from segway_ecc.firmware_io.drives.vesc.frames import (
     SET_PACKETS,
@@ -25,7 +24,7 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
     frame_of,
     mask_of,
 )
-from segway_ecc.firmware_io.drives.vesc.packets import PacketReceiver, frame_packet
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketReceiver, frame_packet, frames_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short
 from segway_ecc.firmware_io.drives.vesc.condition import FAULT, FLAGS, Answer, answer, ask, fault_name
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, ShortBuffer, decode_short
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame
 from tests.fuzzing import fuzzed

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.firmware_io.drives.vesc.timeout_probe import Found, Step, TimeoutProbe
+from segway_ecc.firmware_io.drives.vesc.condition import Found, Step, TimeoutProbe
 
 MS = 1_000_000
 TIMEOUT_S = 0.05

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from segway_ecc.firmware_io.drives.vesc.buffers import Mode, ShortBuffer, decode_short, frames_of
+from segway_ecc.firmware_io.drives.vesc.packets import Mode, ShortBuffer, decode_short, frames_of
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, crc16_xmodem
 from segway_ecc.firmware_io.links.link import Frame
 from tests.fuzzing import fuzzed
