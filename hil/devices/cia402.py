@@ -5,9 +5,8 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import TURN
-from segway_ecc.firmware_io.drives.cia402.frames import Emergency
+from segway_ecc.firmware_io.drives.cia402.frames import DriveState, Emergency
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from segway_ecc.firmware_io.drives.cia402.states import DriveState
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.hil.devices._canopen_objects import Key, ObjectEntry

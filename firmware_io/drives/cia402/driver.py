@@ -6,9 +6,15 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
-from segway_ecc.firmware_io.drives.cia402.frames import NmtCommand, NmtState, Service, pack_heartbeat, pack_nmt
+from segway_ecc.firmware_io.drives.cia402.frames import (
+    Controlword,
+    NmtCommand,
+    NmtState,
+    Service,
+    pack_heartbeat,
+    pack_nmt,
+)
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.cia402.states import Controlword
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
 from segway_ecc.firmware_io.errors import HardwareError

@@ -8,7 +8,6 @@ import canopen
 from canopen.objectdictionary import ODVariable
 from canopen.pdo import PdoMap
 
-from segway_ecc.firmware_io.drives.cia402.dictionary import object_dictionary
 from segway_ecc.firmware_io.drives.cia402.frames import (
     MAX_TORQUE_SHARE,
     PDOS,
@@ -18,10 +17,9 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     pack_nmt,
     rated_torque,
 )
-from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode
-from segway_ecc.firmware_io.drives.cia402.restoring import Restoring
+from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode, object_dictionary
 from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, SetUpPlan
-from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
+from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel, Restoring
 from segway_ecc.firmware_io.errors import HardwareError, LinkLostError
 from segway_ecc.firmware_io.links.link import Frame, Link
 

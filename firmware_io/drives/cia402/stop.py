@@ -4,9 +4,15 @@
 from collections.abc import Sequence
 from typing import Final
 
-from segway_ecc.firmware_io.drives.cia402.frames import DriveStatus, Service, TorqueCommand
+from segway_ecc.firmware_io.drives.cia402.frames import (
+    Controlword,
+    DriveState,
+    DriveStatus,
+    Service,
+    TorqueCommand,
+    state_of,
+)
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
-from segway_ecc.firmware_io.drives.cia402.states import Controlword, DriveState, state_of
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame

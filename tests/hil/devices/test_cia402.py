@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from segway_ecc.firmware_io.drives.cia402.frames import DriveState
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
-from segway_ecc.firmware_io.drives.cia402.states import DriveState
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.cia402 import RATED_TORQUE_MNM, TICK_NS, SimulatedCia402
 from segway_ecc.hil.devices.device import Device

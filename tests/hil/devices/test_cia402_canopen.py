@@ -9,7 +9,7 @@ from canopen import BaseNode402, SdoAbortedError
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.datatypes import UNSIGNED32
 
-from segway_ecc.firmware_io.drives.cia402.dictionary import object_dictionary
+from segway_ecc.firmware_io.drives.cia402.network import object_dictionary
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, LinkState
 from segway_ecc.hil.devices.cia402 import SimulatedCia402

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
-from segway_ecc.firmware_io.drives.cia402.restoring import Exchange, Restoring
+from segway_ecc.firmware_io.drives.cia402.wheel import Exchange, Restoring
 
 MS = 1_000_000
 WRITE = Exchange(bytes.fromhex("2b17100014000000"), bytes.fromhex("6017100000000000"))

@@ -2,7 +2,7 @@
 import pytest
 from canopen.profiles.p402 import State402
 
-from segway_ecc.firmware_io.drives.cia402.states import Controlword, DriveState, state_of, step_towards_operation
+from segway_ecc.firmware_io.drives.cia402.frames import Controlword, DriveState, state_of, step_towards_operation
 
 
 def by_canopen(statusword: int) -> str | None:
