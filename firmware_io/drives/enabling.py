@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The phases that every drive passes through on the way to torque, and its disable feedback."""
+"""What the drives share: the phases on the way to torque, disable feedback, and the signals of a wheel."""
 
 import enum
 from typing import Final
@@ -8,6 +8,11 @@ from segway_ecc.firmware_io.links.link import NowNs
 
 ENABLE_WITHIN_NS: Final = 500_000_000
 """A drive that has not confirmed by then has failed to enable."""
+
+
+def wheel_signals(name: str) -> dict[str, str]:
+    """What a drive measures of the wheel `name`, with units."""
+    return {f"{name}.angle": "rad", f"{name}.velocity": "rad/s", f"{name}.torque": "N m"}
 
 
 @enum.unique

@@ -16,7 +16,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
 )
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
-from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive, wheel_signals
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
 
@@ -35,15 +35,7 @@ class Cia402Pair(PhasedDrive):
     """
 
     name = "drives"
-    signals: Mapping[str, str] = {
-        "left.angle": "rad",
-        "left.velocity": "rad/s",
-        "left.torque": "N m",
-        "right.angle": "rad",
-        "right.velocity": "rad/s",
-        "right.torque": "N m",
-        SUPPLY_VOLTAGE: "V",
-    }
+    signals: Mapping[str, str] = {**wheel_signals("left"), **wheel_signals("right"), SUPPLY_VOLTAGE: "V"}
     commands: Mapping[str, str] = {"left.torque": "N m", "right.torque": "N m"}
 
     def __init__(

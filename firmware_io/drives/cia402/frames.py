@@ -92,11 +92,7 @@ class TorqueCommand(NamedTuple):
     torque_share: float
 
     def pack(self) -> bytes:
-        """The frame's data.
-
-        Raises:
-            FrameRefusedError: A value is not finite or out of range.
-        """
+        """The frame's data; FrameRefusedError where a value is not finite or out of range."""
         try:
             return _COMMAND.pack(self.controlword, round(self.torque_share / PERMILLE))
         except (struct.error, ValueError, OverflowError) as error:
@@ -117,11 +113,7 @@ class DriveStatus(NamedTuple):
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From a frame's data.
-
-        Raises:
-            FrameRefusedError: Wrong length.
-        """
+        """From a frame's data; FrameRefusedError for a wrong length."""
         _check(data, _STATUS.size, "a status")
         statusword, counts, permille = _STATUS.unpack(data)
         return cls(statusword, counts, permille * PERMILLE)
@@ -153,11 +145,7 @@ def motor_velocity(data: bytes, unit_turns: float) -> float:
 
 
 def unpack_supply(data: bytes) -> float:
-    """TPDO3: the voltage of the DC link (0x6079), V.
-
-    Raises:
-        FrameRefusedError: Wrong length.
-    """
+    """TPDO3: the voltage of the DC link (0x6079), V; FrameRefusedError for a wrong length."""
     _check(data, _SUPPLY.size, "a supply voltage")
     (millivolts,) = _SUPPLY.unpack(data)
     return float(millivolts * _MILLIVOLT)
@@ -176,11 +164,7 @@ class Emergency(NamedTuple):
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From a frame's data.
-
-        Raises:
-            FrameRefusedError: Wrong length.
-        """
+        """From a frame's data; FrameRefusedError for a wrong length."""
         _check(data, _EMERGENCY.size, "an emergency")
         return cls(*_EMERGENCY.unpack(data))
 
@@ -226,11 +210,7 @@ def pack_heartbeat(state: NmtState) -> bytes:
 
 
 def unpack_heartbeat(data: bytes) -> NmtState:
-    """The state that a heartbeat carries.
-
-    Raises:
-        FrameRefusedError: Wrong length, or no such state.
-    """
+    """The state that a heartbeat carries; FrameRefusedError for a wrong length, or where there is no such state."""
     _check(data, 1, "a heartbeat")
     try:
         return NmtState(data[0])
@@ -252,11 +232,7 @@ class Sdo(NamedTuple):
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """From a frame's data.
-
-        Raises:
-            FrameRefusedError: Wrong length.
-        """
+        """From a frame's data; FrameRefusedError for a wrong length."""
         _check(data, _SDO.size, "an SDO")
         return cls(*_SDO.unpack(data))
 
@@ -305,15 +281,11 @@ def state_of(statusword: int) -> DriveState | None:
     return _BY_SIX_BITS.get(statusword & 0x6F) or _BY_FIVE_BITS.get(statusword & 0x4F)
 
 
-WITHOUT_TORQUE: Final = frozenset(
-    {
-        DriveState.NOT_READY,
-        DriveState.SWITCH_ON_DISABLED,
-        DriveState.READY,
-        DriveState.SWITCHED_ON,
-        DriveState.FAULT,
-    }
-)
+WITHOUT_TORQUE: Final = frozenset(DriveState) - {
+    DriveState.OPERATION_ENABLED,
+    DriveState.QUICK_STOP_ACTIVE,
+    DriveState.FAULT_REACTION_ACTIVE,
+}
 """The states in which the profile has the drive function disabled; a quick stop and a fault's reaction brake."""
 
 _TOWARDS_OPERATION: Final = {

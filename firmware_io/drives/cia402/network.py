@@ -80,11 +80,7 @@ class LinkNetwork(canopen.Network):
         self._asked: dict[int, bytes] = {}
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002 - the library's
-        """Send a frame; see `canopen.Network.send_message`.
-
-        Raises:
-            canopen.SdoCommunicationError: The link has no room for it.
-        """
+        """Send a frame; `canopen.SdoCommunicationError` where the link has no room for it."""
         frame = Frame(can_id, bytes(data), is_remote=remote)
         if Service.SDO_REQUEST < can_id < Service.HEARTBEAT:
             self._asked[can_id - Service.SDO_REQUEST] = frame.data
@@ -92,11 +88,7 @@ class LinkNetwork(canopen.Network):
             raise canopen.SdoCommunicationError(f"{self._link.description} does not take frames")
 
     def wait_until(self, happened: Callable[[], bool], within_ns: int = ANSWER_WITHIN_NS) -> bool:
-        """Take frames until something has happened; whether it has, in that time.
-
-        Raises:
-            LinkLostError: The link is gone.
-        """
+        """Take frames until something has happened, and whether it has in that time; LinkLostError for a lost link."""
         deadline_ns = self._now_ns() + within_ns
         while not happened():
             if self._now_ns() >= deadline_ns:

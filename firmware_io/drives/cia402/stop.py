@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.drives.cia402.frames import (
+    WITHOUT_TORQUE,
     Controlword,
-    DriveState,
     DriveStatus,
     Service,
     TorqueCommand,
@@ -19,9 +19,6 @@ from segway_ecc.firmware_io.links.link import Frame
 
 _LENGTH: Final = 4
 _DISABLE: Final = TorqueCommand(Controlword.DISABLE_VOLTAGE, 0.0).pack()
-_MOTOR_ON: Final = frozenset(
-    {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE}
-)
 
 
 class Cia402Stopper:
@@ -57,7 +54,7 @@ class Cia402Stopper:
             return None
         if name is None or state is None:
             return None
-        return Observation(name, Meaning.ON if state in _MOTOR_ON else Meaning.OFF)
+        return Observation(name, Meaning.OFF if state in WITHOUT_TORQUE else Meaning.ON)
 
     def stop(self) -> Sequence[Frame]:
         """The voltage taken from both, zero torque, and SYNC; see `Stopper.stop`."""

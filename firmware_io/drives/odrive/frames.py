@@ -40,14 +40,7 @@ class Firmware(enum.StrEnum):
 
 
 class _FrameLayout(NamedTuple):
-    """How one message lies in its frame.
-
-    Attributes:
-        message: Its class.
-        lengths: Lengths in bytes that are taken.
-        pack: A message to bytes, checked already for what is not finite.
-        unpack: Bytes of a length that is taken to a message; what is not finite is found afterwards.
-    """
+    """How a message lies in a frame of `lengths` bytes; what is not finite is found before and after, not by these."""
 
     message: type[Any]
     lengths: range
@@ -68,21 +61,6 @@ def _asked(message: type[Any], form: str = "", length: int = _FULL, least: int |
 
 _sent: Final = functools.partial(_asked, least=_FULL)
 """A frame of the axis, as its fields stand; always eight bytes."""
-
-
-def _pack_heartbeat(h: m.Heartbeat) -> bytes:
-    last = h.controller_error | h.trajectory_done << 7
-    return struct.pack("<IBBBB", h.axis_error, h.state, h.motor_error, h.encoder_error, last)
-
-
-def _unpack_heartbeat(data: bytes) -> m.Heartbeat:
-    error, state, motor, encoder, last = struct.unpack("<IBBBB", data)
-    return m.Heartbeat(error, state, bool(motor & 1), bool(encoder & 1), bool(last & 1), bool(last >> 7))
-
-
-def _unpack_procedure_heartbeat(data: bytes) -> m.ProcedureHeartbeat:
-    error, state, result, flags = struct.unpack("<IBBBx", data)
-    return m.ProcedureHeartbeat(error, state, result, bool(flags & 1))
 
 
 def _pack_input_position(p: m.SetInputPosition) -> bytes:
@@ -116,7 +94,7 @@ _BOTH: Final[Mapping[int, _FrameLayout]] = {
 LAYOUTS: Final[Mapping[Firmware, Mapping[int, _FrameLayout]]] = {
     Firmware.V0_5: {
         **_BOTH,
-        HEARTBEAT: _FrameLayout(m.Heartbeat, range(_FULL, _FULL + 1), _pack_heartbeat, _unpack_heartbeat),
+        HEARTBEAT: _sent(m.Heartbeat, "IB"),
         0x03: _sent(m.MotorError, "Q"),
         0x04: _sent(m.EncoderError, "I"),
         0x0A: _sent(m.EncoderCount, "ii"),
@@ -128,7 +106,7 @@ LAYOUTS: Final[Mapping[Firmware, Mapping[int, _FrameLayout]]] = {
     Firmware.V0_6: {
         **_BOTH,
         VERSION: _sent(m.Version, "8B"),
-        HEARTBEAT: _sent(m.ProcedureHeartbeat, "IBBB")._replace(unpack=_unpack_procedure_heartbeat),
+        HEARTBEAT: _sent(m.ProcedureHeartbeat, "IBB"),
         0x03: _sent(m.Errors, "II"),
         0x15: _sent(m.Temperatures, "ff")._replace(
             pack=lambda values: struct.pack("<ff", *(math.nan if value is None else value for value in values)),

@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.devices import (
     stale_after_ns,
     with_one_more,
 )
+from segway_ecc.firmware_io.drives.enabling import wheel_signals
 from segway_ecc.firmware_io.drives.odrive import messages as m
 from segway_ecc.firmware_io.drives.odrive.frames import (
     COMMANDS,
@@ -68,12 +69,7 @@ class AxisListener:
 
     def __init__(self, name: str, settings: OdriveSettings, loop_period_s: float, now_ns: NowNs) -> None:
         """Listen to the axis of the wheel called `name`."""
-        self.signals: Mapping[str, str] = {
-            f"{name}.angle": "rad",
-            f"{name}.velocity": "rad/s",
-            f"{name}.torque": "N m",
-            **({SUPPLY_VOLTAGE: "V"} if name == "left" else {}),
-        }
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
         self._wheel = settings.wheel(name)
         self.search = FirmwareSearch(settings.firmware)
         beat_s = max(settings.heartbeat_period_s, loop_period_s)

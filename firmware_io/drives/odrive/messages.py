@@ -119,10 +119,6 @@ class Heartbeat(NamedTuple):
 
     axis_error: int
     state: int
-    motor_error: bool = False
-    encoder_error: bool = False
-    controller_error: bool = False
-    trajectory_done: bool = False
 
 
 class ProcedureHeartbeat(NamedTuple):
@@ -131,7 +127,6 @@ class ProcedureHeartbeat(NamedTuple):
     axis_error: int
     state: int
     procedure_result: int = 0
-    trajectory_done: bool = False
 
 
 class Version(NamedTuple):

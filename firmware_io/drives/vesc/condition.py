@@ -61,11 +61,7 @@ def ask(name: str, controller_id: int, mask: int) -> Frame:
 
 
 def answer(buffer: ShortBuffer, controller_id: int) -> Answer:
-    """What a controller's short packet answers.
-
-    Raises:
-        FrameRefusedError: It is not an answer of that controller to `ask`.
-    """
+    """What a controller's short packet answers; FrameRefusedError for no answer of that controller to `ask`."""
     if buffer.sender_id != controller_id or buffer.mode is not Mode.PASS_ON:
         raise FrameRefusedError(Refusal.UNKNOWN, f"packet from {buffer.sender_id}")
     mask, values = decode_values(buffer.packet)

@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.devices import (
     stale_after_ns,
     with_one_more,
 )
-from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
+from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive, wheel_signals
 from segway_ecc.firmware_io.drives.vesc.condition import (
     FAULT,
     FLAGS,
@@ -74,12 +74,7 @@ class Vesc(PhasedDrive):
         super().__init__(now_ns)
         wheel = settings.left if name == "left" else settings.right
         self.name = name
-        self.signals: Mapping[str, str] = {
-            f"{name}.angle": "rad",
-            f"{name}.velocity": "rad/s",
-            f"{name}.torque": "N m",
-            **({SUPPLY_VOLTAGE: "V"} if name == "left" else {}),
-        }
+        self.signals: Mapping[str, str] = wheel_signals(name) | ({SUPPLY_VOLTAGE: "V"} if name == "left" else {})
         self.commands: Mapping[str, str] = {f"{name}.torque": "N m"}
         self.limits: Sequence[float] = (wheel.max_torque,)
         self._link = link

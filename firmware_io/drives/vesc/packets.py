@@ -38,11 +38,7 @@ _PROCESS: Final = struct.Struct(">BBHH")
 
 
 def frame_packet(packet: bytes) -> bytes:
-    """A packet with its framing.
-
-    Raises:
-        FrameRefusedError: It is empty or longer than 512 bytes.
-    """
+    """A packet with its framing; FrameRefusedError where it is empty or longer than 512 bytes."""
     if not 0 < len(packet) <= MAX_PACKET:
         raise FrameRefusedError(Refusal.LENGTH, f"packet of {len(packet)} bytes")
     if len(packet) <= _MAX_SHORT:
@@ -174,11 +170,7 @@ def decode_short(data: bytes) -> ShortBuffer:
 
 
 def frames_of(receiver_id: int, sender_id: int, mode: Mode, packet: bytes) -> list[Frame]:
-    """The frames that carry a packet to a receiver.
-
-    Raises:
-        FrameRefusedError: The packet is empty or too long.
-    """
+    """The frames that carry a packet to a receiver; FrameRefusedError where it is empty or too long."""
     if not 0 < len(packet) <= MAX_PACKET:
         raise FrameRefusedError(Refusal.LENGTH, f"packet of {len(packet)} bytes")
     if len(packet) <= _SHORT_BYTES:

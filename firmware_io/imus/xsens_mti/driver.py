@@ -8,20 +8,15 @@ from typing import Final
 
 from segway_ecc.firmware_io.devices import FrameKey, Freshness, Readings, stale_after_ns
 from segway_ecc.firmware_io.imus.mounting import Vector
-from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, Message, decode, elapsed_s
+from segway_ecc.firmware_io.imus.xsens_mti.frames import GROUP_COUNTS, LAYOUTS, Message, decode, elapsed_s
 from segway_ecc.firmware_io.imus.xsens_mti.settings import XsensMtiSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link, NowNs
 
 _NEEDED: Final = (Message.GROUP_COUNTER, Message.RATE_OF_TURN, Message.ACCELERATION)
-_USED: Final = (
-    *_NEEDED,
-    Message.ERROR,
-    Message.WARNING,
-    Message.SAMPLE_TIME,
-    Message.STATUS_WORD,
-    Message.TEMPERATURE,
-)
+_SIGNALS: Final = {f"imu.angular_velocity_{axis}": "rad/s" for axis in "xyz"} | {
+    f"imu.linear_acceleration_{axis}": "m/s2" for axis in "xyz"
+}
 _BURST: Final = 16
 """Sets that may seem to come at once, because they waited somewhere."""
 
@@ -70,20 +65,13 @@ class XsensMti:
     """
 
     name = "imu"
-    signals: Mapping[str, str] = {
-        "imu.angular_velocity_x": "rad/s",
-        "imu.angular_velocity_y": "rad/s",
-        "imu.angular_velocity_z": "rad/s",
-        "imu.linear_acceleration_x": "m/s2",
-        "imu.linear_acceleration_y": "m/s2",
-        "imu.linear_acceleration_z": "m/s2",
-    }
+    signals: Mapping[str, str] = _SIGNALS
 
     def __init__(
         self, link: Link, settings: XsensMtiSettings, loop_period_s: float, now_ns: NowNs = time.monotonic_ns
     ) -> None:
         """Listen to the sensor on `link`."""
-        self._messages = {settings.key(message): message for message in _USED}
+        self._messages = {settings.key(message): message for message in LAYOUTS}
         self.listens_to: Collection[FrameKey] = frozenset(self._messages)
         self._link = link
         self._mounting = settings.rotation

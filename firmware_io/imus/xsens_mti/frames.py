@@ -17,7 +17,7 @@ from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
 
 @enum.unique
 class Message(enum.StrEnum):
-    """The messages, and the values they carry."""
+    """The messages, and the values of those that are used."""
 
     ERROR = "error"
     """A code; 1 means that the output buffer was full and messages were lost."""
@@ -28,31 +28,22 @@ class Message(enum.StrEnum):
     GROUP_COUNTER = "group_counter"
     """Counts the sets of measurements; wraps at 2^16."""
     UTC_TIME = "utc_time"
-    """Years after 2000, month, day, hour, minute, second, and s within the second."""
     STATUS_WORD = "status_word"
     """32 flags."""
     QUATERNION = "quaternion"
-    """w, x, y, z."""
     EULER_ANGLES = "euler_angles"
-    """Roll, pitch, yaw, rad."""
     DELTA_V = "delta_v"
-    """Change of velocity since the last set along x, y, z, m/s."""
     RATE_OF_TURN = "rate_of_turn"
     """About x, y, z, rad/s."""
     DELTA_Q = "delta_q"
-    """Rotation since the last set: w, x, y, z of a quaternion."""
     ACCELERATION = "acceleration"
     """Specific force along x, y, z, m/s2: 9.81 upward at rest."""
     FREE_ACCELERATION = "free_acceleration"
-    """Along x, y, z, without gravity, m/s2."""
     MAGNETIC_FIELD = "magnetic_field"
-    """Along x, y, z, as a share of the field at the place of calibration."""
     TEMPERATURE = "temperature"
     """Inside the sensor, degrees Celsius."""
     RATE_OF_TURN_HR = "rate_of_turn_hr"
-    """As the rate of turn, not filtered."""
     ACCELERATION_HR = "acceleration_hr"
-    """As the acceleration, not filtered."""
 
 
 DEFAULT_IDS: Final = {
@@ -85,93 +76,69 @@ SAMPLE_TIME_TICKS: Final = 1 << 32
 
 _RADIAN_PER_SECOND: Final = 2.0**-9
 _METRE_PER_SECOND_SQUARED: Final = 2.0**-8
-_DEGREE: Final = 2.0**-7
-_UNIT: Final = 1.0 / 32767.0
-_DELTA_V_EXPONENTS: Final = range(8, 18)
+_DEGREE_CELSIUS: Final = 2.0**-8
 
 
 class _MessageLayout(NamedTuple):
-    """Integers on the wire, what one of each is worth, and the values each may take."""
+    """Integers on the wire, what one of them is worth, and the values that each may take."""
 
     fields: struct.Struct
-    units: tuple[float, ...]
-    allowed: tuple[range, ...]
+    unit: float
+    allowed: range
 
 
 def _number(code: str, bits: int) -> _MessageLayout:
-    return _MessageLayout(struct.Struct(f">{code}"), (1,), (range(1 << bits),))
+    return _MessageLayout(struct.Struct(f">{code}"), 1, range(1 << bits))
 
 
-def _signed(unit: float, *largest: int) -> _MessageLayout:
-    """16-bit fields whose magnitude is at most `largest`, in units on the wire."""
-    allowed = tuple(range(-most, most + 1) for most in largest)
-    return _MessageLayout(struct.Struct(f">{len(largest)}h"), (unit,) * len(largest), allowed)
+def _signed(count: int, unit: float, largest: float) -> _MessageLayout:
+    """16-bit fields whose magnitude is at most `largest`."""
+    most = round(largest / unit)
+    return _MessageLayout(struct.Struct(f">{count}h"), unit, range(-most, min(most, 32767) + 1))
 
 
-_RATE: Final = _signed(_RADIAN_PER_SECOND, *(round(MAX_ANGULAR_VELOCITY / _RADIAN_PER_SECOND),) * 3)
-_FORCE: Final = _signed(_METRE_PER_SECOND_SQUARED, *(round(MAX_LINEAR_ACCELERATION / _METRE_PER_SECOND_SQUARED),) * 3)
-_ROTATION: Final = _signed(_UNIT, 32767, 32767, 32767, 32767)
-_UTC: Final = _MessageLayout(
-    struct.Struct(">6BH"),
-    (1, 1, 1, 1, 1, 1, 1e-4),
-    (range(256), range(1, 13), range(1, 32), range(24), range(60), range(61), range(10_000)),
-)
-# The unit of a change of velocity travels with it, as the exponent of a power of two.
-_DELTA_V: Final = _MessageLayout(struct.Struct(">3hB"), (), (*(range(-32768, 32768),) * 3, _DELTA_V_EXPONENTS))
-
-_LAYOUTS: Final = {
+LAYOUTS: Final = {
     Message.ERROR: _number("B", 8),
     Message.WARNING: _number("B", 8),
     Message.SAMPLE_TIME: _number("I", 32),
     Message.GROUP_COUNTER: _number("H", 16),
-    Message.UTC_TIME: _UTC,
     Message.STATUS_WORD: _number("I", 32),
-    Message.QUATERNION: _ROTATION,
-    Message.EULER_ANGLES: _signed(math.radians(_DEGREE), 180 << 7, 90 << 7, 180 << 7),
-    Message.DELTA_V: _DELTA_V,
-    Message.RATE_OF_TURN: _RATE,
-    Message.DELTA_Q: _ROTATION,
-    Message.ACCELERATION: _FORCE,
-    Message.FREE_ACCELERATION: _FORCE,
-    Message.MAGNETIC_FIELD: _signed(2.0**-10, 32768, 32768, 32768),
-    Message.TEMPERATURE: _signed(2.0**-8, 32768),
-    Message.RATE_OF_TURN_HR: _RATE,
-    Message.ACCELERATION_HR: _FORCE,
+    Message.RATE_OF_TURN: _signed(3, _RADIAN_PER_SECOND, MAX_ANGULAR_VELOCITY),
+    Message.ACCELERATION: _signed(3, _METRE_PER_SECOND_SQUARED, MAX_LINEAR_ACCELERATION),
+    Message.TEMPERATURE: _signed(1, _DEGREE_CELSIUS, 128.0),
 }
+"""The messages that are used."""
 
 
 def encode(message: Message, values: Sequence[float]) -> bytes:
-    """The data of a message that carries `values`, as `Message` orders them.
+    """The data of a message of `LAYOUTS` that carries `values`, as `Message` orders them.
 
     Raises:
         FrameRefusedError: Too few or too many values, or one that is not finite or out of the message's range.
     """
-    layout = _LAYOUTS[message]
+    layout = LAYOUTS[message]
     if not all(map(math.isfinite, values)):
         raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
-    units = _delta_v_units(values) if message is Message.DELTA_V else layout.units
-    if len(values) != len(units):
-        raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
-    raw = [round(value / unit) for value, unit in zip(values, units, strict=True)]
-    if message is Message.DELTA_V:
-        raw.append(-round(math.log2(units[0])))
+    raw = [round(value / layout.unit) for value in values]
     _check(message, raw)
-    return layout.fields.pack(*raw)
+    try:
+        return layout.fields.pack(*raw)
+    except struct.error as error:
+        raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi") from error
 
 
 def decode(message: Message, data: bytes) -> tuple[float, ...]:
-    """The values that a message carries, as `Message` orders them; whole numbers where it counts.
+    """The values that a message of `LAYOUTS` carries, as `Message` orders them; whole numbers where it counts.
 
     Raises:
         FrameRefusedError: Wrong length, or a value out of the message's range.
     """
-    layout = _LAYOUTS[message]
+    layout = LAYOUTS[message]
     if len(data) != layout.fields.size:
         raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
     raw = layout.fields.unpack(data)
     _check(message, raw)
-    units = (2.0 ** -raw[3],) * 3 if message is Message.DELTA_V else layout.units
-    return tuple(value * unit for value, unit in zip(raw, units, strict=False))
+    return tuple(value * layout.unit for value in raw)
 
 
 def elapsed_s(newest: float, before: float, tick_s: float) -> float:
@@ -180,12 +147,5 @@ def elapsed_s(newest: float, before: float, tick_s: float) -> float:
 
 
 def _check(message: Message, raw: Sequence[int]) -> None:
-    if not all(value in allowed for value, allowed in zip(raw, _LAYOUTS[message].allowed, strict=True)):
+    if not all(value in LAYOUTS[message].allowed for value in raw):
         raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
-
-
-def _delta_v_units(values: Sequence[float]) -> tuple[float, ...]:
-    """The finest unit in which all three values fit, or else the coarsest."""
-    largest = max(map(abs, values), default=0.0)
-    fitting = [exponent for exponent in _DELTA_V_EXPONENTS if largest * 2.0**exponent <= 32767]  # noqa: PLR2004 - int16
-    return (2.0 ** -max(fitting, default=_DELTA_V_EXPONENTS.start),) * 3
