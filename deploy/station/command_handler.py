@@ -16,8 +16,7 @@ from segway_ecc.deploy.station.sequences import SequencePlayback
 from segway_ecc.deploy.station.views import Act, Command, Drive, FleetView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.safety.modes import Action
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry
 
 _SERVICES: Final = {Act.ARM: Action.ARM, Act.DISARM: Action.DISARM, Act.CLEAR_FAULT: Action.CLEAR_FAULT}
 _OURS: Final = frozenset({Act.TAKE_CONTROL, Act.RELEASE_CONTROL, Act.BREAK_OFF, Act.CLEAR_FAULT})

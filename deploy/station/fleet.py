@@ -21,7 +21,7 @@ from segway_ecc.deploy.station.robot_messages import (
 )
 from segway_ecc.deploy.station.views import EventView, RobotView
 from segway_ecc.node.safety.modes import ACTIVE, Mode
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Odometry
 
 MOST_ROBOTS: Final = 100
 """More than these are not followed: the graph belongs to whoever is on the network."""

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.safety.modes import Mode
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Odometry
 
 _CHECK: Final = "check."
 _OK: Final = "ok: "

@@ -12,8 +12,7 @@ from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, TimedSetpoint
-from segway_ecc.node.sequence.player import Odometry, Player, PlayState
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, PlayState, TimedSetpoint
 
 LONGEST_TEXT: Final = 65_536
 _LONGEST_NAME: Final = 80

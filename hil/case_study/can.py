@@ -23,8 +23,7 @@ from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre
-from segway_ecc.node.sequence.player import ManoeuvreStage, Odometry, Player
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, ManoeuvreStage, Odometry, Player
 
 ROBOT: Final = "cart-can"
 _MARGIN_S: Final = 60.0

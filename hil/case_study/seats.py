@@ -24,8 +24,7 @@ from segway_ecc.node.errors import NodeError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment
 
 OnProgress = Callable[[Seat, int, int], None]
 """Called with the seat, how many of its runs are done, and how many there are."""

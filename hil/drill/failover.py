@@ -25,8 +25,7 @@ from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import ACTIVE
-from segway_ecc.node.sequence.manoeuvre import single_segment
-from segway_ecc.node.sequence.player import ManoeuvreStage, Player
+from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, single_segment
 
 MANOEUVRE: Final = single_segment(1.0, 0.5, 4.0)
 FAULT_AFTER_S: Final = 2.0

@@ -13,8 +13,7 @@ from segway_ecc.hil.placement.network import Channel
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Action, Mode
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
-from segway_ecc.node.sequence.player import Odometry, Player
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, schedule
 
 STATION: Final = "station"
 

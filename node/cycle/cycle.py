@@ -48,7 +48,7 @@ class BestEffortRecorder:
     """
 
     def __init__(self, recorder: Recorder, events: deque[str]) -> None:
-        """Stand in front of `recorder`; what happens to it is appended to `events`."""
+        """Append to `events` what happens to `recorder`."""
         self._opened = recorder
         self._recorder = recorder
         self._events = events
@@ -84,10 +84,7 @@ class Cycle:
     """The parts of a robot, run once per period in their fixed order.
 
     Attributes:
-        arming: The arming manager: the modes, and the drives' arming.
-        schedule: The set-points.
         time_base: The stamp of each cycle.
-        hardware: The drives and sensors.
         sensors: The newest snapshot of the hardware; None before the first.
         events: What happened to the links and has not been logged yet; of more than 64 the oldest is discarded.
         recorder: Keeps the cycles, as long as it can.
@@ -311,7 +308,6 @@ class Cycle:
             raise _model_failed(error, "in its initial equations") from error
 
     def _compute(self, sensors: Sensors, setpoint: Setpoint) -> list[float]:
-        """Step the model; the inputs it had."""
         u = self._wiring.model_inputs(sensors, setpoint, self._set_values)
         try:
             for state, value in self._wiring.state_writes(setpoint, self._set_values):

@@ -28,7 +28,6 @@ class StateLog:
     """Logs the newest mode or refusal to arm where it has changed, at most once a second: no flicker floods the log."""
 
     def __init__(self, clock: Clock) -> None:
-        """Take time from a clock."""
         self._clock = clock
         self._logged: tuple[Mode, bool, str] | None = None
         self._logged_ns: int | None = None
@@ -69,7 +68,6 @@ class Loop:
     """
 
     def __init__(self, *, cycle: Cycle, clock: Clock, stage: Stage, period_ns: int, robot_name: str) -> None:
-        """Prepare the loop; `run` runs it."""
         self.counters = LoopCounters()
         self.stop_reason: str | None = None
         self.service = Service(NotifySocket(""), period_ns)

@@ -43,7 +43,6 @@ class DiagnosticReport:
     """
 
     def __init__(self, cycle: Observed, counters: LoopCounters, period_ns: int, robot_name: str) -> None:
-        """Report on a cycle and its loop."""
         self.statuses: Sequence[DiagnosticStatus] = ()
         self._cycle = cycle
         self._counters = counters
@@ -127,7 +126,6 @@ class DiagnosticReport:
         return DiagnosticStatus(level, f"{self._robot_name}: hardware", message, values)
 
     def _new(self, what: str, count: int) -> int:
-        """How much a count grew since the last set."""
         old = self._old_counts.get(what, 0)
         self._old_counts[what] = count
         return count - old

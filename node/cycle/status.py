@@ -18,14 +18,7 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticStatus:
-    """The state of one part of the robot.
-
-    Attributes:
-        level: How bad it is.
-        name: The part.
-        message: In a few words.
-        values: Everything that is known about it, as text.
-    """
+    """The state of one part of the robot: in a few words, and all that is known about it, as text."""
 
     level: Level
     name: str

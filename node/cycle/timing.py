@@ -114,7 +114,6 @@ class Tally:
     __slots__ = ("_counted", "_noted")
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Begin empty."""
         self._counted = {name: Histogram() for name in names}
         self._noted: list[Sequence[int]] = []
 

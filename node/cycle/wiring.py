@@ -28,12 +28,8 @@ JOINT_SIGNALS: Final = ("left.angle", "right.angle", "left.velocity", "right.vel
 """The wheels: rad, rad, rad/s, rad/s."""
 
 IMU_SIGNALS: Final = (
-    "imu.angular_velocity_x",
-    "imu.angular_velocity_y",
-    "imu.angular_velocity_z",
-    "imu.linear_acceleration_x",
-    "imu.linear_acceleration_y",
-    "imu.linear_acceleration_z",
+    *(f"imu.angular_velocity_{axis}" for axis in "xyz"),
+    *(f"imu.linear_acceleration_{axis}" for axis in "xyz"),
 )
 """Angular velocity, rad/s, and specific force, m/s2, in the robot's axes."""
 
@@ -116,12 +112,7 @@ class Wiring:
 
 
 def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
-    """Join a model to hardware and set-points.
-
-    Args:
-        model: The model.
-        hardware: The hardware.
-        wiring: The robot's signal for each model port, state or other variable.
+    """Join a model to hardware and set-points; `wiring` is the robot's signal for each port, state or other variable.
 
     Raises:
         UnknownNameError: A name that does not exist; the text lists those that do.

@@ -51,14 +51,7 @@ _INT64: Final = 2**63 - 1
 
 
 class RecorderSettings(msgspec.Struct, frozen=True):
-    """What the writer's process receives first, as one line of JSON.
-
-    Attributes:
-        path: The log to write.
-        layout: Names of what each cycle holds.
-        provenance: Where the run comes from.
-        bounds: How much disk space it may take.
-    """
+    """What the writer's process receives first, as one line of JSON: the log to write, and what it may hold."""
 
     path: str
     layout: CycleLayout
@@ -101,7 +94,6 @@ class CycleCodec:
     """
 
     def __init__(self, layout: CycleLayout) -> None:
-        """Make the codec for a layout."""
         self.message = CycleMessage(layout)
         sensors, inputs, outputs, commands, published = (
             (math.nan,) * len(names)

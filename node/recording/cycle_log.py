@@ -10,11 +10,11 @@ import msgspec
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS
+from segway_ecc.node.recording.cdr import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 from segway_ecc.node.recording.codec import CycleCodec
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CYCLE_TYPE, stamp_of
 from segway_ecc.node.recording.layout import NO_PROVENANCE, CycleLayout, Provenance, surroundings
 from segway_ecc.node.recording.mcap_log import McapLog
-from segway_ecc.node.recording.schemas import CYCLE_EVENTS, CYCLE_EVENTS_SCHEMA
 
 EVENTS_TOPIC = "/cycle_events"
 LAYOUT_FILE = "layout.json"

@@ -30,8 +30,8 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import PHASES, CycleRecord, HardwareAnswer, Inbox, Request
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.cdr import definition
 from segway_ecc.node.recording.layout import CycleLayout, field_names
-from segway_ecc.node.recording.schemas import definition
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 CYCLE_TOPIC: Final = "/cycle"
@@ -56,14 +56,9 @@ Piece = Sequence[object]
 
 
 class CycleMessage:
-    """The message of one robot.
-
-    Attributes:
-        schema: Its definition.
-    """
+    """The message of one robot, with its definition as `schema`."""
 
     def __init__(self, layout: CycleLayout) -> None:
-        """Make the message for a layout."""
         groups = (layout.sensors, layout.sensors, layout.inputs, layout.outputs, layout.commands, layout.published)
         self._counts = (2, *map(len, groups))
         self._sensors = len(layout.sensors)

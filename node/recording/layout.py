@@ -30,11 +30,7 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
     """Names of everything a cycle holds, in the order it holds it.
 
     Attributes:
-        robot: The robot's name.
-        published: Signals that the robot publishes.
         sensors: Signals that the hardware measures.
-        inputs: The model's inputs.
-        outputs: The model's outputs.
         commands: What the hardware takes.
         limits: Largest magnitude of each command; None for any.
         odometry_frame: Frame of the pose.
@@ -59,12 +55,7 @@ class CycleLayout(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """What a log holds about the run beside its messages.
-
-    Attributes:
-        attachments: Texts by file name.
-        metadata: Named texts, by the name of their group.
-    """
+    """What a log holds about the run beside its messages: texts by file name, and named texts by their group."""
 
     attachments: dict[str, str]
     metadata: dict[str, dict[str, str]]

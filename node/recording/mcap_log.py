@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedIOBase
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Final, Self, cast
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
@@ -22,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording import cdr, schemas
+from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.log_quota import lock_log
 
 CHUNK_BYTES: Final = 256 * 1024
@@ -40,8 +39,7 @@ class McapLog:
     what was written before stays readable.
 
     Args:
-        target: The file to write, whose directories are made as needed; or a binary stream as
-            `io.BytesIO`, which is not closed.
+        target: The file to write, whose directories are made as needed; or a binary stream, which is not closed.
         frame_id: The fixed frame that poses are in, as `odom`.
         child_frame_id: The frame on the robot that velocities are in, as `base_link`.
         joint_names: One name per joint, in the order of `joint_state`'s values.
@@ -79,16 +77,16 @@ class McapLog:
 
     def float64(self, topic: str, stamp_ns: int, value: float) -> None:
         """Logs one number in the unit that the topic's name gives, as std_msgs/Float64."""
-        self.add(topic, schemas.FLOAT64, stamp_ns, cdr.float64(value))
+        self.add(topic, cdr.FLOAT64, stamp_ns, cdr.float64(value))
 
     def point(self, topic: str, stamp_ns: int, x: float, y: float, z: float) -> None:
         """Logs a geometry_msgs/Point; coordinates in metres."""
-        self.add(topic, schemas.POINT, stamp_ns, cdr.point(x, y, z))
+        self.add(topic, cdr.POINT, stamp_ns, cdr.point(x, y, z))
 
     def twist(self, topic: str, stamp_ns: int, linear_m_s: float, angular_rad_s: float) -> None:
         """Logs a forward velocity in m/s and a yaw rate in rad/s, as geometry_msgs/TwistStamped in the child frame."""
         twist = cdr.Twist((linear_m_s, 0.0, 0.0), (0.0, 0.0, angular_rad_s))
-        self.add(topic, schemas.TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
+        self.add(topic, cdr.TWIST_STAMPED, stamp_ns, cdr.twist_stamped(stamp_ns, self._child_frame_id, twist))
 
     def odometry(  # noqa: PLR0913, PLR0917 - one planar state, in the order every caller has it
         self,
@@ -114,7 +112,7 @@ class McapLog:
         pose = cdr.Pose((x, y, 0.0), (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))
         twist = cdr.Twist((linear_velocity, 0.0, 0.0), (0.0, 0.0, angular_velocity))
         data = cdr.odometry(stamp_ns, self._frame_id, self._child_frame_id, pose, twist)
-        self.add(topic, schemas.ODOMETRY, stamp_ns, data)
+        self.add(topic, cdr.ODOMETRY, stamp_ns, data)
 
     def joint_state(self, topic: str, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]) -> None:
         """Logs a sensor_msgs/JointState: rad and rad/s, each one per joint name, or empty if not measured.
@@ -128,17 +126,17 @@ class McapLog:
                 f"Topic {topic} in {self._where} got {len(positions)} positions and {len(velocities)} velocities for "
                 f"{len(names)} joints: pass one value per name in joint_names, or none."
             )
-        self.add(topic, schemas.JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
+        self.add(topic, cdr.JOINT_STATE, stamp_ns, cdr.joint_state(stamp_ns, "", names, positions, velocities))
 
     def imu(
         self, topic: str, stamp_ns: int, frame_id: str, angular_velocity: cdr.Vector, linear_acceleration: cdr.Vector
     ) -> None:
         """Logs a sensor_msgs/Imu without orientation: rad/s and m/s2 in `frame_id`, with covariances not known."""
-        self.add(topic, schemas.IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
+        self.add(topic, cdr.IMU, stamp_ns, cdr.imu(stamp_ns, frame_id, angular_velocity, linear_acceleration))
 
     def diagnostics(self, topic: str, stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> None:
         """Logs a diagnostic_msgs/DiagnosticArray."""
-        self.add(topic, schemas.DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
+        self.add(topic, cdr.DIAGNOSTIC_ARRAY, stamp_ns, cdr.diagnostic_array(stamp_ns, "", statuses))
 
     def flush(self) -> None:
         """Finishes the chunk and puts all that was logged onto the disk: no power cut takes it away any more."""
@@ -178,9 +176,7 @@ class McapLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def add(self, topic: str, type_name: str, stamp_ns: int, data: bytes, definition: str | None = None) -> None:
@@ -190,7 +186,7 @@ class McapLog:
         with self._storing():
             if topic not in self._channels:
                 if type_name not in self._schema_ids:
-                    text = (definition or schemas.SCHEMAS[type_name]).encode()
+                    text = (definition or cdr.SCHEMAS[type_name]).encode()
                     self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
                 channel = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
                 self._channels[topic] = (type_name, channel)

@@ -5,7 +5,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 import can
@@ -62,13 +61,9 @@ class CandumpLog:
             self._writer.file.flush()
 
     def __enter__(self) -> Self:
-        """Write to it."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the file."""
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(OSError):
             self._writer.stop()
 

@@ -135,7 +135,6 @@ class BoundedLog:
                 os.close(folder)
 
     def _lose(self, error: RecordingError) -> None:
-        """Do without the present file."""
         self._log = None
         self._report(str(error))
 

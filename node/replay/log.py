@@ -29,14 +29,12 @@ class Salvage:
     """What one file holds, read from its beginning; also one that a power cut or a full disk has cut off anywhere.
 
     Attributes:
-        path: The file.
         is_whole: Whether the file was read to its proper end.
         attachments: Those met so far, by name.
         metadata: Those met so far, by name.
     """
 
     def __init__(self, path: Path) -> None:
-        """Read nothing yet."""
         self.path = path
         self.is_whole = False
         self.attachments: dict[str, bytes] = {}

@@ -28,15 +28,7 @@ _NS: Final = 1e-9
 
 
 class Difference(NamedTuple):
-    """What differs first in a cycle.
-
-    Attributes:
-        cycle: Its number.
-        time_s: Since the first cycle, s.
-        port: What differs: a command, a model's port, the mode.
-        recorded: What it was.
-        computed: What it is now.
-    """
+    """What differs in a cycle: a command, a model's port or the mode; the time is since the first cycle."""
 
     cycle: int
     time_s: float
@@ -45,7 +37,6 @@ class Difference(NamedTuple):
     computed: str
 
     def __str__(self) -> str:
-        """In one line."""
         return (
             f"cycle {self.cycle} (t = {self.time_s:.3f} s): {self.port} {self.recorded} was recorded, "
             f"{self.computed} is computed"

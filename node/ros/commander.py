@@ -14,8 +14,7 @@ from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLost
 from segway_ecc.node.ros.messages import RosObject, duration, message_type, set_stamp, stamp_ns
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
-from segway_ecc.node.sequence.manoeuvre import TimedSetpoint
-from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Odometry, Player, PlayState, TimedSetpoint
 
 _DEPTH: Final = 10
 _ODOMETRY_DEPTH: Final = 1000

@@ -18,11 +18,7 @@ _EFFECT = {
 
 
 class ModelParameters:
-    """Declares a model's parameters on a node and serves the node's parameter services without an executor.
-
-    Attributes:
-        services: Those of the node.
-    """
+    """Declares a model's parameters on a node and serves the node's parameter `services` without an executor."""
 
     def __init__(
         self,
@@ -65,8 +61,8 @@ class ModelParameters:
                 service.handle.service_send_response(response, header.request_id)
 
     def _set(self, parameters: Sequence[RosObject]) -> RosObject:
-        """Write what is asked for; what ROS itself declares is let pass."""
         double = importlib.import_module("rclpy").Parameter.Type.DOUBLE
+        # What ROS itself declares is let pass.
         ours = [(self._names[p.name], p) for p in parameters if p.name in self._names]
         for variable, parameter in ours:
             if parameter.type_ is not double:

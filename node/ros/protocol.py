@@ -84,8 +84,7 @@ class RosSettings(msgspec.Struct, frozen=True, kw_only=True):
     """What the process receives first, as one line of JSON.
 
     Attributes:
-        robot: What the robot's file calls it.
-        ros: Names in ROS.
+        robot: As in the robot's file.
         namespace: Where the robot lives in the ROS graph.
         ros_arguments: What followed `--ros-args` on the command line, that flag included.
         period_ns: Of the loop, ns.

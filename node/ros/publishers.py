@@ -26,12 +26,7 @@ _NOT_MEASURED: Final = -1.0
 
 
 class Topic(NamedTuple):
-    """What is published of each cycle on a topic.
-
-    Attributes:
-        publisher: That of ROS.
-        publish: Makes the message and publishes it.
-    """
+    """What is published of each cycle on a topic; `publish` makes the message and publishes it."""
 
     publisher: RosObject
     publish: Callable[[Report], None]
@@ -48,7 +43,7 @@ def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) 
 
     Args:
         node: Whose topic it is.
-        robot_name: What the robot's file calls it.
+        robot_name: As in the robot's file.
         stand: The place of what makes it stand up or sit down among the values that may be set; None where it has none.
     """
     kind, pair = message_type("diagnostic_msgs/msg/DiagnosticStatus"), message_type("diagnostic_msgs/msg/KeyValue")
@@ -136,7 +131,6 @@ def make_setpoint_publisher(node: RosObject, ros: RosSection) -> Topic:
 
 
 def _number(node: RosObject, topic: str, group: str, index: int) -> Topic:
-    """A number of a report, by the group of numbers that it is in and its place there."""
     kind = message_type("std_msgs/msg/Float64")
     publisher, template = node.create_publisher(kind, topic, _DEPTH), Template(kind(), ("data", "d"))
 
@@ -147,7 +141,6 @@ def _number(node: RosObject, topic: str, group: str, index: int) -> Topic:
 
 
 def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> list[Topic]:
-    """The topics `position` and `odom`."""
     point_kind, kind = message_type("geometry_msgs/msg/Point"), message_type("nav_msgs/msg/Odometry")
     point_publisher = node.create_publisher(point_kind, "position", _DEPTH)
     point = Template(point_kind(), ("x", "d"), ("y", "d"))
@@ -182,7 +175,6 @@ def _measured(node: RosObject, topic: str, message: RosObject, numbers: Sequence
 
 
 def _stamped(message: RosObject, *numbers: str) -> Template:
-    """A message of which the stamp and these numbers change."""
     return Template(message, *STAMP, *((path, "d") for path in numbers))
 
 

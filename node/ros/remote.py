@@ -45,13 +45,11 @@ class RosBridge:
     """The ROS process, which imports what it needs while the robot is built, and waits for its settings.
 
     Attributes:
-        pid: Of the process.
         reports: File descriptor of the ring to it.
         inboxes: That of the ring from it.
     """
 
     def __init__(self) -> None:
-        """Start it."""
         self.reports, self.inboxes = open_ring(), open_ring()
         self._descriptors: tuple[int, ...] = self.reports, self.inboxes
         self._process = start_helper("segway_ecc.node.ros.process", (), self._descriptors, subprocess.PIPE)
@@ -83,7 +81,6 @@ class RosBridge:
         return end_helper(self._process, _CLOSE_S)
 
     def _release(self) -> None:
-        """Close what the rings were made with."""
         for descriptor in self._descriptors:
             os.close(descriptor)
         self._descriptors = ()

@@ -163,7 +163,6 @@ class RosStage:
         take: Callable[[Inbox, RosObject], None],
         at_once: int = _TAKEN_AT_ONCE,
     ) -> None:
-        """Subscribe, and remember how what arrives is taken."""
         kind = message_type(type_name)
         subscription = self._node.create_subscription(kind, topic, _never_called, qos)
         handle = subscription.handle
@@ -179,7 +178,6 @@ class RosStage:
         self.subscriptions.append(subscription)
 
     def _serve(self, action: Action) -> RosObject:
-        """Offer a service, and remember how a request is taken."""
         kind = message_type("std_srvs/srv/Trigger")
         service = self._node.create_service(kind, f"~/{action}", _never_called)
 

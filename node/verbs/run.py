@@ -34,8 +34,7 @@ from segway_ecc.node.recording.log_quota import MB, LogQuota
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot, build_robot
-from segway_ecc.node.sequence.manoeuvre import load_manoeuvre
-from segway_ecc.node.sequence.player import ManoeuvreStage, Player
+from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, load_manoeuvre
 
 if TYPE_CHECKING:  # a robot without ROS starts without it
     from segway_ecc.node.ros.remote import RosBridge

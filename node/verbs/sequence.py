@@ -13,8 +13,7 @@ from segway_ecc.node.cli.options import add_json, add_namespace, print_json, sto
 from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.ros.commander import Commander
 from segway_ecc.node.ros.runtime import connections, ros_node
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, load_manoeuvre, single_segment
-from segway_ecc.node.sequence.player import Odometry, Player
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, load_manoeuvre, single_segment
 
 _THREE: Final = 3
 _BAR: Final = 30

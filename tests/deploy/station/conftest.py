@@ -19,8 +19,7 @@ from segway_ecc.deploy.station.robot_messages import ModeReport, SetpointReport
 from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.safety.modes import Action, Mode
-from segway_ecc.node.sequence.manoeuvre import single_segment
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Odometry, single_segment
 from tests.ros_domains import next_domain
 
 NS_PER_MS = 1_000_000

@@ -11,7 +11,7 @@ from segway_ecc.deploy.station.fleet import MOST_ROBOTS, EventLog, Fleet, Heartb
 from segway_ecc.deploy.station.robot_messages import Health, ModeReport, Pitch, SetpointReport, Supply
 from segway_ecc.deploy.station.views import RobotView
 from segway_ecc.node.safety.modes import Mode
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Odometry
 
 S = 1_000_000_000
 ARMED = ModeReport("alice", Mode.ARMED, "asked to arm", "on", is_zero=False)

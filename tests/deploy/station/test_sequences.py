@@ -8,7 +8,7 @@ from segway_ecc.deploy.station.sequences import SequencePlayback, read_sequence
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Odometry
 
 S = 1_000_000_000
 MS = 1_000_000

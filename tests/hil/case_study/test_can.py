@@ -10,8 +10,7 @@ from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.case_study.study import Seat, Trajectory
 from segway_ecc.hil.processes import ProcessFailedError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
-from segway_ecc.node.sequence.player import Odometry
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment
 
 pytestmark = pytest.mark.real_time
 

@@ -24,7 +24,7 @@ from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot, clocks_of
 from segway_ecc.node.safety.modes import ACTIVE, Mode
-from segway_ecc.node.sequence.player import ManoeuvreStage, Player
+from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player
 
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc"]
 SWITCH_WITHIN_NS = 50_000_000

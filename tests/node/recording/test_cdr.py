@@ -15,7 +15,7 @@ from mcap_ros2.decoder import DecoderFactory
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording import cdr
-from segway_ecc.node.recording.schemas import (
+from segway_ecc.node.recording.cdr import (
     DIAGNOSTIC_ARRAY,
     FLOAT64,
     IMU,

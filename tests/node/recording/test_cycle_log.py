@@ -16,8 +16,7 @@ from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout, Provenance, field_names, layout_of, surroundings
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.sequence.manoeuvre import single_segment
-from segway_ecc.node.sequence.player import ManoeuvreStage, Player
+from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, single_segment
 
 START_NS = 1_700_000_000_000_000_000
 COMMON = {

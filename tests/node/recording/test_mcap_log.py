@@ -15,8 +15,8 @@ from rosbags.highlevel import AnyReader
 
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.recording.cdr import SCHEMAS
 from segway_ecc.node.recording.mcap_log import CHUNK_BYTES, McapLog
-from segway_ecc.node.recording.schemas import SCHEMAS
 
 START_NS = 1_700_000_000_000_000_000
 TYPES = {

@@ -12,7 +12,7 @@ import ctypes, time
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
-from segway_ecc.node.ros.subscriptions import Subscriptions
+from segway_ecc.node.ros.process import Subscriptions
 from segway_ecc.node.ros.protocol import FromLoop, encoder
 from segway_ecc.node.safety.modes import Mode
 
@@ -40,7 +40,7 @@ import itertools, threading, time
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring
 from segway_ecc.node.ros import process
-from segway_ecc.node.ros.subscriptions import Subscriptions
+from segway_ecc.node.ros.process import Subscriptions
 from segway_ecc.node.ros.protocol import FromLoop, ToLoop, decode_subscribed, encoder
 from segway_ecc.node.safety.modes import Mode
 

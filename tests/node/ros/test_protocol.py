@@ -16,7 +16,8 @@ from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus, Level
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.ring import SLOT_BYTES, RingReader, RingWriter, open_ring
-from segway_ecc.node.ros import subscriptions as subscriptions_module
+from segway_ecc.node.ros import process
+from segway_ecc.node.ros.process import Subscriptions
 from segway_ecc.node.ros.protocol import (
     NumberedAnswer,
     ToLoop,
@@ -29,7 +30,6 @@ from segway_ecc.node.ros.protocol import (
     encoder,
 )
 from segway_ecc.node.ros.remote import INBOX_SLOTS
-from segway_ecc.node.ros.subscriptions import Subscriptions
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 PERIOD_NS = 1_000_000
@@ -201,6 +201,6 @@ def test_a_late_write_result_is_not_matched_to_the_next_write(subscriptions: Sub
 def test_a_loop_that_does_not_answer_is_reported(
     subscriptions: Subscriptions, loop: RingReader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(subscriptions_module, "_ANSWER_S", 0.05)
+    monkeypatch.setattr(process, "_ANSWER_S", 0.05)
     answers = written(subscriptions, loop)
     assert answers == "the loop did not answer within 0.05 s: whether 'Track' was written is not known"

@@ -6,8 +6,7 @@ import pytest
 from segway_ecc.node.cycle.interfaces import Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.safety.modes import Mode
-from segway_ecc.node.sequence.manoeuvre import single_segment
-from segway_ecc.node.sequence.player import ManoeuvreStage, Odometry, Player
+from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Odometry, Player, single_segment
 from segway_ecc.testing import WALL_START_NS, ScriptedClock
 
 MS = 1_000_000

@@ -2,8 +2,7 @@
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, TimedSetpoint
-from segway_ecc.node.sequence.player import LEAD_NS, Odometry, Player, PlayState
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, Odometry, Player, PlayState, Segment, TimedSetpoint
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000

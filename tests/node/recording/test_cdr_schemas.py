@@ -8,7 +8,7 @@ from mcap.records import Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from segway_ecc.node.recording.schemas import SCHEMAS
+from segway_ecc.node.recording.cdr import SCHEMAS
 
 IDL_NAMES = {"float64": "double", "byte": "octet"}
 
