@@ -9,11 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.image import disk, manifest, release, tree
-from segway_ecc.deploy.image.base import base_archive, cache_folder
+from segway_ecc.deploy.image import disk, release, tree
 from segway_ecc.deploy.image.commands import ImageError, inside, missing
-from segway_ecc.deploy.image.partition_size import partition_content
-from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.disk import partition_content
+from segway_ecc.deploy.image.recipe import (
+    MANIFEST,
+    Recipe,
+    base_archive,
+    cache_folder,
+    installed_packages,
+    write_manifest,
+)
 
 _LEAST_FREE_MIB: Final = 4096
 _PLATFORM: Final = "2"
@@ -78,7 +84,7 @@ def build(recipe: Recipe, folder: Path, options: BuildOptions, on_step: Callable
     if options.data_mib is not None:
         needed.check(options.data_mib)
     on_step("manifest")
-    manifest.write(image.manifest, recipe, manifest.installed_packages(image.root), hashes, image.root)
+    write_manifest(image.manifest, recipe, installed_packages(image.root), hashes, image.root)
     on_step("file systems")
     disk.root_file_system(image.root, image.root_file_system, recipe.epoch)
     disk.data_file_system(image.data_file_system, options.data_mib or needed.mib, recipe.epoch)
@@ -95,7 +101,7 @@ def build(recipe: Recipe, folder: Path, options: BuildOptions, on_step: Callable
 
 def image_in(folder: Path) -> Image:
     """The image that lies in a folder."""
-    return Image(folder / "root", folder / manifest.NAME, folder / "root.ext4", folder / "data.ext4")
+    return Image(folder / "root", folder / MANIFEST, folder / "root.ext4", folder / "data.ext4")
 
 
 def _assemble(

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc import deploy
-from segway_ecc.deploy.image.base import cache_folder
 from segway_ecc.deploy.image.commands import ImageError, inside, run
-from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.recipe import Recipe, cache_folder
 from segway_ecc.deploy.release.agent.files import sha256_of
 from segway_ecc.deploy.release.agent.install import write_environment
 from segway_ecc.deploy.release.agent.store import HEALTHY, ReleaseManifest, entries_of

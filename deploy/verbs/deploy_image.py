@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.deploy.image import manifest
-from segway_ecc.deploy.image.base import base_archive
 from segway_ecc.deploy.image.build import BuildOptions, build
 from segway_ecc.deploy.image.commands import missing
-from segway_ecc.deploy.image.recipe import KERNELS, Recipe
+from segway_ecc.deploy.image.recipe import KERNELS, Recipe, base_archive, differences, read_manifest, recipe_of
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 
@@ -45,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Build; 1 where the image differs from the one that it is compared with."""
     if options.like is not None:
-        recipe = manifest.recipe_of(manifest.read(options.like))
+        recipe = recipe_of(read_manifest(options.like))
     else:
         recipe = Recipe(
             suite=options.suite,
@@ -63,9 +61,9 @@ def run(options: argparse.Namespace) -> int:
         options.config, options.wheel, uml=options.uml, with_disk=options.disk, data_mib=options.data_size
     )
     image = build(recipe, options.folder, what, _show_step)
-    made = manifest.read(image.manifest)
+    made = read_manifest(image.manifest)
     other = options.like or options.compare
-    found = manifest.differences(manifest.read(other), made) if other is not None else []
+    found = differences(read_manifest(other), made) if other is not None else []
     result = {"folder": str(options.folder), "digest": made["digest"], "packages": len(made["packages"])}
     if options.json:
         print_json({**result, "differences": found})

@@ -217,11 +217,7 @@ def _folder(tag: str, path: Path, more: str = "") -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Returns:
-        The exit status of the command in the guest, or 125 where the guest itself failed.
-    """
+    """Run the command line; returns the command's exit status, or 125 where the guest itself failed."""
     parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.qemu")
     parser.add_argument("--bitrate", type=int, default=500_000, help="of can0 and can1, bit/s (default: %(default)s)")
     return command_line(

@@ -13,8 +13,9 @@ import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
-from typing import Unpack
+from typing import Final, Unpack
 
 from segway_ecc.hil.kernels.guest import (
     GuestError,
@@ -27,13 +28,41 @@ from segway_ecc.hil.kernels.guest import (
     script,
     search_path,
 )
-from segway_ecc.hil.kernels.uml_registers import register_variables
+from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.compile import cached, compile_c, digest
 
-__all__ = ["GuestError", "GuestResult", "available", "main", "run_in_guest"]
-
+_CPU: Final = Path("/proc/cpuinfo")
+_LARGE_STATE: Final = "amx_tile"
+_REGISTERS: Final = "uml_registers"
 _MODULES = Path("/usr/lib/uml/modules")
 _NEEDED_MODULES = ("fs/overlayfs/overlay.ko", "net/can/can-raw.ko", "drivers/net/can/vcan.ko")
 _PACKAGES = {"linux.uml": "user-mode-linux", "ip": "iproute2", "setpriv": "util-linux"}
+
+
+def register_variables() -> dict[str, str]:
+    """The environment variables with which the guest's kernel runs on this processor; none on most.
+
+    Linux 6.1 in user mode has no room for the register state of some.
+
+    Raises:
+        GuestError: This processor needs a library that cannot be compiled here.
+    """
+    if _LARGE_STATE not in _CPU.read_text(encoding="ascii", errors="replace").split():
+        return {}
+    source = resources.files("segway_ecc.hil.kernels").joinpath(f"{_REGISTERS}.c").read_bytes()
+    folder = cached(digest(_REGISTERS, source), lambda folder: _compile(source, folder))
+    return {"LD_PRELOAD": str(folder / f"{_REGISTERS}.so")}
+
+
+def _compile(source: bytes, folder: Path) -> None:
+    words = ["-O2", "-shared", "-fPIC", "-x", "c", "-", "-o", str(folder / f"{_REGISTERS}.so")]
+    try:
+        compile_c(words, f"{_REGISTERS}.c", source)
+    except ModelError as error:
+        raise GuestError(
+            f"user-mode Linux runs on this processor ({_LARGE_STATE}) only with a library that gcc has to compile, "
+            f"which failed: {error}; sudo apt-get install gcc libc6-dev"
+        ) from error
 
 
 def available() -> str | None:
@@ -102,11 +131,7 @@ def _memory_folder(memory_mib: int) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Returns:
-        The exit status of the command in the guest, or 125 where the guest itself failed.
-    """
+    """Run the command line; returns the command's exit status, or 125 where the guest itself failed."""
     parser = argparse.ArgumentParser(prog="python -P -m segway_ecc.hil.kernels.uml")
     parser.add_argument("--interface", action="append", help="a vcan interface to create (default: vcan0)")
     return command_line(

@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.deploy.image import disk
-from segway_ecc.deploy.image.base import cache_folder
 from segway_ecc.deploy.image.build import BuildOptions, Image, build, image_in
-from segway_ecc.deploy.image.recipe import Recipe
-from segway_ecc.hil.kernels.machine import Machine, switched_on
+from segway_ecc.deploy.image.recipe import Recipe, cache_folder
 from tests.deploy.image.robot import SwitchOn
+from tests.deploy.image.uml_machine import Machine, switched_on
 
 KEPT_S = 12 * 3600
 ROOT = Path(__file__).parents[3]

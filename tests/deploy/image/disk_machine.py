@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.deploy.image import disk
-from segway_ecc.deploy.image.base import cache_folder
 from segway_ecc.deploy.image.build import BuildOptions, build, image_in
-from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.recipe import Recipe, cache_folder
 from segway_ecc.hil.kernels.guest import search_path
 from tests.deploy.image.conftest import CONFIG, ROOT
 

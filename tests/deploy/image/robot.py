@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from segway_ecc.hil.kernels.machine import Machine
+from tests.deploy.image.uml_machine import Machine
 
 NODE = "segway-ecc-node.service"
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.boot_report import analysis, boot_of
 from tests.deploy.image.robot import Robot, SwitchOn
+from tests.deploy.image.uml_machine import Machine
 
 pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
 WRITE = "dd if=/dev/urandom of=/var/lib/segway-ecc/written bs=64k count=4000 2> /dev/null & sleep 0.2"

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.drill import trace
-from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.robot import Robot, SwitchOn
 from tests.deploy.image.test_boot import WRITE
+from tests.deploy.image.uml_machine import Machine
 
 pytestmark = [pytest.mark.image, pytest.mark.proof, pytest.mark.timeout(3600)]
 CUTS = 10

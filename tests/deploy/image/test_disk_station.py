@@ -14,9 +14,9 @@ import pytest
 
 from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.build import image_in
-from segway_ecc.hil.kernels.machine import Machine
-from segway_ecc.hil.kernels.machine import switched_on as uml_switched_on
 from tests.deploy.image.disk_machine import PAGE_PORT, DiskMachine, disk_folder, load, own_disk, switched_on
+from tests.deploy.image.uml_machine import Machine
+from tests.deploy.image.uml_machine import switched_on as uml_switched_on
 
 pytestmark = [pytest.mark.image, pytest.mark.proof, pytest.mark.timeout(7200)]
 STATION = "segway-ecc-station.service"

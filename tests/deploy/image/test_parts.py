@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.image import disk, manifest
+from segway_ecc.deploy.image import disk
 from segway_ecc.deploy.image.commands import ImageError, run
-from segway_ecc.deploy.image.recipe import Recipe
+from segway_ecc.deploy.image.recipe import Recipe, differences, files_of, read_manifest, recipe_of, write_manifest
 
 FILES = Path(__file__).parents[3] / "deploy" / "image" / "files"
 
@@ -43,27 +43,27 @@ def a_tree(folder: Path) -> Path:
 
 def a_manifest(folder: Path, root: Path, packages: dict[str, str]) -> Path:
     path = folder / "manifest.json"
-    manifest.write(path, Recipe(extras=("ros",), vcan=True), packages, {"a.whl": "00"}, root)
+    write_manifest(path, Recipe(extras=("ros",), vcan=True), packages, {"a.whl": "00"}, root)
     return path
 
 
 def test_a_manifest_makes_the_same_recipe_with_each_version(tmp_path: Path) -> None:
     path = a_manifest(tmp_path, a_tree(tmp_path / "root"), {"zlib": "1.2-3", "bash": "5.2"})
-    again = manifest.recipe_of(manifest.read(path))
+    again = recipe_of(read_manifest(path))
     assert again.packages == ("bash=5.2", "zlib=1.2-3")
     assert (again.extras, again.vcan, again.epoch) == (("ros",), True, Recipe().epoch)
 
 
 def test_the_same_tree_has_the_same_manifest_and_any_change_is_listed(tmp_path: Path) -> None:
-    one = manifest.read(a_manifest(tmp_path, a_tree(tmp_path / "one"), {"bash": "5.2"}))
-    other = manifest.read(a_manifest(tmp_path, a_tree(tmp_path / "other"), {"bash": "5.2"}))
+    one = read_manifest(a_manifest(tmp_path, a_tree(tmp_path / "one"), {"bash": "5.2"}))
+    other = read_manifest(a_manifest(tmp_path, a_tree(tmp_path / "other"), {"bash": "5.2"}))
     assert one == other
-    assert manifest.differences(one, other) == []
+    assert differences(one, other) == []
     (tmp_path / "other" / "bin" / "tool").write_text("two", "ascii")
     os.utime(tmp_path / "other" / "bin" / "tool", (1000, 1000))
-    changed = manifest.read(a_manifest(tmp_path, tmp_path / "other", {"bash": "5.3"}))
+    changed = read_manifest(a_manifest(tmp_path, tmp_path / "other", {"bash": "5.3"}))
     assert changed["digest"] != one["digest"]
-    assert [text.partition(":")[0] for text in manifest.differences(one, changed)] == [
+    assert [text.partition(":")[0] for text in differences(one, changed)] == [
         "package bash",
         "file bin/tool",
     ]
@@ -72,7 +72,7 @@ def test_the_same_tree_has_the_same_manifest_and_any_change_is_listed(tmp_path: 
 @pytest.mark.parametrize("change", ["mode", "time", "link"])
 def test_mode_time_and_where_a_link_leads_are_part_of_it(change: str, tmp_path: Path) -> None:
     root = a_tree(tmp_path / "root")
-    before = manifest.files_of(root)
+    before = files_of(root)
     if change == "mode":
         (root / "bin" / "tool").chmod(0o755)
     elif change == "time":
@@ -81,7 +81,7 @@ def test_mode_time_and_where_a_link_leads_are_part_of_it(change: str, tmp_path: 
         (root / "bin" / "link").unlink()
         (root / "bin" / "link").symlink_to("else")
         os.utime(root / "bin", (1000, 1000))
-    after = manifest.files_of(root)
+    after = files_of(root)
     assert [name for name in before if before[name] != after[name]] == ["bin/link" if change == "link" else "bin/tool"]
 
 
@@ -90,7 +90,7 @@ def test_what_is_no_manifest_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "manifest.json"
     path.write_text(text, "ascii")
     with pytest.raises(ImageError, match="is no manifest of an image"):
-        manifest.read(path)
+        read_manifest(path)
 
 
 def test_partitions_lie_where_the_partition_table_has_them(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.case_study.seats import OfflineSeat, conduct
-from segway_ecc.hil.kernels.machine import Machine
 from tests.deploy.image.robot import Robot, SwitchOn
+from tests.deploy.image.uml_machine import Machine
 
 pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
 WITHIN_M = 0.05

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.kernels.uml import GuestError, GuestResult, available, main, run_in_guest
+from segway_ecc.hil.kernels.guest import GuestError, GuestResult
+from segway_ecc.hil.kernels.uml import available, main, run_in_guest
 
 ROOT = Path(__file__).parents[3]
 SCRIPT = """

@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.kernels import uml_registers
+from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.kernels.guest import GuestError
-from segway_ecc.hil.kernels.uml_registers import register_variables
+from segway_ecc.hil.kernels.uml import register_variables
 
 
 @pytest.fixture
 def processor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What the kernel reports of the processor."""
     path = tmp_path / "cpuinfo"
-    monkeypatch.setattr(uml_registers, "_CPU", path)
+    monkeypatch.setattr(uml, "_CPU", path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return path
 

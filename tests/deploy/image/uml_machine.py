@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from segway_ecc.hil.kernels.guest import GuestError, search_path
-from segway_ecc.hil.kernels.uml_registers import register_variables
+from segway_ecc.hil.kernels.uml import register_variables
 
 _MARK = "guest-mark"
 
@@ -65,7 +65,7 @@ class Machine:
         ]
         self.began = time.monotonic()
         with self.console.open("wb") as console:
-            self._process = subprocess.Popen(  # noqa: S603 - the words are ours, and no shell reads them
+            self._process = subprocess.Popen(
                 words,
                 stdin=subprocess.DEVNULL,
                 stdout=console,
