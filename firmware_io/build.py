@@ -67,8 +67,7 @@ def make_link(
     serial = serial_of(settings)
     if serial is None:
         return first
-    from segway_ecc.firmware_io.links.serial_link import SerialLink
-    from segway_ecc.firmware_io.links.serial_port import open_serial_port
+    from segway_ecc.firmware_io.links.serial_link import SerialLink, open_serial_port
 
     second = SerialLink(serial, serial_codec(settings), clocks.now_ns, open_port or open_serial_port)
     return RedundantLink(first, second, clocks.now_ns, round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))

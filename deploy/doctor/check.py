@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 from segway_ecc.deploy.support.commands import answer_of
 from segway_ecc.firmware_io.build import HardwareSettings, sleep_until_ns
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
-from segway_ecc.firmware_io.links.serial_port import open_serial_port
+from segway_ecc.firmware_io.links.serial_link import open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.cycle.real_time import real_time_priority

@@ -14,7 +14,7 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, socketcan_interfaces
 from segway_ecc.firmware_io.links.link import LinkState
-from segway_ecc.firmware_io.links.serial_port import open_remedy
+from segway_ecc.firmware_io.links.serial_link import open_remedy
 
 _NETWORK: Final = "/sys/class/net"
 _IS_UP: Final = 1

@@ -89,19 +89,15 @@ def readiness(sock: socket.socket) -> Callable[[], object]:
     return functools.partial(waiting.poll, 0)
 
 
-def wire_word(frame: Frame) -> int:
-    """The identifier of a frame, with its flags."""
-    return frame.arbitration_id | (EXTENDED if frame.is_extended else 0) | (REMOTE if frame.is_remote else 0)
+def wire_parts(frame: Frame) -> tuple[int, int, bytes]:
+    """A frame's identifier with its flags, the length that it states, and the data that it carries.
 
-
-def wire_data(frame: Frame) -> bytes:
-    """The data that a frame carries: a remote frame none."""
-    return b"" if frame.is_remote else frame.data
-
-
-def wire_length(frame: Frame) -> int:
-    """The length that a frame states: of its data; of a remote frame without any, all 8 bytes."""
-    return len(frame.data) or (MAX_DATA if frame.is_remote else 0)
+    A remote frame carries none; without any data of its own it states all 8 bytes.
+    """
+    word = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
+    if frame.is_remote:
+        return word | REMOTE, len(frame.data) or MAX_DATA, b""
+    return word, len(frame.data), frame.data
 
 
 def wall_ns() -> int:
@@ -173,7 +169,8 @@ class CanLink:
     def health(self) -> Mapping[str, str]:
         """State, counts, rates since the last call, what the error frames reported, and what the kernel knows."""
         if self._interface.look(self.counters.error_frames):
-            self._learn(self._interface.state)
+            state = self._interface.state
+            self._errors.learn(state.state, state.tec, state.rec)
         bitrate = self._interface.state.bitrate or self._settings.bitrate
         return {
             "state": str(self.state),
@@ -304,11 +301,8 @@ class CanLink:
         self._failures = 0
         self._errors.begin()
         self._interface.begin(state)
-        self._learn(state)
+        self._errors.learn(state.state, state.tec, state.rec)
 
     def _lose(self, port: CanPort, error: PortError) -> None:
         self._recovery.lose(port.close, str(error))
         self._port = None
-
-    def _learn(self, state: InterfaceState) -> None:
-        self._errors.learn(state.state, state.tec, state.rec)

@@ -30,9 +30,7 @@ from segway_ecc.firmware_io.links.can_link import (
     port_error,
     readiness,
     wall_ns,
-    wire_data,
-    wire_length,
-    wire_word,
+    wire_parts,
 )
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, NowNs
 from segway_ecc.firmware_io.links.local_port import LocalPort
@@ -124,7 +122,7 @@ class SocketCanPort:
     def send(self, frame: Frame) -> None:
         """Queue a frame; see `CanPort.send`."""
         try:
-            self._socket.send(_CAN_FRAME.pack(wire_word(frame), wire_length(frame), wire_data(frame)))
+            self._socket.send(_CAN_FRAME.pack(*wire_parts(frame)))
         except OSError as error:
             raise port_error(error) from error
 
@@ -198,7 +196,7 @@ class PythonCanPort:
         message = self._message(
             arbitration_id=frame.arbitration_id,
             data=None if frame.is_remote else frame.data,
-            dlc=wire_length(frame),
+            dlc=wire_parts(frame)[1],
             is_extended_id=frame.is_extended,
             is_remote_frame=frame.is_remote,
             check=False,

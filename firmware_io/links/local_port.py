@@ -23,9 +23,7 @@ from segway_ecc.firmware_io.links.can_link import (
     Arrival,
     port_error,
     readiness,
-    wire_data,
-    wire_length,
-    wire_word,
+    wire_parts,
 )
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters
 
@@ -109,7 +107,7 @@ class LocalPort:
     def send(self, frame: Frame) -> None:
         """Send a frame; see `CanPort.send`."""
         try:
-            self._socket.sendto(encode(self._sender, wire_word(frame), wire_length(frame), wire_data(frame)), self._to)
+            self._socket.sendto(encode(self._sender, *wire_parts(frame)), self._to)
         except OSError as error:
             raise port_error(error) from error
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Final, Generic, TypeVar
 
 from segway_ecc.firmware_io.errors import LinkLostError
+from segway_ecc.firmware_io.links.link import NowNs
 
 T = TypeVar("T")
-NowNs = Callable[[], int]
 
 RETRY_NS: Final = 100_000_000
 """A lost bus is opened again at most this often."""

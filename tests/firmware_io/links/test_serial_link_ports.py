@@ -21,7 +21,7 @@ from serial.tools import list_ports
 
 from segway_ecc.firmware_io.drives.wheel_board.serial_codec import BoardSerialCodec
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
-from segway_ecc.firmware_io.links import serial_port
+from segway_ecc.firmware_io.links import serial_link
 from segway_ecc.firmware_io.links.link import Frame, LinkState
 from segway_ecc.firmware_io.links.serial_link import LOST, SerialLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
@@ -258,7 +258,7 @@ def test_a_socket_carries_frames_both_ways(server: Server) -> None:
 
 
 def test_a_socket_sends_at_once(server: Server) -> None:
-    port = serial_port.open_serial_port(SerialSettings(port=f"socket://{server.address}"))
+    port = serial_link.open_serial_port(SerialSettings(port=f"socket://{server.address}"))
     with socket.socket(fileno=os.dup(port._port.fileno())) as connection:
         assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
     port.close()
@@ -364,13 +364,13 @@ def test_port_errors_are_reported_uniformly(url: str) -> None:
 def test_missing_permission_names_the_group(pty: PtyPort, tmp_path: Path, code: int) -> None:
     group = grp.getgrgid(pty.path.stat().st_gid).gr_name
     error = OSError(code, "Permission denied")
-    assert f"usermod -aG {group} $USER" in serial_port.open_remedy(SerialSettings(port=str(pty.path)), error)
-    assert "usermod -aG dialout $USER" in serial_port.open_remedy(SerialSettings(port=str(tmp_path / "gone")), error)
+    assert f"usermod -aG {group} $USER" in serial_link.open_remedy(SerialSettings(port=str(pty.path)), error)
+    assert "usermod -aG dialout $USER" in serial_link.open_remedy(SerialSettings(port=str(tmp_path / "gone")), error)
 
 
 def test_a_group_without_a_name_is_the_usual_one(pty: PtyPort, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grp, "getgrgid", {}.__getitem__)
-    assert "-aG dialout" in serial_port.open_remedy(SerialSettings(port=str(pty.path)), OSError(errno.EACCES, "no"))
+    assert "-aG dialout" in serial_link.open_remedy(SerialSettings(port=str(pty.path)), OSError(errno.EACCES, "no"))
 
 
 def test_a_port_that_knows_less_can_still_be_used() -> None:
@@ -382,7 +382,7 @@ def test_a_port_that_knows_less_can_still_be_used() -> None:
         def reset_input_buffer(self) -> None:
             self.in_waiting = 0
 
-    port = serial_port.PySerialPort(Bare())
+    port = serial_link.PySerialPort(Bare())
     assert (port.in_waiting, port.out_waiting) == (0, 0)
     port.close()
 
@@ -390,5 +390,5 @@ def test_a_port_that_knows_less_can_still_be_used() -> None:
 def test_low_latency_is_asked_for_where_there_is_such_a_thing(monkeypatch: pytest.MonkeyPatch, pty: PtyPort) -> None:
     asked = []
     monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, is_low: asked.append(is_low))
-    serial_port.open_serial_port(SerialSettings(port=str(pty.path))).close()
+    serial_link.open_serial_port(SerialSettings(port=str(pty.path))).close()
     assert asked == [True]
