@@ -57,11 +57,7 @@ def make_link(
 ) -> Link:
     """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one.
 
-    Args:
-        settings: The file's `hardware`.
-        clocks: The clocks of the loop.
-        bus: A bus to use instead of the one that the settings name.
-        open_port: What opens the port of the serial line; None for the system's own.
+    `bus` is used instead of the one that the settings name, `open_port` instead of what opens the system's ports.
     """
     first = can_link(settings.can, clocks) if bus is None else bus
     serial = serial_of(settings)
@@ -122,13 +118,9 @@ def serial_codec(settings: HardwareSettings) -> "SerialCodec":
 def build_hardware(
     settings: HardwareSettings, loop_period_s: float, clocks: Clocks, link: Link | None = None
 ) -> Hardware:
-    """The drives and sensors that a robot file describes.
+    """The drives and sensors that a robot file describes, exchanged with once in each loop period, s.
 
-    Args:
-        settings: The file's `hardware`.
-        loop_period_s: The period at which they are exchanged with, s.
-        clocks: The clocks of the loop.
-        link: A link to use instead of what the settings name, as the rig does.
+    `link` is used instead of what the settings name, as the rig does.
     """
     used = make_link(settings, clocks) if link is None else link
     drives, sensors = _devices(settings, used, loop_period_s, clocks.now_ns, clocks.sleep_until_ns)

@@ -54,7 +54,6 @@ class Sensor(Diagnosed, Protocol):
     """A device that measures. It sends over a link that it was given, and is handed what is received; nothing waits.
 
     Attributes:
-        name: What people call it.
         signals: Names of the values it measures, such as `left.velocity`, with their units.
         listens_to: The frames it wants to be handed.
     """

@@ -26,11 +26,7 @@ class LinkLostError(HardwareError):
 
 
 class ArmingRefusedError(HardwareError):
-    """The drive is not fit to be armed.
-
-    Attributes:
-        reasons: Each with the remedy.
-    """
+    """The drive is not fit to be armed, for `reasons`, each with the remedy."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
         """Keep the reasons and join them into the text."""

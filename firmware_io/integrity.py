@@ -50,11 +50,7 @@ class Refusal(enum.StrEnum):
 
 
 class FrameRefusedError(ValueError):
-    """A frame that must not be used, or a value that no frame can carry: what every codec raises, and nothing else.
-
-    Attributes:
-        refusal: Why.
-    """
+    """A frame that must not be used, or a value that no frame can carry: what every codec raises, and nothing else."""
 
     def __init__(self, refusal: Refusal, what: str) -> None:
         """State the cause and what it was."""

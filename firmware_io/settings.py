@@ -44,7 +44,6 @@ class BusSettings(Section, frozen=True, kw_only=True):
     """How drives are reached.
 
     Attributes:
-        can: The bus they are on.
         watchdog_s: How long a drive waits for a command before it switches its motors off by itself, s.
         external_imu: An IMU of its own on the same bus, where there is one.
     """

@@ -19,7 +19,6 @@ class Switch:
     """One change of lines.
 
     Attributes:
-        reason: Why.
         last_good_ns: When the last good frame came on the line that was left.
         telemetry_gap_ns: From then to the first good frame on the other line; None until it came.
         torque_gap_ns: From then until the drives followed commands again; None until they did.
@@ -43,7 +42,6 @@ class Switching:
     if the other is good. Back to the bus: only while the robot is disarmed, once the bus has been good for a while.
 
     Attributes:
-        link: What passes from one line to the other.
         switches: The last changes, oldest first.
         count: How many there were.
     """
@@ -103,12 +101,7 @@ class Switching:
         return f"link: from {left} to {self.link.owner_name}: {reason}"
 
     def measure(self, received_ns: Sequence[int | None], *, is_ready: bool) -> Iterator[str]:
-        """Complete the measurement of the last change, and report it.
-
-        Args:
-            received_ns: As for `judge`.
-            is_ready: Whether the drives follow commands.
-        """
+        """Complete the measurement of the last change, and report it; the drives follow commands where `is_ready`."""
         switch, now_ns = self._unmeasured, self._now_ns()
         if switch is None or self._changed_ns is None:
             return

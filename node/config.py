@@ -61,8 +61,7 @@ class SetpointSection(Section, frozen=True, kw_only=True):
 class SimulationSection(Section, frozen=True, kw_only=True):
     """What stands at the other end of the bus in simulation.
 
-    Attributes:
-        plant: What `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
+    The plant is what `load_model` takes; its inputs and outputs have the names of the drive's commands and signals.
     """
 
     plant: str
@@ -72,12 +71,9 @@ class RosSection(Section, frozen=True, kw_only=True):
     """Names under which ROS knows the robot.
 
     Attributes:
-        node_name: Name of the model node.
         odometry_frame: Frame of the pose (REP-105).
         base_frame: Frame of the velocities (REP-105).
         imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
-        left_joint: Name of the left wheel's joint.
-        right_joint: Name of the right wheel's joint.
     """
 
     node_name: str = "model"
@@ -92,17 +88,11 @@ class RobotFile(Section, frozen=True, kw_only=True):
     """A whole robot.
 
     Attributes:
-        name: What the robot is called.
-        model: The model that runs.
         wiring: The robot's signal of each model port or state, by name.
-        hardware: The drives.
         arming: Whether the robot arms itself at start, or waits to be asked.
         actuate: When commands leave: in the next cycle's exchange, without jitter, or as soon as they are limited.
-        setpoint: How set-points are taken.
         safety: What is watched, beyond what always is; nothing where it is left out.
         station: What the robot does when the base station falls silent; nothing where it is left out.
-        ros: Names in ROS.
-        simulation: The simulated plant, where there is one.
     """
 
     name: str

@@ -21,12 +21,7 @@ _STEP: Final = re.compile(r"\.([^.\[]+)|\[(\d*|\.\.\.)\]")
 
 
 def decode_yaml(text: str, kind: type[T], where: str) -> T:
-    """Decode a YAML document into `kind`.
-
-    Args:
-        text: The document.
-        kind: What it must be.
-        where: Its name, for messages.
+    """Decode a YAML document into `kind`; messages call it `where`.
 
     Raises:
         ConfigurationError: It is not that; the text has the place in the document.

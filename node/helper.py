@@ -17,11 +17,7 @@ def start_helper(
 ) -> "subprocess.Popen[bytes]":
     """Start `python -m module` in a session of its own: a signal to the loop's process group does not reach it.
 
-    Args:
-        module: What it runs.
-        arguments: What follows on its command line.
-        descriptors: Files that it has open, by the same numbers.
-        stdout: Its standard output, as `subprocess.Popen` takes it.
+    It has the files of `descriptors` open, by the same numbers; `stdout` is as `subprocess.Popen` takes it.
     """
     return subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-P", "-m", module, *arguments],
@@ -44,14 +40,9 @@ def send_task(process: "subprocess.Popen[bytes]", task: msgspec.Struct) -> None:
 
 
 def end_helper(process: "subprocess.Popen[bytes]", within_s: float) -> int:
-    """End its input, by which it knows that it is to end, and kill it where it does not.
+    """End its input, by which it knows that it is to end, and kill it where it does not within so long, s.
 
-    Args:
-        process: What is to end.
-        within_s: How long it may take, s.
-
-    Returns:
-        Its exit status, as `subprocess.Popen` has it.
+    Returns its exit status, as `subprocess.Popen` has it.
     """
     for stream in (process.stdin, process.stdout):
         if stream is not None:

@@ -38,11 +38,7 @@ def slots_for(size: int) -> int:
 
 
 def open_ring(slots: int = 0) -> int:
-    """Make the memory of a ring; see `size_ring`.
-
-    Returns:
-        Its file descriptor.
-    """
+    """Make the memory of a ring, and return its file descriptor; see `size_ring`."""
     descriptor = os.memfd_create("segway-ecc-ring")
     size_ring(descriptor, slots)
     return descriptor

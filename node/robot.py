@@ -18,7 +18,7 @@ from segway_ecc.node.cycle.wiring import Wiring, wire
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
-from segway_ecc.node.safety.station import sit_down_values
+from segway_ecc.node.safety.modes import sit_down_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +72,7 @@ class Robot:
 
 
 def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robot:
-    """Load the model, make the hardware and wire them.
-
-    Args:
-        file: The robot file.
-        clock: The clock the robot runs on.
-        link: A link to use instead of the bus that the file names, as the rig does.
+    """Load the model, make the hardware and wire them; `link` is used instead of the bus that the file names.
 
     Raises:
         ModelError: The model cannot be loaded.

@@ -33,7 +33,7 @@ ROOMS: Final = ("firmware_io", "node", "deploy", "hil")
 # The tests of a module in the order in which they run, where that is not only the file of its own name.
 TESTED_BY: Final = {
     "node/safety/pre_arm": ["pre_arm", "monitor"],
-    "node/safety/modes": ["modes", "modes_machine"],
+    "node/safety/modes": ["modes", "modes_machine", "modes_station"],
     "node/safety/plausibility": ["plausibility", "plausibility_following"],
     "firmware_io/drives/stopper": ["stoppers", "watch"],
     "firmware_io/guard/guard": ["guard", "stoppers"],

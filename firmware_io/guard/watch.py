@@ -48,7 +48,6 @@ class Intervention:
     """A time in which the guard sent stop frames.
 
     Attributes:
-        cause: Why it began.
         last_command_ns: When the node's last frame before that was received, monotonic; None where none was.
         first_ns: When the first stop frame was sent, monotonic.
         last_ns: When the last one was.
@@ -108,8 +107,7 @@ class Watch:
     """Watches the drives of a robot and decides which frames to send; none while all is well.
 
     Attributes:
-        commands: Commands of the node that were received.
-        heartbeats: Heartbeats of the node that were received.
+        commands: Of the node, that were received; likewise `heartbeats`.
         longest_gap_ns: Longest time between two signs of life while a drive followed.
         interventions: The newest ones.
         intervened: How many there were.

@@ -69,14 +69,7 @@ def decode_error(classes: int, data: bytes) -> BusError:
 
 
 class BusErrors:
-    """What is known of a controller from all its error frames.
-
-    Attributes:
-        state: Its newest state.
-        tec: Its newest transmit error counter; None where it was never reported.
-        rec: Its newest receive error counter; likewise.
-        counts: Error frames by cause.
-    """
+    """What is known of a controller from all its error frames: the newest of each, as `BusError` has it, and causes."""
 
     def __init__(self) -> None:
         self.state = LinkState.ACTIVE

@@ -109,7 +109,6 @@ class InterfaceState:
     Attributes:
         kind: The kernel's name for the sort of interface: `can`, `vcan`.
         is_up: Whether it is set up.
-        state: The controller's state.
         bitrate: In bit/s.
         restart_ms: After how long the kernel restarts a controller that is bus-off, ms; 0 for never.
         tec: The controller's transmit error counter.
@@ -207,11 +206,7 @@ def _attributes(data: bytes) -> dict[int, bytes]:
 
 
 class InterfaceWatch:
-    """Keeps the newest answer, and asks again at each look; a bus that is no network interface is never asked about.
-
-    Attributes:
-        state: The newest answer.
-    """
+    """Keeps the newest answer, and asks again at each look; a bus that is no network interface is never asked about."""
 
     def __init__(self, name: str | None) -> None:
         """Watch the network interface `name`."""
@@ -232,11 +227,7 @@ class InterfaceWatch:
     def look(self, error_frames: int) -> bool:
         """See whether an answer has come, and ask anew.
 
-        Args:
-            error_frames: How many have been received so far.
-
-        Returns:
-            Whether `state` is new, and was asked for after the last error frame had come.
+        True where `state` is new, and was asked for after the last of the `error_frames` received so far had come.
         """
         if self._name is None:
             return False

@@ -42,11 +42,7 @@ _MAX_IDENTIFIERS: Final = 4096
 
 
 class PortError(Exception):
-    """Sending or receiving failed.
-
-    Attributes:
-        is_gone: Whether the interface is down or not there any more.
-    """
+    """Sending or receiving failed; `is_gone` where the interface is down or not there any more."""
 
     def __init__(self, text: str, *, is_gone: bool = False) -> None:
         self.is_gone = is_gone
@@ -109,7 +105,6 @@ class CanBus(NamedTuple):
     """Which bus a CAN link is on.
 
     Attributes:
-        description: Which bus it is, for people.
         bitrate: In bit/s.
         kernel_name: The network interface, for what the kernel knows of it; None where the bus is not one.
     """

@@ -64,12 +64,8 @@ def make_can_link(
 ) -> CanLink:
     """The link for a bus: over a raw socket where it is the kernel's CAN or the virtual bus, else through python-can.
 
-    Args:
-        interface: A python-can interface, or `auto`; see `resolve`.
-        channel: Its channel, or `auto`.
-        bitrate: In bit/s; used by backends that set it themselves.
-        now_ns: The clock of the loop.
-        wall_ns: The clock of receive stamps.
+    Interface and channel are python-can's, or `auto`; see `resolve`. The bit rate, bit/s, is used by backends that set
+    it themselves; `now_ns` is the clock of the loop, `wall_ns` that of receive stamps.
     """
     return _link((interface, channel), bitrate, (now_ns, wall_ns), {"socketcan": SocketCanPort, "local": LocalPort})
 

@@ -22,16 +22,17 @@ class CobsError(ValueError):
 
 def encode(data: bytes) -> bytes:
     """Stuff a packet; the result has no zero byte and is at least one byte long."""
-    *runs, last = data.split(DELIMITER)
+    runs = data.split(DELIMITER)
     coded = bytearray()
-    for run in runs:
-        rest = _take_full_blocks(run, coded)
-        coded.append(len(rest) + 1)
-        coded += rest
-    rest = _take_full_blocks(last, coded)
-    if rest or not last:  # after a full block at the very end nothing is to be added
-        coded.append(len(rest) + 1)
-        coded += rest
+    for number, run in enumerate(runs, 1):
+        rest = run
+        while len(rest) >= _LONGEST_BLOCK:
+            coded.append(_FULL)
+            coded += rest[:_LONGEST_BLOCK]
+            rest = rest[_LONGEST_BLOCK:]
+        if rest or not run or number < len(runs):  # after a full block at the very end nothing is to be added
+            coded.append(len(rest) + 1)
+            coded += rest
     return bytes(coded)
 
 
@@ -56,15 +57,6 @@ def decode(coded: bytes) -> bytes:
         if code != _FULL:
             data += DELIMITER
         begin = end
-
-
-def _take_full_blocks(run: bytes, coded: bytearray) -> bytes:
-    """Write the full blocks at the beginning of a run without zeros; return what is left of it."""
-    while len(run) >= _LONGEST_BLOCK:
-        coded.append(_FULL)
-        coded += run[:_LONGEST_BLOCK]
-        run = run[_LONGEST_BLOCK:]
-    return run
 
 
 class CobsReceiver:

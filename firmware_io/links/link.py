@@ -95,8 +95,7 @@ class Meter:
     def measure(self, bitrate: int) -> Mapping[str, str]:
         """The rates since the last call, as text; those of the last call where no time has passed since.
 
-        Args:
-            bitrate: Of the bus, bit/s, for the share of it that was in use.
+        The load is the share of `bitrate`, bit/s, that was in use.
         """
         now_ns, counts = self._now_ns(), self._read()
         elapsed_s = (now_ns - self._looked_ns) / _NS_PER_S

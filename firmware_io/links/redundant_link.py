@@ -18,8 +18,7 @@ SEND_FAILURES: Final = 3
 class StandbyLink(Link, Protocol):
     """A link that can wait for its turn, answering now and then so that its health is known.
 
-    Attributes:
-        is_active: Whether it carries the robot's commands, and so is to ask for telemetry in every cycle.
+    It `is_active` while it carries the robot's commands, and so is to ask for telemetry in every cycle.
     """
 
     is_active: bool

@@ -68,12 +68,7 @@ class Recovery(Generic[T]):
     ) -> None:
         """Recover with `open_port`, which may take its time and must touch nothing that the loop uses.
 
-        Args:
-            name: Whose port it is, for people.
-            open_port: Opens it.
-            close_port: Closes one that was opened and is no longer wanted.
-            now_ns: The clock of the loop.
-            remedy: What a person can do where it is lost.
+        `close_port` closes one that was opened and is no longer wanted; `remedy` is what a person can do about a loss.
         """
         self.reason = ""
         self.failure = ""

@@ -67,13 +67,10 @@ class Port(Protocol):
 
 
 class SerialCodec(Protocol):
-    """A serial protocol as a codec: bytes to the frames of a drive family and back. It knows no port.
-
-    Attributes:
-        refused: What was received and not taken, by cause.
-    """
+    """A serial protocol as a codec: bytes to the frames of a drive family and back. It knows no port."""
 
     refused: Counter[str]
+    """What was received and not taken, by cause."""
 
     def encode(self, frame: Frame) -> bytes | None:
         """The bytes that carry a frame; None where this protocol has none for it."""
@@ -197,7 +194,6 @@ class SerialLink:
 
     Attributes:
         counters: What passed over it; a byte counts as ten bits.
-        description: The port and its rate.
         is_active: Whether it carries the robot's commands, and so asks in every cycle instead of ten times a second.
     """
 

@@ -6,9 +6,8 @@ from typing import Final, NamedTuple
 
 from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.interfaces import Heartbeat
-from segway_ecc.node.safety.modes import STATION_LOST
+from segway_ecc.node.safety.modes import STATION_LOST, StationWatch, Watch, sit_down_values
 from segway_ecc.node.safety.settings import StationSettings
-from segway_ecc.node.safety.station import StationWatch, Watch, sit_down_values
 
 SITS_DOWN: Final = f"{STATION_LOST}: the robot sits down"
 _ECHOED: Final = 4

@@ -28,7 +28,7 @@ class Variable:
     """One input, output, parameter or state of a model.
 
     Attributes:
-        name: Name as the model gives it; unique within the model.
+        name: As the model gives it; unique within the model.
         unit: SI unit symbol, "1" for none.
         value: Start value, in `unit`.
         write: When a write takes effect.

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""The modes of the robot and what leads from one to another."""
+"""The modes of the robot and what leads from one to another, a base station that falls silent too."""
 
 import enum
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
+
+from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.safety.settings import StationSettings
 
 STATION_LOST: Final = "the base station is lost"
 """Why the robot holds, and in the end disarms, when nobody watches over it any more."""
@@ -42,12 +45,7 @@ class Action(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came of a request.
-
-    Attributes:
-        accepted: Whether it was done.
-        message: What was done, or why not.
-    """
+    """What came of a request: whether it was done, and what was done, or why not."""
 
     accepted: bool
     message: str
@@ -68,8 +66,7 @@ class Modes:
     without torque; what makes control itself unsafe is a fault and takes the torque away.
 
     Attributes:
-        mode: The present mode.
-        reason: Why it was entered.
+        reason: Why the present mode was entered.
         cycle: The number of the present cycle; whoever runs the cycles sets it.
         history: The newest transitions, the oldest first.
     """
@@ -141,3 +138,74 @@ class Modes:
         self.mode = mode
         self.reason = reason
         return Answer(accepted=True, message=f"{mode}: {reason}")
+
+
+@enum.unique
+class Watch(enum.IntEnum):
+    """How the base station stands to the robot; a greater one holds all that a lesser one does."""
+
+    ALONE = enum.auto()
+    """No base station watches over the robot: nothing follows from silence."""
+    PRESENT = enum.auto()
+    """One does, and sent a heartbeat lately."""
+    LOST = enum.auto()
+    """It fell silent: the robot holds."""
+    SIT_DOWN = enum.auto()
+    """It has been silent for long: the robot sits down."""
+    DISARM = enum.auto()
+    """It has been silent for so long that the motors go off."""
+
+
+class StationWatch:
+    """Counts the cycles since a heartbeat.
+
+    A station whose heartbeat came within the time-out before the robot armed, or at any time since, watches over it
+    until it is disarmed. A robot that nobody watches over runs alone.
+    """
+
+    def __init__(self, settings: StationSettings | None, period_ns: int) -> None:
+        """Watch by the robot file's settings; None watches nothing."""
+        self._steps: tuple[tuple[int, Watch], ...] = ()
+        if settings is not None:
+            steps = (
+                (settings.timeout_s, Watch.LOST),
+                (settings.sit_down_after_s, Watch.SIT_DOWN),
+                (settings.disarm_after_s, Watch.DISARM),
+            )
+            self._steps = tuple((round(after_s * 1e9 / period_ns), what) for after_s, what in steps if after_s)
+        self._beat_at: int | None = None
+
+    def look(self, cycle: int, *, has_heartbeat: bool, is_live: bool) -> Watch:
+        """Take note of a cycle, by its number, in which a heartbeat of any station came or did not.
+
+        The robot `is_live` where it is armed, or on the way there.
+        """
+        if not self._steps:
+            return Watch.ALONE
+        if has_heartbeat:
+            self._beat_at = cycle
+        if self._beat_at is None:
+            return Watch.ALONE
+        silent_for, watch = cycle - self._beat_at, Watch.PRESENT
+        for after, what in self._steps:
+            if silent_for <= after:
+                break
+            watch = what
+        if watch is not Watch.PRESENT and not is_live:
+            self._beat_at = None
+            return Watch.ALONE
+        return watch
+
+
+def sit_down_values(settings: StationSettings | None, set_names: Sequence[str]) -> tuple[tuple[int, float], ...]:
+    """What sitting down sets: the place among `set_names`, and the value.
+
+    Raises:
+        UnknownNameError: The robot has no such value.
+    """
+    if settings is None:
+        return ()
+    for name in settings.sit_down:
+        if name not in set_names:
+            raise UnknownNameError("value of station.sit_down that is wired as set.<name>", name, set_names)
+    return tuple((set_names.index(name), value) for name, value in settings.sit_down.items())

@@ -41,13 +41,9 @@ class Frozen(Check):
     """A set of values that repeats bit for bit for too long; see `Check`."""
 
     def __init__(self, name: str, indices: Sequence[int], periods: int, wheels: Sequence[int] | None) -> None:
-        """Watch the set at `indices`.
+        """Watch the set at `indices`, which may repeat for so many periods.
 
-        Args:
-            name: What the set is called.
-            indices: The set.
-            periods: How many periods it may repeat.
-            wheels: Velocities of wheels; the set may repeat while none of them moves. None where it never may.
+        It may for longer while none of the `wheels`, whose velocities are at these places, moves; None: it never may.
         """
         self.needs: tuple[int, ...] = (*indices, *(wheels or ()))
         self._name = name

@@ -11,7 +11,6 @@ class PreArmMeasurements(Value, frozen=True):
     """What was measured; None for what the robot does not have, or what is not known yet.
 
     Attributes:
-        wanted_hz: The rate that the loop should have.
         rate_hz: The rate of the last second.
         newest_age_s: Age of the newest of the values that are needed, s.
         has_fresh: Whether any of them is fresh enough to be used.
@@ -20,7 +19,6 @@ class PreArmMeasurements(Value, frozen=True):
         still_s: For how long the IMU has been still, s; None only where there is no IMU.
         tilt: From upright, rad.
         wheels: Velocities, rad/s.
-        supply_v: V.
         real_time: Whether the loop has real-time priority.
     """
 
@@ -41,8 +39,6 @@ class PreArmCheck(Value, frozen=True):
     """The outcome of one check.
 
     Attributes:
-        name: What it is about.
-        passed: Whether it passes.
         text: What was measured, and what to do where that is not enough.
         is_warning: Whether the robot may arm all the same.
     """

@@ -88,9 +88,7 @@ class LateCyclesLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     A deadline is missed where its cycle was skipped, or started more than half a period late.
 
     Attributes:
-        in_a_row: This many one after the other.
         in_window: This many within `window_s`; None where they are not counted so.
-        window_s: s.
     """
 
     in_a_row: Count = 5
@@ -127,14 +125,9 @@ class SafetySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         wheel_velocity_limit: Fastest that a wheel may turn against the body, rad/s.
         frozen_after_s: How long a set of values may repeat bit for bit, s.
         imu_is_noisy: Whether an IMU's values never repeat; else they may, while the wheels are at rest.
-        yaw_consistency: Wheels against gyro.
-        velocity_consistency: Each wheel's angle against its velocity.
-        following_error: The robot against its set-points.
         supply: Window of the supply, where the robot measures `supply.voltage`.
-        late_cycles_limit: What makes a broken run of deadlines.
         max_command: Largest magnitude of each command, in its unit, where that is below what the drive takes.
         command_slew: Fastest that a command may change, in its unit per second.
-        checklist: What must hold before the robot arms.
     """
 
     tilt_limit_rad: Angle | None = None

@@ -4,8 +4,8 @@
 import pytest
 
 from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.safety.modes import StationWatch, Watch, sit_down_values
 from segway_ecc.node.safety.settings import StationSettings
-from segway_ecc.node.safety.station import StationWatch, Watch, sit_down_values
 
 PERIOD_NS = 10_000_000
 FULL = StationSettings(timeout_s=0.5, sit_down_after_s=1.0, sit_down={"stand": 0.0}, disarm_after_s=2.0)
