@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Final
 
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_ACCELERATION,
@@ -17,6 +16,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import (
     BoardSetup,
     BoardState,
     BoardStatus,
+    Endpoint,
     FrameId,
     LinearAcceleration,
     Wheel,

@@ -11,8 +11,8 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     NmtCommand,
     NmtState,
     Service,
+    nmt_frame,
     pack_heartbeat,
-    pack_nmt,
 )
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel
@@ -48,8 +48,7 @@ class Cia402Pair(PhasedDrive):
     ) -> None:
         """Drive the two nodes of `settings` at the other end of `link`; `start` waits on `sleep_until_ns`.
 
-        Raises:
-            MissingLibraryError: The canopen library is not installed.
+        MissingLibraryError without the canopen library.
         """
         super().__init__(now_ns)
         if importlib.util.find_spec("canopen") is None:
@@ -59,7 +58,8 @@ class Cia402Pair(PhasedDrive):
             )
         self.limits: Sequence[float] = (settings.left.max_torque, settings.right.max_torque)
         self._link = link
-        self._plans = [settings.plan(wheel, loop_period_s) for wheel in (settings.left, settings.right)]
+        self._settings = settings
+        self._cycle_us = round(loop_period_s * 1e6)
         self._sleep_until_ns = sleep_until_ns
         self._wheels = tuple(
             Cia402Wheel(side, wheel, loop_period_s, now_ns)
@@ -74,9 +74,10 @@ class Cia402Pair(PhasedDrive):
 
         A drive that cannot be set up speaks against arming from then on.
         """
-        from segway_ecc.firmware_io.drives.cia402.setup import commission  # noqa: PLC0415 - needs an optional library
+        from segway_ecc.firmware_io.drives.cia402 import network, setup  # noqa: PLC0415 - needs an optional library
 
-        commission(self._link, self._wheels, self._plans, self._now_ns, self._sleep_until_ns)
+        bus = network.LinkNetwork(self._link, self._now_ns, self._sleep_until_ns)
+        setup.commission(bus, self._wheels, self._settings, self._cycle_us)
 
     def take_frame(self, frame: Frame) -> bool:
         """Take one of the drives' frames; see `Sensor.take_frame`."""
@@ -161,5 +162,5 @@ class Cia402Pair(PhasedDrive):
             if request is not None:
                 self._link.send(Frame(Service.SDO_REQUEST + wheel.node_id, request))
             if wheel.needs_start and wheel.trouble is None and not wheel.has_restarted:
-                self._link.send(Frame(Service.NMT, pack_nmt(NmtCommand.START, wheel.node_id)))
+                self._link.send(nmt_frame(NmtCommand.START, wheel.node_id))
                 wheel.needs_start = False

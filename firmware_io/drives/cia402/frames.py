@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Self
 
 from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 
 PERMILLE: Final = 0.001
 """Step of 0x6071 and 0x6077, in parts of the rated torque."""
@@ -199,9 +200,9 @@ _EMERGENCY_CLASSES: Final = (
 """Code, mask and name; the first that fits counts (CiA 301, emergency error codes)."""
 
 
-def pack_nmt(command: NmtCommand, node_id: int) -> bytes:
-    """The data of an NMT frame to one node, or with node id 0 to all."""
-    return bytes((command, node_id))
+def nmt_frame(command: NmtCommand, node_id: int) -> Frame:
+    """The NMT frame to one node, or with node id 0 to all."""
+    return Frame(Service.NMT, bytes((command, node_id)))
 
 
 def pack_heartbeat(state: NmtState) -> bytes:

@@ -65,6 +65,8 @@ class LinkNetwork(canopen.Network):
     everybody else who listens on the link: acceptable, since nobody needs them before the first cycle.
 
     Attributes:
+        link: What the frames go over.
+        now_ns: The clock.
         boots: How often each node has reported that it started, by node id.
         exchanges: The SDO requests that were answered, with their answers, by node id.
     """
@@ -74,8 +76,8 @@ class LinkNetwork(canopen.Network):
         super().__init__()
         self.boots: Counter[int] = Counter()
         self.exchanges: dict[int, list[Exchange]] = {}
-        self._link = link
-        self._now_ns = now_ns
+        self.link = link
+        self.now_ns = now_ns
         self._sleep_until_ns = sleep_until_ns
         self._asked: dict[int, bytes] = {}
 
@@ -84,17 +86,17 @@ class LinkNetwork(canopen.Network):
         frame = Frame(can_id, bytes(data), is_remote=remote)
         if Service.SDO_REQUEST < can_id < Service.HEARTBEAT:
             self._asked[can_id - Service.SDO_REQUEST] = frame.data
-        if not self._link.send(frame):
-            raise canopen.SdoCommunicationError(f"{self._link.description} does not take frames")
+        if not self.link.send(frame):
+            raise canopen.SdoCommunicationError(f"{self.link.description} does not take frames")
 
     def wait_until(self, happened: Callable[[], bool], within_ns: int = ANSWER_WITHIN_NS) -> bool:
         """Take frames until something has happened, and whether it has in that time; LinkLostError for a lost link."""
-        deadline_ns = self._now_ns() + within_ns
+        deadline_ns = self.now_ns() + within_ns
         while not happened():
-            if self._now_ns() >= deadline_ns:
+            if self.now_ns() >= deadline_ns:
                 return False
-            self._sleep_until_ns(self._now_ns() + _PUMP_NS)
-            for frame in self._link.receive():
+            self._sleep_until_ns(self.now_ns() + _PUMP_NS)
+            for frame in self.link.receive():
                 self._take(frame)
         return True
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Settings in a robot file for CiA 402 drives."""
 
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final
 
 import msgspec
 
@@ -14,7 +14,6 @@ HEARTBEAT_PERIOD_MS: Final = 20
 """The drive's producer heartbeat time (0x1017), ms."""
 ANSWER_WITHIN_NS: Final = 300_000_000
 """An SDO request that is not answered by then has failed."""
-_DEFAULT_HOST: Final = 127
 
 
 class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
@@ -37,24 +36,6 @@ class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
         return 1.0 / (self.velocity_units_per_turn or self.counts_per_turn)
 
 
-class SetUpPlan(NamedTuple):
-    """How a drive is to be set up.
-
-    Attributes:
-        node_id: The drive.
-        host_node_id: The node whose heartbeat it is to watch.
-        watchdog_ms: How long it waits for that heartbeat.
-        cycle_us: The period of SYNC.
-        max_torque: Largest torque that will be asked of its motor, N m.
-    """
-
-    node_id: int
-    host_node_id: int
-    watchdog_ms: int
-    cycle_us: int
-    max_torque: float
-
-
 class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
     """Two drives of the CiA 402 profile over CANopen.
 
@@ -64,7 +45,7 @@ class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
         right: The drive of the right wheel.
     """
 
-    host_node_id: NodeId = _DEFAULT_HOST
+    host_node_id: NodeId = 127
     left: Cia402WheelSettings
     right: Cia402WheelSettings
 
@@ -72,13 +53,3 @@ class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
         """Refuse node ids that are not unique on the bus."""
         if len({self.host_node_id, self.left.node_id, self.right.node_id}) != 3:  # noqa: PLR2004 - of three nodes
             raise ValueError("left.node_id, right.node_id and host_node_id must differ")
-
-    def plan(self, wheel: Cia402WheelSettings, loop_period_s: float) -> SetUpPlan:
-        """How one of the drives is to be set up."""
-        return SetUpPlan(
-            node_id=wheel.node_id,
-            host_node_id=self.host_node_id,
-            watchdog_ms=round(self.watchdog_s * 1e3),
-            cycle_us=round(loop_period_s * 1e6),
-            max_torque=wheel.max_torque / wheel.gear_ratio,
-        )

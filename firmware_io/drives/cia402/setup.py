@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Getting the drives ready before the loop starts: reset, set up with every value read back, communication started."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final, cast
 
 import canopen
@@ -14,14 +14,18 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     MappedObject,
     NmtCommand,
     Service,
-    pack_nmt,
+    nmt_frame,
     rated_torque,
 )
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork, PumpedNode, object_dictionary
-from segway_ecc.firmware_io.drives.cia402.settings import ANSWER_WITHIN_NS, HEARTBEAT_PERIOD_MS, SetUpPlan
+from segway_ecc.firmware_io.drives.cia402.settings import (
+    ANSWER_WITHIN_NS,
+    HEARTBEAT_PERIOD_MS,
+    Cia402Settings,
+    Cia402WheelSettings,
+)
 from segway_ecc.firmware_io.drives.cia402.wheel import Cia402Wheel, Restoring
 from segway_ecc.firmware_io.errors import HardwareError, LinkLostError
-from segway_ecc.firmware_io.links.link import Frame, Link
 
 CYCLIC_SYNCHRONOUS_TORQUE: Final = 10
 PROFILE: Final = 402
@@ -51,8 +55,8 @@ class SetUpError(HardwareError):
     """A drive could not be set up; the text states at which object."""
 
 
-def set_up(network: LinkNetwork, plan: SetUpPlan) -> float:
-    """Set up a drive that has just been reset, and leave it pre-operational; blocks.
+def set_up(network: LinkNetwork, settings: Cia402Settings, wheel: Cia402WheelSettings, cycle_us: int) -> float:
+    """Set up a drive that has just been reset, for SYNC each `cycle_us`, and leave it pre-operational; blocks.
 
     Returns:
         The rated torque of its motor, N m.
@@ -61,24 +65,27 @@ def set_up(network: LinkNetwork, plan: SetUpPlan) -> float:
         SetUpError: It does not answer, or is not or does not become what it must be.
         LinkLostError: The link is gone.
     """
-    node = PumpedNode(plan.node_id, object_dictionary())
-    network.add_node(node)
     try:
-        network.send_message(Service.NMT, pack_nmt(NmtCommand.PRE_OPERATIONAL, plan.node_id))
+        frame = nmt_frame(NmtCommand.PRE_OPERATIONAL, wheel.node_id)
+        network.send_message(frame.arbitration_id, frame.data)
     except canopen.SdoCommunicationError as error:
         raise SetUpError(str(error)) from error
-    return _SetUp(network, node, plan).run()
+    return _SetUp(network, settings, wheel, cycle_us).run()
 
 
 class _SetUp:
-    def __init__(self, network: LinkNetwork, node: PumpedNode, plan: SetUpPlan) -> None:
+    def __init__(
+        self, network: LinkNetwork, settings: Cia402Settings, wheel: Cia402WheelSettings, cycle_us: int
+    ) -> None:
         self._network = network
-        self._node = node
-        self._plan = plan
+        self._settings = settings
+        self._wheel = wheel
+        self._cycle_us = cycle_us
+        self._node = PumpedNode(wheel.node_id, object_dictionary())
+        network.add_node(self._node)
 
     def run(self) -> float:
         """Go through all of it, in the order that the profile wants; see `set_up`."""
-        plan = self._plan
         profile = self._read(0x1000) & 0xFFFF
         if profile != PROFILE:
             raise SetUpError(
@@ -93,7 +100,7 @@ class _SetUp:
         if not self._network.wait_until(lambda: self._read(0x6061) == CYCLIC_SYNCHRONOUS_TORQUE, ANSWER_WITHIN_NS):
             raise SetUpError("it does not take mode 10 (0x6061 reads another): it lacks cyclic synchronous torque")
         self._write_checked(0x1005, 0, Service.SYNC)
-        self._write_if_there(0x1006, plan.cycle_us)
+        self._write_if_there(0x1006, self._cycle_us)
         self._map(self._node.rpdo[1], Service.RPDO1, AT_ONCE)
         self._map(self._node.tpdo[1], Service.TPDO1, EVERY_SYNC)
         self._map(self._node.tpdo[2], Service.TPDO2, EVERY_SYNC)
@@ -102,20 +109,20 @@ class _SetUp:
         return rated
 
     def _watchdog(self) -> None:
-        plan = self._plan
-        self._write(0x1016, 1, plan.host_node_id << 16 | plan.watchdog_ms)
+        asked_host, asked_ms = self._settings.host_node_id, round(self._settings.watchdog_s * 1e3)
+        self._write(0x1016, 1, asked_host << 16 | asked_ms)
         found = self._read(0x1016, 1)
         host, time_ms = found >> 16, found & 0xFFFF
         low, high = _WATCHDOG_ALLOWED_MS
-        if host != plan.host_node_id or not low <= time_ms <= high:
+        if host != asked_host or not low <= time_ms <= high:
             raise SetUpError(
-                f"its watchdog 0x1016:01 is set to {time_ms} ms for node {host}, asked was {plan.watchdog_ms} ms for "
-                f"node {plan.host_node_id}, allowed is {low} to {high} ms; does it take a heartbeat consumer?"
+                f"its watchdog 0x1016:01 is set to {time_ms} ms for node {host}, asked was {asked_ms} ms for "
+                f"node {asked_host}, allowed is {low} to {high} ms; does it take a heartbeat consumer?"
             )
         self._write_checked(0x6007, 0, _DISABLE_VOLTAGE)
 
     def _rated_torque(self) -> float:
-        max_torque = self._plan.max_torque
+        max_torque = self._wheel.max_torque / self._wheel.gear_ratio
         rated = rated_torque(self._read(0x6076))
         if rated <= 0.0 or max_torque > rated * MAX_TORQUE_SHARE:
             raise SetUpError(
@@ -127,7 +134,7 @@ class _SetUp:
     def _map(self, pdo: PdoMap, service: Service, transmission_type: int) -> None:
         """Map a PDO by the library; its present COB-ID is read first, for the bit that allows remote requests."""
         objects = PDOS[service]
-        asked = (service + self._plan.node_id, transmission_type, True)
+        asked = (service + self._wheel.node_id, transmission_type, True)
         try:
             pdo.read()
             pdo.clear()
@@ -144,7 +151,7 @@ class _SetUp:
 
     def _map_supply(self) -> None:
         """Have the supply's voltage sent now and then; a drive need not support that."""
-        every = min(max(_SUPPLY_PERIOD_US // self._plan.cycle_us, EVERY_SYNC), _MAX_SYNCS)
+        every = min(max(_SUPPLY_PERIOD_US // self._cycle_us, EVERY_SYNC), _MAX_SYNCS)
         try:
             self._map(self._node.tpdo[3], Service.TPDO3, every)
         except SetUpError as error:
@@ -154,7 +161,7 @@ class _SetUp:
 
     def _switch_off(self, number: int, service: Service) -> None:
         """Switch a TPDO off, where the drive has it."""
-        self._write_if_there(0x1800 + number - 1, _NOT_VALID | (service + self._plan.node_id), 1)
+        self._write_if_there(0x1800 + number - 1, _NOT_VALID | (service + self._wheel.node_id), 1)
 
     def _write_checked(self, index: int, subindex: int, value: int) -> None:
         self._write(index, subindex, value)
@@ -191,21 +198,14 @@ def _name(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex:02X}"
 
 
-def commission(
-    link: Link,
-    wheels: Sequence[Cia402Wheel],
-    plans: Sequence[SetUpPlan],
-    now_ns: Callable[[], int],
-    sleep_until_ns: Callable[[int], None],
-) -> None:
-    """Reset the drives' communication, set each up by its plan and start it; blocks.
+def commission(network: LinkNetwork, wheels: Sequence[Cia402Wheel], settings: Cia402Settings, cycle_us: int) -> None:
+    """Reset the drives' communication, set each up for SYNC each `cycle_us`, and start it; blocks.
 
     The reset makes the set-up begin from the same state every time, as it does after the drive was switched on. Why a
     drive could not be set up is left as its `trouble`.
     """
-    network = LinkNetwork(link, now_ns, sleep_until_ns)
     for wheel in wheels:
-        link.send(_nmt(NmtCommand.RESET_COMMUNICATION, wheel))
+        network.link.send(nmt_frame(NmtCommand.RESET_COMMUNICATION, wheel.node_id))
     try:
         network.wait_until(lambda: all(network.boots[wheel.node_id] for wheel in wheels), _BOOT_WITHIN_NS)
         # A drive that was switched on a moment ago reports that, and then the reset.
@@ -214,33 +214,29 @@ def commission(
         for wheel in wheels:
             wheel.trouble = str(error)
         return
-    boots = [_set_up_wheel(network, wheel, plan, now_ns) for wheel, plan in zip(wheels, plans, strict=True)]
+    boots = [_set_up_wheel(network, wheel, settings, cycle_us) for wheel in wheels]
     for wheel, booted in zip(wheels, boots, strict=True):
         if wheel.trouble is None and network.boots[wheel.node_id] != booted:
             wheel.restart()
         elif wheel.trouble is None:
-            link.send(_nmt(NmtCommand.START, wheel))
+            network.link.send(nmt_frame(NmtCommand.START, wheel.node_id))
 
 
-def _set_up_wheel(network: LinkNetwork, wheel: Cia402Wheel, plan: SetUpPlan, now_ns: Callable[[], int]) -> int:
+def _set_up_wheel(network: LinkNetwork, wheel: Cia402Wheel, settings: Cia402Settings, cycle_us: int) -> int:
     """Set a drive up, anew where it restarts meanwhile; how often it had started when that began."""
     for _ in range(_ATTEMPTS):
-        booted = network.boots[plan.node_id]
-        network.exchanges[plan.node_id] = []
+        booted = network.boots[wheel.node_id]
+        network.exchanges[wheel.node_id] = []
         try:
-            wheel.rated_torque = set_up(network, plan)
+            wheel.rated_torque = set_up(network, settings, wheel.settings, cycle_us)
         except (SetUpError, LinkLostError) as error:
             wheel.trouble = str(error)
         else:
             wheel.trouble = None
-        if network.boots[plan.node_id] == booted:
+        if network.boots[wheel.node_id] == booted:
             break
     else:
         wheel.trouble = "it restarts again and again"
     if wheel.trouble is None:
-        wheel.restoring = Restoring(network.exchanges[plan.node_id], now_ns)
+        wheel.restoring = Restoring(network.exchanges[wheel.node_id], network.now_ns)
     return booted
-
-
-def _nmt(command: NmtCommand, wheel: Cia402Wheel) -> Frame:
-    return Frame(Service.NMT, pack_nmt(command, wheel.node_id))

@@ -137,7 +137,7 @@ class Cia402Wheel:
         self.needs_start = False
         self.supply_voltage = 0.0
         self.listens_to = frozenset(service + settings.node_id for service in _HEARD)
-        self._settings = settings
+        self.settings = settings
         self._counter = WrappedCounter(_POSITION_BITS)
         self._values = [0.0, 0.0, 0.0]
         self._last_sent = int(Controlword.DISABLE_VOLTAGE)
@@ -176,8 +176,8 @@ class Cia402Wheel:
                 case Service.TPDO1:
                     self._take_status(DriveStatus.unpack(frame.data), frame.received_ns)
                 case Service.TPDO2:
-                    velocity = motor_velocity(frame.data, self._settings.velocity_unit_turns)
-                    self._values[1] = self._settings.wheel(velocity)
+                    velocity = motor_velocity(frame.data, self.settings.velocity_unit_turns)
+                    self._values[1] = self.settings.wheel(velocity)
                 case Service.TPDO3:
                     self.supply_voltage = unpack_supply(frame.data)
                 case Service.HEARTBEAT:
@@ -211,9 +211,9 @@ class Cia402Wheel:
 
     def pack(self, controlword: Controlword, wheel_torque: float = 0.0) -> Frame:
         """The frame with a controlword and a torque at the wheel, N m; limited, and zero where it is not finite."""
-        limit = self._settings.max_torque
+        limit = self.settings.max_torque
         limited = min(max(wheel_torque, -limit), limit) if math.isfinite(wheel_torque) else 0.0
-        command = TorqueCommand.of(controlword, self._settings.motor_torque(limited), self.rated_torque)
+        command = TorqueCommand.of(controlword, self.settings.motor_torque(limited), self.rated_torque)
         self._last_sent = int(controlword)
         return Frame(Service.RPDO1 + self.node_id, command.pack())
 
@@ -285,9 +285,9 @@ class Cia402Wheel:
         if self.state is None:
             self._refused[Refusal.UNKNOWN] += 1
         self._off_ns = received_ns if self.state in WITHOUT_TORQUE else None
-        angle = motor_angle(self._counter.follow(status.position_counts), self._settings.counts_per_turn)
-        self._values[0] = self._settings.wheel(angle)
-        self._values[2] = self._settings.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
+        angle = motor_angle(self._counter.follow(status.position_counts), self.settings.counts_per_turn)
+        self._values[0] = self.settings.wheel(angle)
+        self._values[2] = self.settings.wheel_torque(status.motor_torque(self.rated_torque or 0.0))
 
     def restart(self) -> None:
         """It has restarted: what it was set up to is gone."""

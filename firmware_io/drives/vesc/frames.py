@@ -195,11 +195,7 @@ def addressed(frame: Frame) -> tuple[PacketId, int] | None:
 
 
 def encode(command: PacketId, payload: Payload) -> bytes:
-    """The data of a frame.
-
-    Raises:
-        FrameRefusedError: The payload is not that command's, or a value is not finite or does not fit its integer.
-    """
+    """The data of a frame; FrameRefusedError for the payload of another command, or a value that does not fit."""
     layout = (
         _DELAYED if command is PacketId.SET_CURRENT and isinstance(payload, DelayedCurrent) else _LAYOUTS.get(command)
     )
@@ -213,11 +209,7 @@ def encode(command: PacketId, payload: Payload) -> bytes:
 
 
 def decode(command: int, data: bytes) -> Payload:
-    """The payload of a frame.
-
-    Raises:
-        FrameRefusedError: The command is not one of the table's, or the length is not that command's.
-    """
+    """The payload of a frame; FrameRefusedError for a command that is not in the table, or another length."""
     layout = _LAYOUTS.get(command)
     if layout is None:
         raise FrameRefusedError(Refusal.UNKNOWN, f"command {command}")

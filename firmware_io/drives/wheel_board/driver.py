@@ -17,13 +17,13 @@ from segway_ecc.firmware_io.devices import (
     with_one_more,
 )
 from segway_ecc.firmware_io.drives.enabling import Phase, PhasedDrive
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     CYCLE_TIME_S,
     MAX_VOLTAGE,
     BoardSetup,
     BoardState,
     BoardStatus,
+    Endpoint,
     FrameId,
     WheelCommand,
 )

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""The wheel board's frames: bytes to SI and back, as wheel_board.dbc describes them."""
+"""The wheel board's frames: bytes to SI and back, as wheel_board.dbc describes them, and what both ends count."""
 
 import enum
 import struct
+from collections import Counter
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal, frame_crc
+from segway_ecc.firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal, frame_crc
+from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.value import Value
 
 MAX_VOLTAGE: Final = 30.0
@@ -244,11 +246,7 @@ def _name(arbitration_id: int) -> str:
 
 
 def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
-    """Encode a payload with its counter (taken modulo 16) and CRC.
-
-    Raises:
-        FrameRefusedError: A value is not finite or out of the DBC's range.
-    """
+    """A payload with its counter (modulo 16) and CRC; FrameRefusedError where a value is out of the DBC's range."""
     try:
         body = _PACK[arbitration_id](payload, counter & _COUNTER_MASK)
     except ValueError as error:
@@ -275,3 +273,58 @@ def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
     except ValueError as error:
         raise FrameRefusedError(Refusal.RANGE, _name(arbitration_id)) from error
     return payload, body[-1] & _COUNTER_MASK
+
+
+class Sender(Protocol):
+    """What an endpoint needs of a link."""
+
+    def send(self, frame: Frame) -> bool:
+        """Queue a frame; False where it was dropped."""
+
+
+class Endpoint:
+    """Sends payloads over a link and checks those that arrive.
+
+    Attributes:
+        refused: Frames refused, by cause.
+    """
+
+    def __init__(self, link: Sender, listen_to: frozenset[FrameId]) -> None:
+        """Speak over `link`; frames with other ids than `listen_to` are somebody else's and are passed over."""
+        self.refused: Counter[Refusal] = Counter()
+        self._link = link
+        self._send_counter = dict.fromkeys(FrameId, 0)
+        self._ids = {int(frame_id): frame_id for frame_id in listen_to}
+        self._checks = {frame_id: CounterCheck() for frame_id in listen_to}
+        self._lost_before = 0
+
+    @property
+    def lost(self) -> int:
+        """Frames missing between those received, by their counters."""
+        return self._lost_before + sum(check.lost for check in self._checks.values())
+
+    def send(self, frame_id: FrameId, payload: Payload) -> bool:
+        """Send a payload; False where the link dropped it."""
+        counter = self._send_counter[frame_id]
+        self._send_counter[frame_id] = counter + 1
+        return self._link.send(Frame(frame_id, encode(frame_id, payload, counter)))
+
+    def restart(self) -> None:
+        """Take the next frame of each identifier whatever its counter, as after a change to another line."""
+        self._lost_before = self.lost
+        self._checks = {frame_id: CounterCheck() for frame_id in self._checks}
+
+    def check(self, frame: Frame) -> Payload | None:
+        """What a frame carries that is listened to and intact; None for any other, counted where it was refused."""
+        frame_id = None if frame.is_extended else self._ids.get(frame.arbitration_id)
+        if frame_id is None:
+            return None
+        try:
+            payload, counter = decode(frame_id, frame.data)
+        except FrameRefusedError as error:
+            self.refused[error.refusal] += 1
+            return None
+        if not self._checks[frame_id].accepts(counter):
+            self.refused[Refusal.COUNTER] += 1
+            return None
+        return payload

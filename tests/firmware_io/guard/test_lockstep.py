@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.firmware_io.drives.stopper import Meaning
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
-from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, FrameId, WheelCommand
+from segway_ecc.firmware_io.drives.wheel_board.frames import BoardState, Endpoint, FrameId, WheelCommand
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.guard.watch import Cause, End

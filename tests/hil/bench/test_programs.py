@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
     BoardStatus,
+    Endpoint,
     FrameId,
     LinearAcceleration,
     Payload,

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 import pytest
 from msgspec.structs import astuple
 
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
 from segway_ecc.firmware_io.drives.wheel_board.frames import (
     AngularVelocity,
     BoardSetup,
     BoardState,
     BoardStatus,
+    Endpoint,
     FrameId,
     LinearAcceleration,
     Payload,

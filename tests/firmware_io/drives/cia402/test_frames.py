@@ -17,13 +17,14 @@ from segway_ecc.firmware_io.drives.cia402.frames import (
     TorqueCommand,
     motor_angle,
     motor_velocity,
+    nmt_frame,
     pack_heartbeat,
-    pack_nmt,
     rated_torque,
     unpack_heartbeat,
     unpack_supply,
 )
 from segway_ecc.firmware_io.integrity import FrameRefusedError, Refusal
+from segway_ecc.firmware_io.links.link import Frame
 from tests.fuzzing import fuzzed
 
 DECODERS = {
@@ -164,7 +165,7 @@ def test_no_other_byte_is_a_heartbeat() -> None:
     [("START", 1), ("STOP", 2), ("PRE_OPERATIONAL", 128), ("RESET_NODE", 129), ("RESET_COMMUNICATION", 130)],
 )
 def test_an_nmt_frame_is_command_and_node(command: str, byte: int) -> None:
-    assert pack_nmt(NmtCommand[command], 5) == bytes((byte, 5))
+    assert nmt_frame(NmtCommand[command], 5) == Frame(0x000, bytes((byte, 5)))
 
 
 def test_identifiers_are_those_of_the_predefined_connection_set() -> None:

@@ -11,11 +11,13 @@ import pytest
 from canopen import SdoAbortedError
 
 from segway_ecc.firmware_io.drives.cia402.network import LinkNetwork
-from segway_ecc.firmware_io.drives.cia402.settings import SetUpPlan
+from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.cia402.setup import SetUpError, set_up
 from segway_ecc.firmware_io.links.link import Frame
 
-PLAN = SetUpPlan(node_id=5, host_node_id=127, watchdog_ms=50, cycle_us=2_000, max_torque=3.0)
+DRIVE = Cia402WheelSettings(node_id=5, counts_per_turn=4096, max_torque=3.0)
+SETTINGS = Cia402Settings(left=DRIVE, right=Cia402WheelSettings(node_id=6, counts_per_turn=4096, max_torque=3.0))
+PLAN = (SETTINGS, DRIVE, 2_000)
 MS = 1_000_000
 
 
@@ -26,7 +28,7 @@ def network(memory: Any) -> LinkNetwork:
 
 def test_every_object_is_what_it_was_asked_to_be(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
-    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN) == pytest.approx(1.25)
 
     read = node.sdo
     assert read[0x1016][1].raw == 0x007F0032
@@ -41,7 +43,7 @@ def test_every_object_is_what_it_was_asked_to_be(memory: Any, network: LinkNetwo
 
 def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
-    set_up(network, PLAN)
+    set_up(network, *PLAN)
     node.rpdo.read()
     node.tpdo.read()
 
@@ -60,7 +62,7 @@ def test_pdos_are_mapped_as_the_library_reads_them(memory: Any, network: LinkNet
 )
 def test_supply_is_sent_about_ten_times_a_second(memory: Any, network: LinkNetwork, cycle_us: int, syncs: int) -> None:
     node = memory.add(5)
-    set_up(network, PLAN._replace(cycle_us=cycle_us))
+    set_up(network, SETTINGS, DRIVE, cycle_us)
     assert node.sdo[0x1802][2].raw == syncs
 
 
@@ -68,7 +70,7 @@ def test_a_drive_without_a_voltage_of_the_supply_has_its_pdo_switched_off(memory
     node = memory.add(5, without=frozenset({0x6079}))
     node.add_write_callback(refuse_mapping_of(0x1A02, 0x6079))
     node.sdo[0x1802][1].raw = 0x385
-    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN) == pytest.approx(1.25)
     assert node.sdo[0x1802][1].raw == 0x80000385
     assert node.sdo[0x1801][1].raw == 0x40000285
 
@@ -78,7 +80,7 @@ def test_a_drive_that_does_not_count_syncs_has_the_pdo_of_the_supply_switched_of
 ) -> None:
     node = memory.add(5)
     node.add_read_callback(lambda index, subindex, **_: 1 if (index, subindex) == (0x1802, 2) else None)
-    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN) == pytest.approx(1.25)
     assert node.sdo[0x1802][1].raw == 0x80000385
 
 
@@ -91,26 +93,26 @@ def test_drive_silent_at_the_supply_mapping_is_reported(memory: Any, network: Li
 
     node.add_read_callback(fall_silent)
     with pytest.raises(SetUpError, match="TPDO3 cannot be mapped"):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 def test_a_drive_that_refuses_remote_requests_keeps_doing_so(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
-    set_up(network, PLAN)
+    set_up(network, *PLAN)
     assert node.sdo[0x1400][1].raw == 0x40000205
     assert node.sdo[0x1800][1].raw == 0x40000185
 
 
 def test_it_begins_with_the_node_pre_operational_and_its_voltage_off(memory: Any, network: LinkNetwork) -> None:
     memory.add(5)
-    set_up(network, PLAN)
+    set_up(network, *PLAN)
     assert memory.heard()[:3] == [(0, "8005"), (0x605, "4000100000000000"), (0x605, "2b40600000000000")]
 
 
 @pytest.mark.parametrize("missing", [0x605A, 0x1006, 0x1802, 0x1803])
 def test_a_drive_need_not_have_everything(memory: Any, network: LinkNetwork, missing: int) -> None:
     memory.add(5, without=frozenset({missing, missing + 0x200}))
-    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN) == pytest.approx(1.25)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +135,7 @@ def test_drive_without_a_required_object_is_reported(
     if missing == 0x6071:
         memory.nodes[5].add_write_callback(refuse_mapping_of(0x1600, 0x6071))
     with pytest.raises(SetUpError, match=message):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 def refuse_mapping_of(mapping: int, mapped: int) -> Callable[..., None]:
@@ -173,7 +175,7 @@ def test_what_reads_otherwise_is_refused(
     if index != 0x6061:
         answer(memory, 0x6061, 10)
     with pytest.raises(SetUpError, match=message):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 @pytest.mark.parametrize("found", [0x00000000, 0x007F0033, 0x007F0013, 0x007E0032, 0x007F0000])
@@ -183,20 +185,20 @@ def test_a_watchdog_that_is_off_too_long_or_of_another_node_is_refused(
     node = memory.add(5)
     node.add_read_callback(lambda index, subindex, **_: found if (index, subindex) == (0x1016, 1) else None)
     with pytest.raises(SetUpError, match=rf"0x1016:01 is set to {found & 0xFFFF} ms for node {found >> 16}"):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 def test_a_mapping_that_is_not_kept_is_refused(memory: Any, network: LinkNetwork) -> None:
     node = memory.add(5)
     node.add_read_callback(lambda index, subindex, **_: 254 if (index, subindex) == (0x1800, 2) else None)
     with pytest.raises(SetUpError, match="TPDO1 is not mapped as asked"):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 def test_absent_node_is_reported_after_a_third_of_a_second(memory: Any, network: LinkNetwork) -> None:
     before_ns = memory.now_ns
     with pytest.raises(SetUpError, match="0x1000:00 cannot be read: no answer"):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
     assert memory.now_ns - before_ns == 300 * MS
     assert set(memory.waited) == {MS}
 
@@ -205,7 +207,7 @@ def test_full_link_fails_the_set_up(memory: Any, network: LinkNetwork) -> None:
     memory.add(5)
     memory.is_full = True
     with pytest.raises(SetUpError, match="memory does not take frames"):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
 
 
 def test_foreign_and_damaged_frames_meanwhile_change_nothing(memory: Any, network: LinkNetwork) -> None:
@@ -220,7 +222,7 @@ def test_foreign_and_damaged_frames_meanwhile_change_nothing(memory: Any, networ
         Frame(0x7E5, bytes(8)),
     ):
         memory.arrived.append(frame)
-    assert set_up(network, PLAN) == pytest.approx(1.25)
+    assert set_up(network, *PLAN) == pytest.approx(1.25)
     assert network.boots[5] == 0
 
 
@@ -229,7 +231,7 @@ def test_every_answered_request_is_kept_with_its_last_answer(memory: Any, networ
     node._read_callbacks.clear()
     modes = iter((0, 0, 10))
     node.add_read_callback(lambda index, **_: next(modes) if index == 0x6061 else None)
-    set_up(network, PLAN)
+    set_up(network, *PLAN)
 
     asked = [frame.data for frame in memory.sent if frame.arbitration_id == 0x605]
     assert asked.count(bytes.fromhex("4061600000000000")) == 3
@@ -244,8 +246,8 @@ def test_the_library_logs_nothing_of_its_own(
 ) -> None:
     memory.add(5)
     with caplog.at_level(logging.DEBUG):
-        set_up(network, PLAN)
+        set_up(network, *PLAN)
         memory.peer.unsubscribe(0x605)
         with pytest.raises(SetUpError):
-            set_up(network, PLAN)
+            set_up(network, *PLAN)
     assert caplog.records == []

@@ -4,8 +4,15 @@ from collections.abc import Callable
 import pytest
 from msgspec.structs import replace
 
-from segway_ecc.firmware_io.drives.wheel_board.endpoint import Endpoint
-from segway_ecc.firmware_io.drives.wheel_board.frames import BoardSetup, FrameId, Payload, Wheel, WheelCommand, encode
+from segway_ecc.firmware_io.drives.wheel_board.frames import (
+    BoardSetup,
+    Endpoint,
+    FrameId,
+    Payload,
+    Wheel,
+    WheelCommand,
+    encode,
+)
 from segway_ecc.firmware_io.integrity import Refusal
 from segway_ecc.firmware_io.links.link import Frame, Link
 
