@@ -25,11 +25,7 @@ class Phase(enum.StrEnum):
 
 
 class Enabling:
-    """Where a drive is on the way from off to enabled.
-
-    Attributes:
-        phase: The present phase.
-    """
+    """Where a drive is on the way from off to enabled."""
 
     __slots__ = ("_begun_ns", "_disabled_ns", "phase")
 

@@ -65,7 +65,7 @@ class SimulatedWheelBoard:
         self.voltages: Sequence[float] = _OFF
         self.is_broken = False
         self._has_imu = settings.imu
-        self._bus = Endpoint(link, _COMMANDS)
+        self._bus = Endpoint(link.send, _COMMANDS)
         self._serial = None if port is None else _SerialEnd(port)
         self._owner: Endpoint | None = None
         self._strange_commands = 0
@@ -141,7 +141,7 @@ class _SerialEnd:
     """The board's end of its serial line."""
 
     def __init__(self, port: Port) -> None:
-        self.endpoint = Endpoint(self, _COMMANDS)
+        self.endpoint = Endpoint(self.send, _COMMANDS)
         self._line = BoardSerialCodec()
         self._port = port
 
@@ -151,7 +151,7 @@ class _SerialEnd:
         return self.endpoint.refused.total() + self._line.refused.total() - self._line.refused[LOST]
 
     def send(self, frame: Frame) -> bool:
-        """Write a frame as a packet; see `Sender.send`."""
+        """Write a frame as a packet; nothing drops it."""
         self._port.write(self._line.encode(frame) or b"")  # there are words for each of our frames
         return True
 

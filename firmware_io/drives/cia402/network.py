@@ -65,8 +65,6 @@ class LinkNetwork(canopen.Network):
     everybody else who listens on the link: acceptable, since nobody needs them before the first cycle.
 
     Attributes:
-        link: What the frames go over.
-        now_ns: The clock.
         boots: How often each node has reported that it started, by node id.
         exchanges: The SDO requests that were answered, with their answers, by node id.
     """

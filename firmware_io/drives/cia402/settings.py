@@ -20,7 +20,6 @@ class Cia402WheelSettings(WheelSettings, frozen=True, kw_only=True):
     """One drive with its motor.
 
     Attributes:
-        node_id: The drive's CANopen node id.
         counts_per_turn: How far the position (0x6064) moves in one turn of the motor.
         velocity_units_per_turn: What the velocity (0x606C) reads at one turn of the motor a second, such as 60 for
             rpm; where left out, the counts of a turn.
@@ -41,8 +40,6 @@ class Cia402Settings(BusSettings, frozen=True, kw_only=True, tag="cia402"):
 
     Attributes:
         host_node_id: The node id under which the host sends the heartbeat that the drives watch.
-        left: The drive of the left wheel.
-        right: The drive of the right wheel.
     """
 
     host_node_id: NodeId = 127

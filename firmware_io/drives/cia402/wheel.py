@@ -111,17 +111,11 @@ class Cia402Wheel:
     """The newest state of a drive.
 
     Attributes:
-        side: Which wheel.
-        node_id: The drive's node id.
         rated_torque: The rated torque of its motor, N m; None until it is set up.
         trouble: Why it is not set up; None where it is.
-        restoring: Its setting up again; does nothing where it has not restarted.
         state: The state in its statusword; None before the first, or for one the profile does not know.
-        nmt: The state of its communication.
         supply_voltage: What it measured of its supply, V.
         emergency: The error it reported since `begin`; None where there is none.
-        needs_start: Whether its communication waits to be started.
-        listens_to: Identifiers of its frames.
     """
 
     def __init__(self, side: str, settings: Cia402WheelSettings, loop_period_s: float, now_ns: NowNs) -> None:

@@ -59,10 +59,7 @@ class AxisListener:
 
     Attributes:
         signals: What it measures, with units; the left axis measures the supply too.
-        listens_to: The frames that it takes.
-        refused: Frames that it did not take, by cause.
-        error: Error bits of the newest heartbeat.
-        state: State of the axis in the newest heartbeat, see `AxisState`.
+        error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """

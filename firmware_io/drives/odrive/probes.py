@@ -21,9 +21,7 @@ class FirmwareSearch:
 
     0.6 answers a request for its version, 0.5 never does: one that is silent but sends heartbeats is 0.5. The first
     answer decides, however late: what was taken for 0.5 because answers were lost is then known for what it is.
-
-    Attributes:
-        found: The firmware; None while it is not known.
+    `found` is None while it is not known.
     """
 
     def __init__(self, configured: str) -> None:

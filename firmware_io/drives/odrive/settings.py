@@ -36,8 +36,6 @@ class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
 
     Attributes:
         firmware: What runs on the drives, or `auto`: asked for.
-        left: The left wheel.
-        right: The right wheel.
         heartbeat_period_s: Period of the heartbeat, s, shorter than the watchdog's time-out.
         encoder_period_s: Period of the encoder estimates, s.
         torque_period_s: Period of the motor currents (0.5) or torques (0.6), s, where the drive sends them.

@@ -99,7 +99,6 @@ class TimeoutProbe:
     the brake current that was set for the time-out; zero was commanded before. Questions do not count as commands.
 
     Attributes:
-        found: What is known.
         silence_s: How long commands had stopped when the time-out was seen to act, or last seen not to, s.
     """
 

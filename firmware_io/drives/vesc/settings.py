@@ -44,8 +44,6 @@ class VescSettings(BusSettings, frozen=True, kw_only=True, tag="vesc"):
     """Two VESC controllers.
 
     Attributes:
-        left: The controller of the left wheel.
-        right: The controller of the right wheel.
         timeout_set_s: The time-out that was set in both controllers with VESC Tool, s. It has no default: who writes
             it confirms that it was set. 0.02 to 0.1; the firmware looks every 10 ms.
         status_rate_hz: The rate that was set for STATUS and STATUS_5, 1/s.

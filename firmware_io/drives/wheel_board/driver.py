@@ -70,7 +70,7 @@ class WheelBoard(PhasedDrive):
         }
         self.listens_to: Collection[FrameKey] = frozenset(FrameKey(frame_id) for frame_id in telemetry)
         self._link = link
-        self._endpoint = Endpoint(link, telemetry)
+        self._endpoint = Endpoint(link.send, telemetry)
         self._watchdog_s = watchdog_s
         stale_ns: dict[int, int] = {
             frame_id: stale_after_ns(CYCLE_TIME_S[frame_id], loop_period_s) for frame_id in telemetry

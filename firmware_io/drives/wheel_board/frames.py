@@ -5,7 +5,7 @@ import enum
 import struct
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from segway_ecc.firmware_io.integrity import CounterCheck, FrameRefusedError, Refusal, frame_crc
 from segway_ecc.firmware_io.links.link import Frame
@@ -275,24 +275,13 @@ def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
     return payload, body[-1] & _COUNTER_MASK
 
 
-class Sender(Protocol):
-    """What an endpoint needs of a link."""
-
-    def send(self, frame: Frame) -> bool:
-        """Queue a frame; False where it was dropped."""
-
-
 class Endpoint:
-    """Sends payloads over a link and checks those that arrive.
+    """Sends payloads over a link and checks those that arrive; `refused` counts frames by cause."""
 
-    Attributes:
-        refused: Frames refused, by cause.
-    """
-
-    def __init__(self, link: Sender, listen_to: frozenset[FrameId]) -> None:
-        """Speak over `link`; frames with other ids than `listen_to` are somebody else's and are passed over."""
+    def __init__(self, send: Callable[[Frame], bool], listen_to: frozenset[FrameId]) -> None:
+        """Speak by `send`, False where it drops the frame; frames with ids not in `listen_to` are passed over."""
         self.refused: Counter[Refusal] = Counter()
-        self._link = link
+        self._send = send
         self._send_counter = dict.fromkeys(FrameId, 0)
         self._ids = {int(frame_id): frame_id for frame_id in listen_to}
         self._checks = {frame_id: CounterCheck() for frame_id in listen_to}
@@ -307,7 +296,7 @@ class Endpoint:
         """Send a payload; False where the link dropped it."""
         counter = self._send_counter[frame_id]
         self._send_counter[frame_id] = counter + 1
-        return self._link.send(Frame(frame_id, encode(frame_id, payload, counter)))
+        return self._send(Frame(frame_id, encode(frame_id, payload, counter)))
 
     def restart(self) -> None:
         """Take the next frame of each identifier whatever its counter, as after a change to another line."""

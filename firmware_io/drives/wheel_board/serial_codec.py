@@ -40,7 +40,6 @@ class BoardSerialCodec:
 
     Attributes:
         refused: What was received and not taken, by cause; under `LOST` packets missing by their sequence numbers.
-        requests: How often the other end has asked for telemetry.
     """
 
     def __init__(self) -> None:

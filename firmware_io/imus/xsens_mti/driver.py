@@ -28,7 +28,6 @@ class GroupCounter:
         lost: Sets missing between those received.
         repeated: Counts that came again: a sensor that sends without measuring.
         restarts: Counts further on than time allows: the sensor began anew.
-        is_stalled: Whether the last count was a repeated one.
     """
 
     def __init__(self, period_ns: int) -> None:

@@ -203,7 +203,7 @@ class SimulatedNode:
 
     def __init__(self, sent: list[Frame]) -> None:
         self._sent = sent
-        self._endpoint = Endpoint(self, frozenset())
+        self._endpoint = Endpoint(self.send, frozenset())
 
     def send(self, frame: Frame) -> bool:
         self._sent.append(frame)

@@ -58,7 +58,7 @@ class Host:
     """The robot's own end of the conversation."""
 
     def __init__(self, link: Link) -> None:
-        self.endpoint = Endpoint(link, TELEMETRY)
+        self.endpoint = Endpoint(link.send, TELEMETRY)
         self._link = link
 
     def hear_until(self, wanted: type | BoardState) -> Payload:
@@ -113,7 +113,7 @@ def test_the_board_obeys_moves_refuses_and_stops_by_its_watchdog(place: BenchSit
         for _ in range(2):  # each counts from zero: the first is not the next count, the second repeats it
             with contextlib.closing(make_can_link("local", place.bus.channel, 500_000)) as other:
                 other.open()
-                Endpoint(other, frozenset()).send(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False))
+                Endpoint(other.send, frozenset()).send(FrameId.WHEEL_COMMAND, WheelCommand(0.0, 0.0, enable=False))
             host.hear_until(BoardStatus)
             host.hear_until(BoardStatus)
     assert isinstance(status, BoardStatus)

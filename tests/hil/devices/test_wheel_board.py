@@ -108,7 +108,7 @@ class Bench:
         port = Port()
         self.host_link, self.board_link = bus.attach("host"), bus.attach("board")
         self.serial_host = SerialHost(port)
-        self.can, self.serial = Endpoint(self.host_link, TELEMETRY), Endpoint(self.serial_host, TELEMETRY)
+        self.can, self.serial = Endpoint(self.host_link.send, TELEMETRY), Endpoint(self.serial_host.send, TELEMETRY)
         self.board = SimulatedWheelBoard(self.board_link, settings or WheelBoardSettings(), port)
 
     def tick(self, *commands: WheelCommand, times: int = 1) -> None:
@@ -451,7 +451,7 @@ def test_a_command_in_pieces_is_taken_once_it_is_whole(fresh: Bench) -> None:
     port = Port()
     board = SimulatedWheelBoard(fresh.board_link, port=port)
     host = SerialHost(port)
-    Endpoint(host, TELEMETRY).send(FrameId.BOARD_SETUP, BoardSetup(0.03))
+    Endpoint(host.send, TELEMETRY).send(FrameId.BOARD_SETUP, BoardSetup(0.03))
     host.ask()
     pieces, port.arrived = bytes(port.arrived), bytearray()
     for byte in pieces:

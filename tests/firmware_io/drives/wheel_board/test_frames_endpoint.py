@@ -23,7 +23,7 @@ WHEEL = Wheel(1.0, -2.0)
 
 @pytest.fixture
 def endpoint(link: Link) -> Endpoint:
-    return Endpoint(link, HEARD)
+    return Endpoint(link.send, HEARD)
 
 
 def _frame(counter: int, frame_id: FrameId = LEFT) -> Frame:
@@ -50,11 +50,11 @@ def test_every_identifier_has_its_own_running_counter(endpoint: Endpoint, sent: 
 
 
 def test_what_the_link_dropped_leaves_a_gap_that_the_other_end_counts(
-    endpoint: Endpoint, link: Link, sent: list[Frame], monkeypatch: pytest.MonkeyPatch
+    endpoint: Endpoint, sent: list[Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     endpoint.send(LEFT, WHEEL)
     with monkeypatch.context() as full:
-        full.setattr(link, "send", lambda _: False)
+        full.setattr(endpoint, "_send", lambda _: False)
         assert not endpoint.send(LEFT, WHEEL)
     endpoint.send(LEFT, WHEEL)
 
@@ -100,7 +100,7 @@ def test_a_bad_frame_is_counted_by_its_cause_and_leaves_the_counter_alone(
 
 
 def test_a_value_out_of_range_is_counted(link: Link, reference_crc: Callable[[bytes], int]) -> None:
-    board = Endpoint(link, frozenset({FrameId.WHEEL_COMMAND}))
+    board = Endpoint(link.send, frozenset({FrameId.WHEEL_COMMAND}))
     body = b"\x00\x80\x00\x00\x01\x00\x00"  # -32.768 V on the left
     frame = Frame(FrameId.WHEEL_COMMAND, body + bytes((reference_crc(body + b"\x10\x01"),)))
 
