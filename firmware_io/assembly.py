@@ -75,7 +75,6 @@ class Assembly:
             if device is not None and device.take_frame(frame) and self.switching is not None:
                 self._received_ns[device.name] = frame.received_ns
         if self.switching is not None:
-            self._look_aside(self.switching.link)
             self._switch(self.switching)
         if commands is not None:
             for drive, part in self._parts:
@@ -125,16 +124,14 @@ class Assembly:
         if self._heartbeat is not None:
             self._heartbeat.beat(is_on=self._armed)
 
-    def _look_aside(self, link: RedundantLink) -> None:
-        """Note which drives answer on the standby line; sensors that are only on that line are read there too."""
-        for frame in link.aside:
+    def _switch(self, switching: Switching) -> None:
+        # Which drives answer on the standby line; sensors that are only on that line are read there too.
+        for frame in switching.link.aside:
             device = self._listeners.get((frame.arbitration_id, frame.is_extended))
             if device in self._drives:
-                link.note_standby()
+                switching.link.note_standby()
             elif device is not None:
                 device.take_frame(frame)
-
-    def _switch(self, switching: Switching) -> None:
         received_ns = [self._received_ns.get(drive.name) for drive in self._drives]
         event = switching.judge(received_ns, is_armed=self._armed)
         if event is not None:
@@ -150,11 +147,16 @@ class Assembly:
         values: list[float] = []
         ages: list[float] = []
         valid: list[bool] = []
+        switching = self.switching
         for device in self._devices:
             readings = device.read()
             values += readings.values
             ages += readings.ages
-            if self._is_patient_with(device):
+            # The robot must not fall for a change of lines: while they change, slightly old values are still valid. A
+            # drive that has fallen silent on one line, while the other is good, is about to answer there.
+            if switching is not None and (
+                switching.is_under_way or (switching.link.standby_is_good and device in self._drives)
+            ):
                 valid += [
                     v or age * 1e9 <= SWITCH_WITHIN_NS for v, age in zip(readings.valid, readings.ages, strict=True)
                 ]
@@ -169,16 +171,6 @@ class Assembly:
         events = tuple(self._events)
         self._events.clear()
         return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off)
-
-    def _is_patient_with(self, device: Sensor) -> bool:
-        """Whether slightly old values of a device are still valid: the robot must not fall for a change of lines.
-
-        While the lines change, that of every device; a drive that has fallen silent on one line, while the other is
-        good, is about to answer there.
-        """
-        if self.switching is None:
-            return False
-        return self.switching.is_under_way or (self.switching.link.standby_is_good and device in self._drives)
 
 
 def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:

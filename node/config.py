@@ -130,9 +130,8 @@ def load_robot(robot: str) -> RobotFile:
     if robot in packaged_robots():
         return file
     folders = (Path(robot).resolve().parent, Path())
-    source = locate(file.model.source, folders)
-    if source != file.model.source:
-        file = msgspec.structs.replace(file, model=msgspec.structs.replace(file.model, source=source))
+    model = msgspec.structs.replace(file.model, source=locate(file.model.source, folders))
+    file = msgspec.structs.replace(file, model=model)
     if file.simulation is None:
         return file
     simulation = msgspec.structs.replace(file.simulation, plant=locate(file.simulation.plant, folders))

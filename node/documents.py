@@ -106,12 +106,11 @@ def _flat(kinds: list[object]) -> list[object]:
     """The types themselves, alternatives and annotations taken apart."""
     flat: list[object] = []
     for kind in kinds:
-        if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
-            flat += _flat(list(typing.get_args(kind)))
-        elif typing.get_origin(kind) is typing.Annotated:
-            flat += _flat([typing.get_args(kind)[0]])
+        origin, arguments = typing.get_origin(kind), list(typing.get_args(kind))
+        if origin in (types.UnionType, typing.Union):
+            flat += _flat(arguments)
         else:
-            flat.append(kind)
+            flat += _flat(arguments[:1]) if origin is typing.Annotated else [kind]
     return flat
 
 

@@ -13,7 +13,7 @@ import can
 from can.typechecking import AutoDetectedConfig
 
 from segway_ecc.firmware_io.links.can_link import ERROR, EXTENDED, EXTENDED_IDENTIFIER, REMOTE
-from segway_ecc.firmware_io.links.local_port import (
+from segway_ecc.firmware_io.links.can_ports import (
     BUFFER_BYTES,
     PORT,
     decode,

@@ -16,7 +16,7 @@ from typing import Final
 
 import segway_ecc.node.models
 from segway_ecc.firmware_io.links.can_interfaces import read_interface_state, socketcan_interfaces
-from segway_ecc.firmware_io.links.local_port import multicast_group
+from segway_ecc.firmware_io.links.can_ports import multicast_group
 from segway_ecc.hil.processes import inherited
 from segway_ecc.node.cycle import cycle
 from segway_ecc.node.cycle.real_time import (

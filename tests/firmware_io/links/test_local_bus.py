@@ -15,8 +15,8 @@ import can
 import can.bus
 import pytest
 
+from segway_ecc.firmware_io.links.can_ports import PORT, multicast_group
 from segway_ecc.firmware_io.links.local_bus import LocalBus
-from segway_ecc.firmware_io.links.local_port import PORT, multicast_group
 
 INET_ATON = socket.inet_aton
 PATIENCE_S = 20.0

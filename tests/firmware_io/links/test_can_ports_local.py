@@ -10,9 +10,8 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.links.can_link import CanLink
-from segway_ecc.firmware_io.links.can_ports import make_can_link
+from segway_ecc.firmware_io.links.can_ports import PORT, encode, make_can_link, multicast_group, multicast_socket
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.firmware_io.links.local_port import PORT, encode, multicast_group, multicast_socket
 
 INET_ATON = socket.inet_aton
 PATIENCE_S = 20.0
