@@ -97,8 +97,8 @@ class DiagnosticReport:
             "time_base_realigned": str(self._cycle.time_base.realigned),
             **{name: summary.as_text() for name, summary in self._summaries.items()},
         }
-        message = f"{missed} late or skipped since the last report" if missed else f"{counters.mean_rate_hz:.2f} Hz"
-        return DiagnosticStatus(Level.WARN if missed else Level.OK, f"{self._robot_name}: timing", message, values)
+        trouble = f"{missed} late or skipped since the last report" if missed else ""
+        return self._status("timing", trouble, f"{counters.mean_rate_hz:.2f} Hz", values)
 
     def _setpoints(self) -> DiagnosticStatus:
         schedule = self._cycle.schedule
@@ -108,22 +108,25 @@ class DiagnosticReport:
             "late": str(schedule.late),
             **{f"refused.{cause}": str(count) for cause, count in schedule.refused.items()},
         }
-        message = f"{refused} refused since the last report" if refused else "taken as they come"
-        return DiagnosticStatus(Level.WARN if refused else Level.OK, f"{self._robot_name}: set-points", message, values)
+        trouble = f"{refused} refused since the last report" if refused else ""
+        return self._status("set-points", trouble, "taken as they come", values)
 
     def _hardware(self) -> DiagnosticStatus:
         health: Mapping[str, str] = self._cycle.hardware.health
         if not health:
-            return DiagnosticStatus(Level.OK, f"{self._robot_name}: hardware", "none: the robot is all model", {})
+            return self._status("hardware", "", "none: the robot is all model", {})
         refused = self._new("frames", sum(int(v) for k, v in health.items() if "refused." in k))
         states = {name: health[name] for name in health if _LINK_STATE.fullmatch(name) and health[name] != "active"}
         trouble = [f"{name}: {state}" for name, state in states.items()]
         trouble += [f"{refused} frames refused since the last report"] if refused else []
-        level, message = (Level.WARN, "; ".join(trouble)) if trouble else (Level.OK, health.get("link", ""))
         sensors = self._cycle.sensors
         ages = zip(self._cycle.hardware.signals, sensors.ages if sensors else (), strict=False)
         values = {**health, **{f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}}
-        return DiagnosticStatus(level, f"{self._robot_name}: hardware", message, values)
+        return self._status("hardware", "; ".join(trouble), health.get("link", ""), values)
+
+    def _status(self, part: str, trouble: str, else_: str, values: Mapping[str, str]) -> DiagnosticStatus:
+        level = Level.WARN if trouble else Level.OK
+        return DiagnosticStatus(level, f"{self._robot_name}: {part}", trouble or else_, values)
 
     def _new(self, what: str, count: int) -> int:
         old = self._old_counts.get(what, 0)

@@ -102,12 +102,7 @@ class Service:
         self._watchdog = None if watchdog_ns is None else _Stretch(watchdog_ns // _FEEDS_IN_TIMEOUT, period_ns)
 
     def look(self, lateness_ns: int, skipped: int) -> None:
-        """Take a cycle that has been run.
-
-        Args:
-            lateness_ns: How long after its deadline it started, ns.
-            skipped: How many deadlines have been skipped since the start.
-        """
+        """Take a cycle that started so long after its deadline, ns; `skipped` deadlines have been since the start."""
         if not self.is_one:
             return
         new = skipped - self._skipped
@@ -162,12 +157,7 @@ def _short(text: str) -> str:
 
 
 def service_of(environment: Mapping[str, str], period_ns: int) -> Service:
-    """The service that this process is, by its environment.
-
-    Args:
-        environment: NOTIFY_SOCKET, and WATCHDOG_USEC and WATCHDOG_PID (sd_watchdog_enabled(3)).
-        period_ns: Of the loop, ns.
-    """
+    """The service that this process is, by NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID (sd_watchdog_enabled(3))."""
     timeout_us = 0
     if environment.get(WATCHDOG_PID, str(os.getpid())) == str(os.getpid()):  # else it is another process' watchdog
         with contextlib.suppress(ValueError):

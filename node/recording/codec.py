@@ -70,11 +70,6 @@ pack_cycle: Final = _encoder.encode_into
 """Fills a buffer with a cycle: `pack_cycle(record, buffer)`."""
 
 
-def unpack_cycle(body: bytes) -> CycleRecord:
-    """A cycle from its body."""
-    return CycleRecord(*msgspec.structs.astuple(_decode_cycle(body)))
-
-
 def pack_diagnostics(stamp_ns: int, statuses: Sequence[DiagnosticStatus]) -> bytes:
     """Diagnostics as a body."""
     return _encoder.encode(DiagnosticsMessage(stamp_ns, tuple(statuses)))
@@ -130,7 +125,7 @@ class CycleCodec:
         """
         try:
             if kind == CYCLE:
-                events, cycle = self.messages(unpack_cycle(body))
+                events, cycle = self.messages(CycleRecord(*msgspec.structs.astuple(_decode_cycle(body))))
                 return [(CYCLE, cycle)] if events is None else [(EVENTS, events), (CYCLE, cycle)]
             if kind == DIAGNOSTICS:
                 unpack_diagnostics(body)

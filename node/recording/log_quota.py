@@ -41,16 +41,13 @@ def part_paths(path: Path) -> list[Path]:
 
 
 def remove_oldest_logs(path: Path, quota: LogQuota, taken: int, keep: Path) -> list[Path]:
-    """Remove the oldest logs until all of them fit.
+    """Remove the oldest logs until all of them fit; returns what was removed.
 
     Args:
         path: The first part of the present log.
         quota: What they may take.
         taken: What the file takes that is being written, bytes.
         keep: That file.
-
-    Returns:
-        What was removed.
     """
     # By their names: each Path made of one would take a place among Python's interned strings, and their table grow.
     others = []

@@ -25,11 +25,10 @@ from segway_ecc.node.ring import LARGEST, RingWriter, open_ring, slots_for
 
 _CLOSE_S: Final = 10.0
 _BUSY_NS: Final = 5_000_000_000
-"""So long a disk may be busy."""
+"""So long a disk may be busy: the ring has room for the cycles of it, 256 to 1,024, and for its diagnostics."""
 _FEWEST: Final = 256
 _MOST: Final = 1024
 _DIAGNOSTICS_BYTES: Final = 65_536
-"""Of as long."""
 _logger = logging.getLogger(__name__)
 
 
@@ -65,7 +64,8 @@ class ProcessRecorder:
             reason = "a folder on the way is a file" if isinstance(error, FileExistsError) else error.strerror
             raise RecordingError(f"cannot write the log {path}: {reason}; choose another with --log") from error
         self._buffer = bytearray(size)
-        memory = open_ring(ring_slots(layout.period_ns, size))
+        cycles = min(max(_BUSY_NS // layout.period_ns, _FEWEST), _MOST) if layout.period_ns else _MOST
+        memory = open_ring(cycles * slots_for(size) + slots_for(_DIAGNOSTICS_BYTES))
         try:
             self._ring = RingWriter(memory)
             self._process = start_helper("segway_ecc.node.recording.writer", (str(memory),), (memory,))
@@ -101,14 +101,3 @@ class ProcessRecorder:
         self.dropped += self._ring.held()
         if self.dropped:
             _logger.warning("%d records are missing in the log %s", self.dropped, self._path)
-
-
-def ring_slots(period_ns: int, cycle_bytes: int) -> int:
-    """Slots of the ring between the loop and the writer, for what comes while a disk is busy.
-
-    Args:
-        period_ns: Of the loop; 0 where it is not known.
-        cycle_bytes: What a cycle takes; there is room for 256 to 1,024 of them.
-    """
-    cycles = min(max(_BUSY_NS // period_ns, _FEWEST), _MOST) if period_ns else _MOST
-    return cycles * slots_for(cycle_bytes) + slots_for(_DIAGNOSTICS_BYTES)

@@ -19,11 +19,9 @@ _DBC_FILE: Final = "wheel_board.dbc"
 
 
 def provenance_of(file: RobotFile, text: str | None = None) -> Provenance:
-    """Where a run of a robot comes from, but for the software and the machine, which the log adds.
+    """Where a run of a robot comes from, by its file in force, and as it was written where there is such a text.
 
-    Args:
-        file: The robot file as it is in force.
-        text: The file as it was written, where there is one.
+    The software and the machine are added by the log.
     """
     attachments = {ROBOT_FILE: msgspec.json.format(msgspec.json.encode(file)).decode()}
     if text is not None:

@@ -27,23 +27,8 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import ModelError, RosUnavailableError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.ring import RingReader, RingWriter
+from segway_ecc.node.ros import protocol
 from segway_ecc.node.ros.messages import RosObject
-from segway_ecc.node.ros.protocol import (
-    FromLoop,
-    InboxMessage,
-    NumberedAnswer,
-    NumberedRequest,
-    RosSettings,
-    ToLoop,
-    WriteRequest,
-    WriteResult,
-    decode_answer,
-    decode_report,
-    decode_stamp,
-    decode_status,
-    decode_write_result,
-    encoder,
-)
 from segway_ecc.node.ros.runtime import preload, ros_node
 from segway_ecc.node.ros.stage import RosStage
 from segway_ecc.node.safety.modes import Answer
@@ -57,7 +42,8 @@ _LOOK_S: Final = 0.1
 """Between two looks who subscribes, and whether the loop's process has gone. Where nobody subscribes to what is
 published of each cycle the loop does not report it, and what else it reports waits as long."""
 HANGS_S: Final = 10
-"""After so long in a call of DDS this process ends with status 1: the loop then knows that it has no ROS."""
+"""After so long in a call of DDS this process ends with status 1: the loop then knows that it has no ROS. The watchdog
+is a thread of C: it runs also while a call of DDS hangs that holds the interpreter's lock. Feeding it takes 50 us."""
 _LEAVES_S: Final = 4
 """So long it has to leave ROS: where several nodes left at once, Fast DDS was seen to go round in circles for ever."""
 _LOOK_AROUND_S: Final = 0.5
@@ -66,15 +52,6 @@ _IN_ONE_MESSAGE: Final = 50
 """Set-points and values, so that no message fills the ring."""
 _UNANSWERED: Final = 100
 """Requests that may wait for the loop's answer; the oldest is discarded."""
-
-
-def end_process_after(seconds: float) -> None:
-    """End this process with status 1 and a trace of its threads, unless this is called again before.
-
-    The watchdog is a thread of C: it runs also while a call of DDS hangs that holds the interpreter's lock, as those
-    that publish do. A call takes 50 us.
-    """
-    faulthandler.dump_traceback_later(seconds, exit=True)
 
 
 class WaitSet:
@@ -129,7 +106,7 @@ class Subscriptions:
         self._period_s = period_ns * 1e-9
         self._number = 0
         self._answers: dict[int, Callable[[Answer], None]] = {}
-        self.write_results: queue.SimpleQueue[WriteResult] = queue.SimpleQueue()
+        self.write_results: queue.SimpleQueue[protocol.WriteResult] = queue.SimpleQueue()
 
     def run(self, wait_set: WaitSet, stage: RosStage) -> None:
         """Listen until it is stopped."""
@@ -145,11 +122,7 @@ class Subscriptions:
         finally:
             self.is_running = False
 
-    def report_subscribers(self, *, has_subscribers: bool) -> None:
-        """Report to the loop whether anybody subscribes to what is published of each cycle; any thread may."""
-        self._put(ToLoop.SUBSCRIBED, has_subscribers)
-
-    def answer(self, answered: NumberedAnswer) -> None:
+    def answer(self, answered: protocol.NumberedAnswer) -> None:
         """Answer a request."""
         send = self._answers.pop(answered.number, None)
         if send is not None:
@@ -162,7 +135,7 @@ class Subscriptions:
             ModelError: The model refuses it, or the loop does not answer.
         """
         self._number += 1
-        self._put(ToLoop.WRITE, WriteRequest(self._number, name, value))
+        self.put(protocol.ToLoop.WRITE, protocol.WriteRequest(self._number, name, value))
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
@@ -183,16 +156,16 @@ class Subscriptions:
             self._answers[self._number] = request.answer
             if len(self._answers) > _UNANSWERED:
                 del self._answers[next(iter(self._answers))]
-            requests.append(NumberedRequest(request.action, self._number))
+            requests.append(protocol.NumberedRequest(request.action, self._number))
         setpoints, values, stations = inbox.setpoints, inbox.values, inbox.stations
         while setpoints or values or stations or requests:
-            message = InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
-            self._put(ToLoop.INBOX, message)
+            message = protocol.InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
+            self.put(protocol.ToLoop.INBOX, message)
             setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
 
-    def _put(self, kind: ToLoop, what: object) -> None:
-        """Hand a message over; wait where there is no room: DDS keeps what is newest."""
-        body = encoder.encode(what)
+    def put(self, kind: protocol.ToLoop, what: object) -> None:
+        """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest."""
+        body = protocol.encoder.encode(what)
         while self.is_running:
             with self._putting:
                 if self._inboxes.put(kind, body):
@@ -238,37 +211,33 @@ class Publishing:
                 self._is_over = self._is_over or bool(select.select([source], [], [], 0.0)[0])
 
     def _look_who_subscribes(self) -> None:
-        end_process_after(HANGS_S)
+        faulthandler.dump_traceback_later(HANGS_S, exit=True)
         before, self._has_subscribers = self._has_subscribers, self._stage.update_subscribed_topics()
         if self._has_subscribers is not before:
-            self._subscriptions.report_subscribers(has_subscribers=self._has_subscribers)
+            self._subscriptions.put(protocol.ToLoop.SUBSCRIBED, self._has_subscribers)
 
     def _handle(self, kind: int, body: bytes) -> None:
         match kind:
-            case FromLoop.REPORT:
+            case protocol.FromLoop.REPORT:
                 if self._has_subscribers:
-                    report = decode_report(body)
+                    report = protocol.decode_report(body)
                     self._reported_ns = report.at_ns
                     self._stage.publish(report)
-            case FromLoop.STATUS:
-                self._statuses.append(decode_status(body))
-            case FromLoop.DIAGNOSTICS:
-                self._stage.publish_diagnostics(decode_stamp(body), self._statuses)
+            case protocol.FromLoop.STATUS:
+                self._statuses.append(protocol.decode_status(body))
+            case protocol.FromLoop.DIAGNOSTICS:
+                self._stage.publish_diagnostics(protocol.decode_stamp(body), self._statuses)
                 self._statuses = []
-            case FromLoop.ANSWER:
-                self._subscriptions.answer(decode_answer(body))
-            case FromLoop.WRITTEN:
-                self._subscriptions.write_results.put(decode_write_result(body))
+            case protocol.FromLoop.ANSWER:
+                self._subscriptions.answer(protocol.decode_answer(body))
+            case protocol.FromLoop.WRITTEN:
+                self._subscriptions.write_results.put(protocol.decode_write_result(body))
             case _:
                 self._is_over = True
 
 
-def run_ros(settings: RosSettings, source: int) -> None:
-    """Be the robot in ROS until the loop ends.
-
-    Args:
-        settings: What the robot is.
-        source: A file descriptor, which ends when the loop's process has.
+def run_ros(settings: protocol.RosSettings, source: int) -> None:
+    """Be the robot in ROS until the loop ends; `source` is a file descriptor that ends when the loop's process has.
 
     Raises:
         RosUnavailableError: ROS does not start.
@@ -288,7 +257,7 @@ def run_ros(settings: RosSettings, source: int) -> None:
             with real_time_priority(HELPERS_PRIORITY):
                 publishing.run(source)
         finally:
-            end_process_after(_LEAVES_S)
+            faulthandler.dump_traceback_later(_LEAVES_S, exit=True)
             subscriptions.is_running = False
             wait_set.wake()
             listening.join()
@@ -305,7 +274,7 @@ def main() -> int:
         line = sys.stdin.buffer.readline()  # empty where the loop's process has ended before it had a robot
         if line:
             with messages():
-                run_ros(msgspec.json.decode(line, type=RosSettings), sys.stdin.fileno())
+                run_ros(msgspec.json.decode(line, type=protocol.RosSettings), sys.stdin.fileno())
     except RosUnavailableError as error:
         with contextlib.suppress(BrokenPipeError):
             print(error, flush=True)  # noqa: T201 - as above

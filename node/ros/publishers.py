@@ -11,6 +11,7 @@ from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX
 from segway_ecc.node.cycle.status import Level
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.messages import NS_PER_S, STAMP, RosObject, Template, message_type, set_stamp
+from segway_ecc.node.ros.protocol import RosSettings
 
 _DEPTH: Final = 10
 AHEAD_DEPTH: Final = 500
@@ -19,6 +20,8 @@ _SCALARS: Final = {
     "linear_velocity": "odometry.linear_velocity",
     "angular_velocity": "odometry.angular_velocity",
 }
+_STAND: Final = "stand"
+"""The value that makes a robot stand up, or sit down."""
 _BATTERY_PERIOD_NS: Final = 500_000_000
 _MODE_PERIOD_NS: Final = 100_000_000
 _NOT_MEASURED: Final = -1.0
@@ -34,6 +37,17 @@ class Topic(NamedTuple):
     def has_subscribers(self) -> bool:
         """Whether anybody subscribes to it."""
         return bool(self.publisher.get_subscription_count())
+
+
+def make_topics(node: RosObject, settings: RosSettings) -> list[Topic]:
+    """All that a robot publishes of each cycle."""
+    stand = settings.set_names.index(_STAND) if _STAND in settings.set_names else None
+    return [
+        make_mode_publisher(node, settings.robot, stand=stand),  # the first: a stop is confirmed by it
+        _setpoint(node, settings.ros),
+        *make_publishers(node, settings.ros, settings.published),
+        *(_number(node, topic.replace(".", "/"), "topics", place) for place, topic in enumerate(settings.topics)),
+    ]
 
 
 def make_mode_publisher(node: RosObject, robot_name: str, *, stand: int | None) -> Topic:
@@ -109,12 +123,7 @@ def make_publishers(node: RosObject, ros: RosSection, signals: Sequence[str]) ->
     return publishers
 
 
-def make_scalar_publishers(node: RosObject, topics: Sequence[str]) -> list[Topic]:
-    """The topics of type std_msgs/Float64 that variables are published on."""
-    return [_number(node, topic.replace(".", "/"), "topics", place) for place, topic in enumerate(topics)]
-
-
-def make_setpoint_publisher(node: RosObject, ros: RosSection) -> Topic:
+def _setpoint(node: RosObject, ros: RosSection) -> Topic:
     """Publishes which set-point came into force, and when: whoever sent it can check that it did."""
     kind = message_type("geometry_msgs/msg/TwistStamped")
     message, publisher = kind(), node.create_publisher(kind, "setpoint", AHEAD_DEPTH)

@@ -182,25 +182,21 @@ def connections(node: RosObject, namespace: str) -> list[Connection]:
     return sorted(found, key=lambda c: (c.topic, c.publisher, c.subscriber, c.type_name))
 
 
-def mismatch(topic: str, ours: str, peer: RosObject) -> str | None:
-    """Why a publisher never reaches our reliable subscription, with the fix; None where it does.
-
-    Args:
-        topic: The topic.
-        ours: The type we take.
-        peer: The publisher's TopicEndpointInfo.
-    """
-    if peer.topic_type != ours:
-        return (
-            f"{_full_name(peer)} publishes {peer.topic_type} on {topic}, which takes {ours}: they never meet. "
-            f"Publish {ours}, or remap it away"
-        )
-    if peer.qos_profile.reliability.name == "BEST_EFFORT":
-        return (
-            f"{_full_name(peer)} publishes {topic} best-effort, and we ask for reliable: they never meet. "
-            "Set its reliability to reliable"
-        )
-    return None
+def mismatches(node: RosObject, subscription: RosObject) -> Iterator[str]:
+    """Why publishers never reach a reliable subscription of ours, each with the fix."""
+    topic, kind = subscription.topic_name, subscription.msg_type
+    ours = f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
+    for peer in node.get_publishers_info_by_topic(topic):
+        if peer.topic_type != ours:
+            yield (
+                f"{_full_name(peer)} publishes {peer.topic_type} on {topic}, which takes {ours}: they never meet. "
+                f"Publish {ours}, or remap it away"
+            )
+        elif peer.qos_profile.reliability.name == "BEST_EFFORT":
+            yield (
+                f"{_full_name(peer)} publishes {topic} best-effort, and we ask for reliable: they never meet. "
+                "Set its reliability to reliable"
+            )
 
 
 def _full_name(info: RosObject) -> str:

@@ -12,15 +12,8 @@ from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_type, newest_only, stamp_ns
 from segway_ecc.node.ros.parameters import ModelParameters
 from segway_ecc.node.ros.protocol import RosSettings
-from segway_ecc.node.ros.publishers import (
-    AHEAD_DEPTH,
-    Topic,
-    make_mode_publisher,
-    make_publishers,
-    make_scalar_publishers,
-    make_setpoint_publisher,
-)
-from segway_ecc.node.ros.runtime import mismatch
+from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_topics
+from segway_ecc.node.ros.runtime import mismatches
 from segway_ecc.node.safety.modes import Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100
@@ -28,8 +21,6 @@ _TAKEN_AT_ONCE: Final = 100
 _COMMAND_DEPTH: Final = 10
 LONGEST_NAME: Final = 80
 """Of a base station, in characters: it is echoed ten times a second."""
-_STAND: Final = "stand"
-"""The value that makes a robot stand up, or sit down."""
 _WARNINGS_AT_MOST: Final = 100
 _logger = logging.getLogger(__name__)
 
@@ -43,26 +34,13 @@ class RosStage:
     """
 
     def __init__(self, node: RosObject, settings: RosSettings, write: Callable[[str, float], None]) -> None:
-        """Offer a robot's topics, services and parameters.
-
-        Args:
-            node: Whose they are to be.
-            settings: What the robot is.
-            write: Writes a parameter of the model by its name, or raises `ModelError`.
-        """
+        """Offer a robot's topics, services and parameters; `write` writes one of the model or raises `ModelError`."""
         self._node = node
-        ros, set_names = settings.ros, settings.set_names
-        stand = set_names.index(_STAND) if _STAND in set_names else None
-        self._topics = [
-            make_mode_publisher(node, settings.robot, stand=stand),  # the first: a stop is confirmed by it
-            make_setpoint_publisher(node, ros),
-            *make_publishers(node, ros, settings.published),
-            *make_scalar_publishers(node, settings.topics),
-        ]
+        self._topics = make_topics(node, settings)
         self._subscribed: list[Topic] = []
         self._takers: dict[int, Callable[[Inbox], None]] = {}
         self.subscriptions: list[RosObject] = []
-        self._subscribe_inputs(set_names)
+        self._subscribe_inputs(settings.set_names)
         self._watched = tuple(self.subscriptions[:2])  # the set-points
         own_services = [self._serve(action) for action in Action]
         self._parameters = ModelParameters(node, settings.parameters, write, own_services)
@@ -113,12 +91,8 @@ class RosStage:
         subscription = self._watched[self._looks % len(self._watched)]
 
         def look() -> None:
-            kind = subscription.msg_type
-            ours = f"{kind.__module__.split('.', maxsplit=1)[0]}/msg/{kind.__name__}"
-            for peer in self._node.get_publishers_info_by_topic(subscription.topic_name):
-                text = mismatch(subscription.topic_name, ours, peer)
-                if text is not None:
-                    self._warn_once(text)
+            for text in mismatches(self._node, subscription):
+                self._warn_once(text)
 
         self._guarded(look)
 
