@@ -91,13 +91,7 @@ def _file_system(image: Path, label: str, size_mib: int, epoch: int, words: Sequ
 
 @dataclass(frozen=True, slots=True)
 class PartitionContent:
-    """What the data partition has to hold, each in bytes.
-
-    Attributes:
-        release: One release as it is pushed.
-        logs: The logs of runs.
-        system: What /var begins with.
-    """
+    """What the data partition has to hold, bytes: one release as it is pushed, logs, and what /var begins with."""
 
     release: int
     logs: int

@@ -124,7 +124,6 @@ class Host:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the connection."""
         words = self.command("-O", "exit")
         with contextlib.suppress(OSError, subprocess.TimeoutExpired):
             subprocess.run(words, capture_output=True, timeout=10.0, check=False)  # noqa: S603 - our own words
@@ -151,7 +150,7 @@ class Host:
             files: Where the files lie that the robot may ask for.
 
         Returns:
-            The last event.
+            What the last event carries.
 
         Raises:
             UnreachableError: There is no connection.
@@ -201,7 +200,7 @@ class Host:
                 case "failed":
                     raise UpdateFailedError(f"{self.address}: {event['text']}; see: segway-ecc deploy status")
                 case "end":
-                    return dict(event)
+                    return {key: value for key, value in event.items() if key != "event"}
         raise self._lost(process, step, errors)
 
     def _lost(self, process: subprocess.Popen[bytes], step: str, errors: IO[bytes]) -> Exception:

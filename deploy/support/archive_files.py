@@ -53,13 +53,7 @@ Value: TypeAlias = str | Sequence[str] | bytes | None
 
 
 class LogFile(NamedTuple):
-    """A log.
-
-    Attributes:
-        name: Of the file.
-        size: Bytes.
-        changed_ns: When it was last written, ns since the Unix epoch.
-    """
+    """A log: its file, size in bytes, and when it was last written, ns since the Unix epoch."""
 
     name: str
     size: int
@@ -124,13 +118,7 @@ class FileRequest(NamedTuple):
 
 
 class FinishedBundle(NamedTuple):
-    """A support bundle that can be fetched.
-
-    Attributes:
-        name: Of the file.
-        size: Bytes.
-        sha256: Of its content, in hexadecimal digits.
-    """
+    """A support bundle that can be fetched: its file, size in bytes, and SHA-256 in hexadecimal digits."""
 
     name: str
     size: int

@@ -41,13 +41,7 @@ class ArchiveServer:
     """Answers requests for parameters, in a loop of its own."""
 
     def __init__(self, node: RosObject, answer: Callable[[str], Value], bytes_per_s: float) -> None:
-        """Answer through `node`, which has no parameter services of its own.
-
-        Args:
-            node: Who answers.
-            answer: What the value of a parameter is.
-            bytes_per_s: How much may leave in a second.
-        """
+        """Answer through `node`, which has no parameter services of its own; `answer` knows a parameter's value."""
         executors = importlib.import_module("rclpy.executors")
         self._answer = answer
         self._bytes_per_s = bytes_per_s
@@ -97,7 +91,6 @@ class NoArchiveError(NobodyListensError):
     """A robot hands out nothing; the text names what to start there."""
 
     def __init__(self, robot: str) -> None:
-        """Name what to start on the robot of a namespace."""
         more = "" if robot == "/" else f" --namespace {robot}"
         super().__init__(f"robot {robot} hands out nothing; on the robot, start: segway-ecc log archive ROBOT{more}")
 

@@ -36,12 +36,7 @@ Content: TypeAlias = str | Stored
 
 
 class Collected(NamedTuple):
-    """What a part found.
-
-    Attributes:
-        files: By name.
-        missing: What could not be had, and why.
-    """
+    """What a part found: files by their names, and what could not be had, and why."""
 
     files: Mapping[str, Content]
     missing: Sequence[str] = ()
@@ -52,13 +47,7 @@ Parts: TypeAlias = Mapping[str, Callable[[], Collected]]
 
 
 class FileEntry(msgspec.Struct, frozen=True):
-    """A file in a bundle.
-
-    Attributes:
-        name: Its name.
-        bytes: Its size.
-        sha256: Of its content.
-    """
+    """A file in a bundle: its size, and the SHA-256 of its content."""
 
     name: str
     bytes: int
@@ -66,14 +55,7 @@ class FileEntry(msgspec.Struct, frozen=True):
 
 
 class PartEntry(msgspec.Struct, frozen=True):
-    """What became of a part.
-
-    Attributes:
-        part: Its name.
-        state: `complete`, `partly` or `missing`.
-        files: What it has.
-        missing: What could not be had, and why.
-    """
+    """What became of a part: `complete`, `partly` or `missing`, the files that it has, and what is missing, and why."""
 
     part: str
     state: str
@@ -82,13 +64,7 @@ class PartEntry(msgspec.Struct, frozen=True):
 
 
 class BundleManifest(msgspec.Struct, frozen=True):
-    """What is in a bundle, and what is not.
-
-    Attributes:
-        about: Whose it is.
-        made: When, UTC.
-        parts: The parts.
-    """
+    """What is in a bundle, and what is not; whose it is, and when it was made, UTC."""
 
     about: Mapping[str, str]
     made: str

@@ -41,14 +41,9 @@ MakeBundle: TypeAlias = Callable[[Path], Path]
 
 
 class Worker:
-    """Runs tasks, each known by a key, and keeps their results. Used by one thread.
-
-    Attributes:
-        key: Of the task that runs, or ran last.
-    """
+    """Runs tasks, each known by a key, and keeps their results; `key` is that of the last. Used by one thread."""
 
     def __init__(self) -> None:
-        """Begin with nothing done."""
         self.key = ""
         self._results: OrderedDict[str, str] = OrderedDict()
         self._thread: threading.Thread | None = None
@@ -101,14 +96,7 @@ class FileStore:
     def __init__(
         self, logs: Path, work: Path, make: MakeBundle, clock_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
-        """Hand out the logs of a folder, and bundles.
-
-        Args:
-            logs: The logs.
-            work: A folder of ours, for the newest bundle.
-            make: Makes a bundle.
-            clock_ns: The monotonic clock, ns.
-        """
+        """Hand out the logs of one folder, and from another, which is ours, the newest bundle that was made."""
         self._logs = logs
         self._work = work
         self._make = make

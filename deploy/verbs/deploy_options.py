@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from segway_ecc.deploy.release.agent.update import Rules
 from segway_ecc.deploy.release.host import ROBOT_CONFIG, ROOT, Event, Host, UpdateFailedError
@@ -71,11 +71,6 @@ def show_step(event: Event) -> None:
         sys.stderr.write(f"{event['step']}\n")
 
 
-def values(event: Event) -> dict[str, Any]:
-    """What an event carries."""
-    return {key: value for key, value in event.items() if key != "event"}
-
-
 def run_update(options: argparse.Namespace, change: Callable[[Host, Rules], Event]) -> int:
     """Have the robot change its release, print how that ended, and return 0.
 
@@ -83,7 +78,7 @@ def run_update(options: argparse.Namespace, change: Callable[[Host, Rules], Even
         UpdateFailedError: The version is not healthy.
     """
     with connection(options) as host:
-        ended = values(change(host, rules(options)))
+        ended = change(host, rules(options))
     text = f"{options.host}: {_ENDINGS[ended['outcome']].format(**ended)}"
     if options.json:
         print_json({"host": options.host, **ended})

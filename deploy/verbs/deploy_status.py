@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from segway_ecc.deploy.release.requests import status
-from segway_ecc.deploy.verbs.deploy_options import add_host, connection, values
+from segway_ecc.deploy.verbs.deploy_options import add_host, connection
 from segway_ecc.node.cli.options import print_json
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Ask the robot, and print its answer."""
     with connection(options) as host:
-        found = values(status(host, verify=options.verify))
+        found = status(host, verify=options.verify)
     if options.json:
         print_json({"host": host.address, **found})
     else:

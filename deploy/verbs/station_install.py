@@ -17,7 +17,7 @@ from segway_ecc.deploy.station.installer.machine import ACCESS, USER, TargetMach
 from segway_ecc.deploy.station.installer.settings import DISCOVERY, InstallSettings
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.site_address import SiteAddress, url
-from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
+from segway_ecc.deploy.verbs.station_serve import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.options import add_json, print_json, print_table
 from segway_ecc.node.errors import ConfigurationError
 

@@ -9,6 +9,7 @@ import importlib.util
 import logging
 import socket
 import ssl
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -16,16 +17,16 @@ from typing import Final
 from segway_ecc.deploy.station.archive_client import ArchiveClient
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.station_bundle import StationBundle
-from segway_ecc.deploy.station.web.access import Access, load_access, new_access
+from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_access
 from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, tls_context, url
 from segway_ecc.deploy.support.archive_service import ArchiveCalls
-from segway_ecc.deploy.verbs.station_options import PLAIN_HTTP, add_listening, show_tokens
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.ros.runtime import require_ros
 
+PLAIN_HTTP: Final = "plain HTTP: whoever is on this network can read the token and use it; give --certificate and --key"
 _PORT: Final = 8700
 _LARGEST_PORT: Final = 65_535
 _LONGEST_NAME: Final = 80
@@ -43,6 +44,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option("--folder", type=Path, metavar="DIR", help="where tokens and the audit log are kept")
     option("--logs", type=Path, metavar="DIR", help="where the logs lie that the page offers")
     option("--name", default="", help="what the robots know the station by (default: this machine's name)")
+
+
+def add_listening(parser: argparse.ArgumentParser) -> None:
+    """By which names the page is served, with which certificate, and whether tokens are made anew."""
+    option = parser.add_argument
+    option("--host", action="append", default=[], metavar="NAME", help="another name by which browsers find us")
+    option("--certificate", type=Path, metavar="FILE", help="certificate chain for TLS, PEM")
+    option("--key", type=Path, metavar="FILE", help="its private key, where it is not in the same file")
+    option("--new-tokens", action="store_true", help="make new tokens; the old ones are good for nothing any more")
+
+
+def show_tokens(tokens: Mapping[Role, str]) -> None:
+    """Print new tokens, at once, since they hold whatever fails next; never through the messages, which may be kept."""
+    rows = "".join(f"  {role.value:<8}  {token}\n" for role, token in tokens.items())
+    sys.stderr.write(f"segway-ecc: new tokens, shown this once; keep them:\n{rows}")
+    sys.stderr.flush()
 
 
 @ends_at_once()

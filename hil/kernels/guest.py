@@ -34,8 +34,7 @@ _ENDS_WITHIN_S = 2.0
 class Console:
     """Splits the guest's console by the marks that its first process writes around the command's output.
 
-    Attributes:
-        output: The output of the command, in pieces of at most a line.
+    That is kept in `output`, in pieces of at most a line.
     """
 
     def __init__(self, token: str, on_output: Callable[[str], None] | None) -> None:

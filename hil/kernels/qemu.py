@@ -147,7 +147,6 @@ def _busybox() -> bytes:
 
 
 def _newest_kernel() -> Path | None:
-    """Find the newest PREEMPT_RT kernel that has its modules."""
     kernels = [path for path in _KERNELS.glob(_KERNEL_NAME) if os.access(path, os.R_OK)]
     whole = [path for path in kernels if (_modules_of(path) / "modules.dep").is_file()]
     return max(whole, key=lambda path: [int(number) for number in re.findall(r"\d+", path.name)], default=None)

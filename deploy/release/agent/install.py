@@ -5,7 +5,6 @@ import dataclasses
 import json
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any, BinaryIO, Final
 
 from segway_ecc.deploy.release.agent.files import AgentRefusedError, is_safe, sha256_of, sync_folder, write_whole
 from segway_ecc.deploy.release.agent.journal import Reporter, stamp
+from segway_ecc.deploy.release.agent.services import run
 from segway_ecc.deploy.release.agent.store import (
     MANIFEST,
     ROBOT_FILE,
@@ -166,7 +166,6 @@ def self_test(store: Store, manifest: ReleaseManifest, config: Path, reporter: R
 
 
 def _reuse_file(store: Store, others: Sequence[ReleaseManifest], path: str, digest: FileDigest, place: Path) -> None:
-    """Take a file from another release that has it."""
     for manifest in others:
         theirs = store.folder(manifest.name) / path
         if manifest.files.get(path) == digest and not digest.mismatch(theirs):
@@ -192,18 +191,7 @@ def _receive_file(stream: BinaryIO, place: Path, digest: FileDigest) -> None:
 
 
 def _run(words: Sequence[str], within_s: float) -> str:
-    try:
-        done = subprocess.run(  # noqa: S603 - our own words, each an argument of its own
-            [*_NICE, *words],
-            capture_output=True,
-            text=True,
-            timeout=within_s,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            cwd="/",
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise AgentRefusedError(f"{words[0]}: {error}") from None
+    done = run([*_NICE, *words], within_s, "/")
     if done.returncode:
         last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-3:]
         raise AgentRefusedError(f"{' '.join(words[:5])} ... ended with {done.returncode}: {' / '.join(last)}")

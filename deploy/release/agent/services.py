@@ -72,7 +72,7 @@ def show(unit: str = NODE) -> Service:
     Raises:
         AgentRefusedError: There is no systemd, or it does not answer.
     """
-    done = _run(["systemctl", "show", f"--property={_PROPERTIES}", "--", unit], 10.0)
+    done = run(["systemctl", "show", f"--property={_PROPERTIES}", "--", unit], 10.0)
     if done.returncode:
         raise AgentRefusedError(f"systemctl show {unit}: {done.stderr.strip() or done.returncode}")
     found = dict(line.split("=", 1) for line in done.stdout.splitlines() if "=" in line)
@@ -97,19 +97,24 @@ def restart(command: Sequence[str]) -> str | None:
         if not words:
             installed = [unit for unit in UNITS if unit == NODE or show(unit).load == "loaded"]
             words = ["systemctl", "restart", "--", *installed]
-            _run(["systemctl", "daemon-reload"], _COMMAND_S)
+            run(["systemctl", "daemon-reload"], _COMMAND_S)
             # A version that kept failing may have used up the start limit, which would keep the next one down too.
-            _run(["systemctl", "reset-failed", "--", *installed], _COMMAND_S)
-        done = _run(words, _COMMAND_S)
+            run(["systemctl", "reset-failed", "--", *installed], _COMMAND_S)
+        done = run(words, _COMMAND_S)
     except AgentRefusedError as error:
         return str(error)
     return f"{' '.join(words)}: {done.stderr.strip() or done.returncode}" if done.returncode else None
 
 
-def _run(words: Sequence[str], within_s: float) -> subprocess.CompletedProcess[str]:
+def run(words: Sequence[str], within_s: float, folder: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end.
+
+    Raises:
+        AgentRefusedError: It cannot be run, or takes longer.
+    """
     try:
         return subprocess.run(  # noqa: S603 - our own words, or the command that the operator gave
-            words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL
+            words, capture_output=True, text=True, timeout=within_s, check=False, stdin=subprocess.DEVNULL, cwd=folder
         )
     except OSError as error:
         raise AgentRefusedError(f"{words[0]} cannot be run: {error.strerror}") from None

@@ -93,7 +93,6 @@ class Update:
         return dataclasses.replace(failed, phase="back", outcome=WENT_BACK, reason=reason)
 
     def _trial_failure(self, transaction: Transaction, before: Service) -> str | None:
-        """Why the release is not healthy, or None."""
         self._phase(transaction, "restart")
         reason = restart(self._rules.restart)
         self._phase(transaction, "trial")
