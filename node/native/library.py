@@ -73,6 +73,11 @@ class Description:
     states: tuple[Variable, ...]
     warnings: tuple[str, ...] = ()
 
+    @property
+    def by_kind(self) -> tuple[tuple[Variable, ...], ...]:
+        """All variables, in the order of `Kind`."""
+        return self.inputs, self.outputs, self.parameters, self.states
+
 
 @enum.unique
 class Kind(enum.IntEnum):
@@ -117,13 +122,8 @@ class NativeModel:
         self._shown = struct.Struct(f"{len(description.outputs)}d").unpack_from
         self._places = {
             variable.name: (kind, index, variable)
-            for kind, variables in (
-                (Kind.OUTPUT, description.outputs),
-                (Kind.INPUT, description.inputs),
-                (Kind.STATE, description.states),
-                (Kind.PARAMETER, description.parameters),
-            )
-            for index, variable in enumerate(variables)
+            for kind in (Kind.OUTPUT, Kind.INPUT, Kind.STATE, Kind.PARAMETER)
+            for index, variable in enumerate(description.by_kind[kind])
         }
         # Without declared types, and with references made once: what ctypes converts in a call costs more than a step.
         self._step = self._library["ecc_step"]

@@ -19,7 +19,7 @@ enum { SECTIONS = 5 };
 enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR, STATUS_FATAL };
 enum { TERMINATED = 3, CO_SIMULATION = 1 };
 
-/* What the loader found out; the same fields in the same order as Plan in node/native/fmu.py, which keeps them alive. */
+/* What the loader found out; the same fields in the same order as Plan in node/native/fmu/load.py, which keeps them alive. */
 typedef struct {
     int32_t count;
     const uint32_t *references;

@@ -29,18 +29,12 @@ class FmuLayout:
 
     Attributes:
         description: What the runtime shows.
-        inputs: The valueReferences of the description's inputs, in its order.
-        outputs: Those of its outputs.
-        parameters: Those of its parameters.
-        states: Those of its states.
+        references: The valueReferences of the description's variables, by `Kind` and in its order.
         followers: For each parameter the place of the state that starts from it, or -1 where the FMU sees to it.
     """
 
     description: Description
-    inputs: tuple[int, ...]
-    outputs: tuple[int, ...]
-    parameters: tuple[int, ...]
-    states: tuple[int, ...]
+    references: tuple[tuple[int, ...], ...]
     followers: tuple[int, ...]
 
 
@@ -67,9 +61,9 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
             "export it again"
         )
     reals = [variable for variable in facts.variables if variable.is_real]
-    groups = {causality: [v for v in reals if v.causality is causality] for causality in Causality}
-    inputs, outputs = groups[Causality.INPUT], groups[Causality.OUTPUT]
-    parameters = groups[Causality.PARAMETER] + groups[Causality.CALCULATED_PARAMETER]
+    of = {causality: [v for v in reals if v.causality is causality] for causality in Causality}
+    inputs, outputs = of[Causality.INPUT], of[Causality.OUTPUT]
+    parameters = of[Causality.PARAMETER] + of[Causality.CALCULATED_PARAMETER]
     states = _states(facts, twenty_sim)
     # 20-sim's FMUs set states before they take parameters, and name the initial value of a state so.
     can_restart = twenty_sim is not None and (not twenty_sim.globals or bool(twenty_sim.restart_symbols))
@@ -93,9 +87,9 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
         states=tuple(_plain(variable, twenty_sim, state_writes[variable.initial == "exact"]) for variable in states),
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
-    ported = (inputs, outputs, parameters, states)
-    places = [tuple(variable.reference for variable in variables) for variables in ported]
-    return FmuLayout(description, places[0], places[1], places[2], places[3], followers)
+    groups = (inputs, outputs, parameters, states)
+    references = tuple(tuple(variable.reference for variable in variables) for variables in groups)
+    return FmuLayout(description, references, followers)
 
 
 def _states(facts: Facts, twenty_sim: TwentySim | None) -> list[FmuVariable]:

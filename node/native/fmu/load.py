@@ -25,9 +25,10 @@ from segway_ecc.node.native.library import Kind, NativeModel
 
 LARGEST_BYTES: Final = 2 * 1024**3
 """An FMU that unpacks to more than this is taken for a mistake."""
-
 _BROKEN: Final = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError)
 """What zipfile raises on damaged, truncated, encrypted or unknown content."""
+_FOREVER: Final = 1e300
+"""End of the experiment given to 20-sim's FMUs, s: older ones stop at a baked-in end when they are given none."""
 
 
 def unpack(path: Path) -> Path:
@@ -64,16 +65,11 @@ def _extract(archive: zipfile.ZipFile, path: Path, folder: Path) -> None:
     if total > LARGEST_BYTES:
         raise ModelError(f"FMU {path} is refused: it unpacks to {total} bytes; at most {LARGEST_BYTES} are taken")
     for entry, name in targets:
-        if entry.filename.endswith(("/", "\\")):
-            (folder / name).mkdir(parents=True, exist_ok=True)
-            continue
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        with archive.open(entry) as source, (folder / name).open("wb") as sink:
-            shutil.copyfileobj(source, sink)
-
-
-_FOREVER: Final = 1e300
-"""End of the experiment given to 20-sim's FMUs, s: older ones stop at a baked-in end when they are given none."""
+        is_folder = entry.filename.endswith(("/", "\\"))
+        (folder / name if is_folder else (folder / name).parent).mkdir(parents=True, exist_ok=True)
+        if not is_folder:
+            with archive.open(entry) as source, (folder / name).open("wb") as sink:
+                shutil.copyfileobj(source, sink)
 
 
 class _Group(ctypes.Structure):
@@ -126,36 +122,23 @@ class FmuModel(NativeModel):
             ModelError: The library cannot be loaded, or lacks a function.
         """
         super().__init__(layout.description, shim())
-        place = Path(tempfile.mkdtemp(prefix="segway-ecc-fmu-"))
-        copy = _Copy(self._library, place)
-        # Also at the end of the process, and before the copy's folder goes.
-        self._release = weakref.finalize(self, copy.release)
-        copy.plan = _plan(layout, facts, twenty_sim)
-        copy.plan.library = str(private_copy(library, resources, place)).encode()
+        place, plan = Path(tempfile.mkdtemp(prefix="segway-ecc-fmu-")), _plan(layout, facts, twenty_sim)
+        # Also at the end of the process, and before the copy's folder goes; the library uses the plan until then.
+        weakref.finalize(self, _release, self._library, place, plan, os.getpid())
+        plan.library = str(private_copy(library, resources, place)).encode()
         # A URI in FMI 2.0 (section 2.1.5), a path with a separator at its end in FMI 3.0 (section 2.3.1).
         if facts.version == 2:  # noqa: PLR2004 - the standard's number
-            copy.plan.resources = resources.as_uri().encode()
+            plan.resources = resources.as_uri().encode()
         elif resources.is_dir():
-            copy.plan.resources = f"{resources}/".encode()
+            plan.resources = f"{resources}/".encode()
         self._library.ecc_fmu_open.argtypes = (ctypes.POINTER(_FmuPlan),)
-        self._check(self._library.ecc_fmu_open(ctypes.byref(copy.plan)), "load")
+        self._check(self._library.ecc_fmu_open(ctypes.byref(plan)), "load")
 
 
-class _Copy:
-    """What an instance holds that must be given back; apart from it, so that it can be collected."""
-
-    def __init__(self, library: ctypes.CDLL, place: Path) -> None:
-        self.library = library
-        self.place = place
-        self.plan = _FmuPlan()
-        self.process = os.getpid()
-
-    def release(self) -> None:
-        if os.getpid() != self.process:
-            # A fork that ends leaves its parent's files alone.
-            return
-        self.library.ecc_fmu_close()
-        shutil.rmtree(self.place, ignore_errors=True)
+def _release(library: ctypes.CDLL, place: Path, _plan: _FmuPlan, process: int) -> None:
+    if os.getpid() == process:  # a fork that ends leaves its parent's files alone
+        library.ecc_fmu_close()
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
@@ -183,12 +166,11 @@ def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
 
 
 def _plan(layout: FmuLayout, facts: Facts, twenty_sim: TwentySim | None) -> _FmuPlan:
-    description = layout.description
     plan = _FmuPlan(
         prefix=f"{facts.identifier}_".encode(),
         name=(facts.name or facts.identifier).encode(),
         token=facts.token.encode(),
-        step=description.step_size,
+        step=layout.description.step_size,
         stop=math.inf if twenty_sim is None else _FOREVER,
         version=facts.version,
         followers=(ctypes.c_int32 * len(layout.followers))(*layout.followers),
@@ -199,10 +181,8 @@ def _plan(layout: FmuLayout, facts: Facts, twenty_sim: TwentySim | None) -> _Fmu
                 setattr(plan, name, symbol.encode())
         for place, symbol in enumerate(twenty_sim.restart_symbols):
             plan.restart_symbols[place] = symbol.encode()
-    plan.groups[Kind.INPUT] = _group(layout.inputs, description.inputs)
-    plan.groups[Kind.OUTPUT] = _group(layout.outputs, description.outputs)
-    plan.groups[Kind.PARAMETER] = _group(layout.parameters, description.parameters)
-    plan.groups[Kind.STATE] = _group(layout.states, description.states)
+    for kind, references in enumerate(layout.references):
+        plan.groups[kind] = _group(references, layout.description.by_kind[kind])
     return plan
 
 

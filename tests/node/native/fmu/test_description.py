@@ -80,7 +80,7 @@ class TestDescription:
             ),
             states=(Variable("Plant.x", "1", 0.25, Write.RESET, "the FMU takes its start value when it initializes"),),
         )
-        assert (layout.inputs, layout.outputs, layout.parameters, layout.states) == ((4,), (5, 8), (0, 1, 2), (6,))
+        assert layout.references == ((4,), (5, 8), (0, 1, 2), (6,))
         assert layout.followers == (-1, -1, -1)
 
     @pytest.mark.parametrize("encoding", ["ISO-8859-1", "UTF-8", "UTF-16", "windows-1252"])
@@ -205,7 +205,10 @@ class TestTwentySim:
             for place, name in enumerate(("q[0]", "q[1]", "q[0].extra", "qq[0]"), start=20)
         )
         layout = laid_out(tmp_path, description(Shape.NEW, more=more), replace(NEW, states=("q",)))
-        assert ([state.name for state in layout.description.states], layout.states) == (["q[0]", "q[1]"], (20, 21))
+        assert ([state.name for state in layout.description.states], layout.references[3]) == (
+            ["q[0]", "q[1]"],
+            (20, 21),
+        )
 
     def test_reads_tokens(self, tmp_path: Path) -> None:
         (tmp_path / "tokens.xml").write_text(TOKENS)
