@@ -19,20 +19,12 @@ class _NoDoctype(ET.TreeBuilder):
     """Builds the tree, and stops at a DOCTYPE, before any entity in it can expand."""
 
     def doctype(self, _name: str, _pubid: str | None, _system: str | None) -> None:
-        """Refuse it.
-
-        Raises:
-            ModelError: Always.
-        """
+        """Refuse it: raises ModelError."""
         raise ModelError("it has a DOCTYPE, which no FMU needs")
 
 
 def parse_xml(content: bytes, where: str) -> ET.Element:
-    """Parse an XML document in the encoding it declares.
-
-    Args:
-        content: The document.
-        where: Its name, for messages.
+    """Parse an XML document in the encoding it declares; `where` is its name, for messages.
 
     Raises:
         ModelError: It is not well-formed, or has a DOCTYPE.
@@ -107,7 +99,6 @@ class FmuVariable:
 
     Attributes:
         name: Its name, with `.` for the hierarchy.
-        reference: Its valueReference.
         causality: What it is to those outside.
         variability: When it may change, under the standard's names.
         initial: How its start value is found, under the standard's names; empty where the file leaves it open.
@@ -141,7 +132,6 @@ class Facts:
 
     Attributes:
         version: Major version of FMI: 2 or 3.
-        name: The model's name.
         identifier: Base name of its libraries.
         token: Its guid or instantiationToken.
         tool: What generated it, as it states.

@@ -17,7 +17,6 @@ from segway_ecc.node.native.twenty_sim.names import Ports, Table, choose, label_
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts, find_method, number, setting
 
 _RUNNING: Final = ("Input", "Dynamic", "Output", "Final")
-_ASK: Final = "pass {} to load_model"
 
 
 def describe_model(
@@ -63,7 +62,7 @@ def describe_model(
                 names[kind],
                 found,
                 starts.get(kind) or [0.0] * len(found),
-                effects.get(kind) or [Effect(Write.NEVER, "")] * len(found),
+                effects.get(kind) or [(Write.NEVER, "")] * len(found),
                 strict=True,
             )
         )
@@ -101,7 +100,7 @@ def _method(parts: Parts, given: str | None) -> str:
         return ""
     raise ModelError(
         f"{parts.folder.path} names no integration method (xxinteg and xxsubmod are missing): "
-        + _ASK.format(f"method=, one of {', '.join(METHODS)}")
+        f"pass method=, one of {', '.join(METHODS)} to load_model"
     )
 
 
@@ -113,7 +112,7 @@ def _step_size(parts: Parts, table: Table, given: float | None, warnings: list[s
         )
     step = given if found is None else found
     if step is None:
-        raise ModelError(f"{parts.folder.path} gives no step size: " + _ASK.format("step_size= in s"))
+        raise ModelError(f"{parts.folder.path} gives no step size: pass step_size= in s to load_model")
     if step <= 0.0:
         raise ModelError(f"{parts.folder.path} has a step of {step:g} s, and a step must be longer than zero")
     listed = re.fullmatch(r"\s*([-+.\deE]+)\s*", table.tokens.get("TIME_STEP_SIZE", ""))
@@ -122,29 +121,23 @@ def _step_size(parts: Parts, table: Table, given: float | None, warnings: list[s
     return step
 
 
-class Effect(NamedTuple):
-    """When a write takes effect, and what decides that."""
-
-    write: Write
-    why: str
+Effect = tuple[Write, str]
+"""When a write takes effect, and what decides that."""
 
 
 class _Uses(NamedTuple):
     """The sections in which an element is read, and those in which it is set."""
 
-    read: tuple[str, ...]
-    set: tuple[str, ...]
+    read: list[str]
+    set: list[str]
 
 
 def parameter_effects(parts: Parts, count: int) -> list[Effect]:
     """Return the effect of a write for each parameter, in order."""
-    texts = {
-        index
-        for index, element in enumerate(parts.elements("P"))
-        if re.match(r"\w*String2Double\b", element.value) or element.value.startswith('"')
-    }
+    is_text = re.compile(r"\w*String2Double\b|\"")
+    texts = {index for index, element in enumerate(parts.elements("P")) if is_text.match(element.value)}
     uses = _uses(parts, "P", count)
-    return [Effect(Write.NEVER, "it is a text") if i in texts else _parameter(uses[i]) for i in range(count)]
+    return [(Write.NEVER, "it is a text") if i in texts else _parameter(uses[i]) for i in range(count)]
 
 
 def state_effects(parts: Parts, count: int) -> list[Effect]:
@@ -157,39 +150,38 @@ def state_effects(parts: Parts, count: int) -> list[Effect]:
     effects = []
     for index, uses in enumerate(_uses(parts, "s", count)):
         if computed := [section for section in uses.set if section in _RUNNING]:
-            effects.append(Effect(Write.NEVER, f"the {_and(computed)} equations set it themselves"))
+            effects.append((Write.NEVER, f"the {_and(computed)} equations set it themselves"))
         elif index in rates and rates[index] <= {"0.0", "0"}:
-            effects.append(Effect(Write.NOW, "its rate is zero, so it keeps what is written"))
+            effects.append((Write.NOW, "its rate is zero, so it keeps what is written"))
         else:
-            effects.append(Effect(Write.NOW, "a state; the model moves on from what is written"))
+            effects.append((Write.NOW, "a state; the model moves on from what is written"))
     return effects
 
 
 def _parameter(uses: _Uses) -> Effect:
     if uses.set:
-        return Effect(Write.NEVER, f"the {_and(uses.set)} equations compute it")
+        return (Write.NEVER, f"the {_and(uses.set)} equations compute it")
     if "Static" in uses.read:
         others = [section for section in uses.read if section != "Static"]
         more = f" and {_and(others)}" if others else ""
-        return Effect(Write.STATIC, f"read by the static{more} equations; a write runs the static ones again")
+        return (Write.STATIC, f"read by the static{more} equations; a write runs the static ones again")
     if running := [section for section in uses.read if section in _RUNNING]:
         more = "; by the initial ones at reset" if "Initial" in uses.read else ""
-        return Effect(Write.NOW, f"read by the {_and(running)} equations{more}")
+        return (Write.NOW, f"read by the {_and(running)} equations{more}")
     if uses.read:
-        return Effect(Write.RESET, "read by the initial equations only")
-    return Effect(Write.NEVER, "no equation reads it: it has no effect, or its value is compiled in as a number")
+        return (Write.RESET, "read by the initial equations only")
+    return (Write.NEVER, "no equation reads it: it has no effect, or its value is compiled in as a number")
 
 
 def _uses(parts: Parts, letter: str, count: int) -> list[_Uses]:
-    read: list[list[str]] = [[] for _ in range(count)]
-    assigned: list[list[str]] = [[] for _ in range(count)]
+    uses = [_Uses([], []) for _ in range(count)]
     matrices = _matrices(parts, letter, count)
     for section, body in parts.sections().items():
         for index, is_set in _references(parts, letter, body, matrices, count):
-            places = assigned if is_set else read
-            if section not in places[index]:
-                places[index].append(section)
-    return [_Uses(tuple(r), tuple(a)) for r, a in zip(read, assigned, strict=True)]
+            places = uses[index].set if is_set else uses[index].read
+            if section not in places:
+                places.append(section)
+    return uses
 
 
 def _references(
@@ -223,6 +215,6 @@ def _matrices(parts: Parts, letter: str, count: int) -> dict[int, range]:
     return found
 
 
-def _and(sections: tuple[str, ...] | list[str]) -> str:
+def _and(sections: list[str]) -> str:
     *first, last = (section.lower() for section in sorted(sections, key=SECTIONS.index))
     return f"{', '.join(first)} and {last}" if first else last

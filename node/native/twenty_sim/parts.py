@@ -14,13 +14,11 @@ from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.library import Flavour
-from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Function, SourceFile, assignments
+from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, Folder, Function, SourceFile, comment_at
 
 METHODS: Final = ("Discrete", "Euler", "RungeKutta2", "RungeKutta4")
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output", "Final")
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-
 _PREFIXED: Final = (
     r"(?<!\w)(\w*?)step_size\s*=(?!=)",
     r"(?<!\w)(\w*?)s\s*\[\s*\d+\s*\]\s*=(?!=)",
@@ -157,9 +155,12 @@ class Parts:
 
     def elements(self, letter: str) -> list[Element]:
         """The elements of an array in order, as the code first sets them."""
+        text, code = self.model.text, self.model.code
+        target = re.escape(f"{self.prefix}{letter}")
         found: dict[int, Element] = {}
-        for index, value, comment in assignments(self.model.text, self.model.code, f"{self.prefix}{letter}"):
-            found.setdefault(index, Element(value, comment))
+        for match in re.finditer(rf"(?<![\w.]){target}\s*\[\s*(\d+)\s*\]\s*=(?!=)([^;]*);", code):
+            value = text[match.start(2) : match.end(2)].strip()
+            found.setdefault(int(match[1]), Element(value, comment_at(text, match.end())))
         return [found.get(index, Element("", "")) for index in range(max(found, default=-1) + 1)]
 
 

@@ -261,7 +261,6 @@ def _integrator(parts: Parts, method: str, states: int) -> str:
 
 
 def _define(name: str, lines: Sequence[str], *, arguments: str = "void", result: str = "void") -> str:
-    """Return a function of the shim, on one line."""
     return f"static {result} {name}({arguments}) {{ {' '.join(line for line in lines if line)} }}"
 
 
@@ -295,32 +294,26 @@ def _declared_globals(parts: Parts) -> list[str]:
 
 
 def _run(parts: Parts, *roles: str) -> list[str]:
-    """Return calls of those of the model's functions that it has."""
     return [f"{parts.functions[role].name}();" for role in roles if role in parts.functions]
 
 
 def _assign(parts: Parts, name: str, value: str) -> list[str]:
-    """Return an assignment to a global of the model, if it has that one."""
     return [f"{parts.prefix}{name} = {value};"] if name in parts.symbols else []
 
 
 def _variable(parts: Parts, name: str, otherwise: str = "0.0") -> str:
-    """Return the full name of a global of the model, or something else where it has none."""
     return f"{parts.prefix}{name}" if name in parts.symbols else otherwise
 
 
 def _arguments_of(function: Function) -> list[str]:
-    """Return the arguments of a function, as they are written."""
     return [] if function.arguments in ("", "void") else [part.strip() for part in function.arguments.split(",")]
 
 
 def _is_vector(argument: str) -> bool:
-    """Return whether an argument is an array."""
     return "*" in argument or "[" in argument
 
 
 def _prototype(parts: Parts, function: Function) -> str:
-    """Return the declaration of one of the model's functions."""
     arguments = ["ecc_real *" if _is_vector(argument) else "ecc_real" for argument in _arguments_of(function)]
     return f"extern {_c_type(parts, function.result)} {function.name}({', '.join(arguments) or 'void'});"
 
@@ -330,7 +323,6 @@ def _c_type(parts: Parts, kind: str) -> str:
 
 
 def _embedded(data: Mapping[str, bytes]) -> list[str]:
-    """Return the lines of C that hold the files."""
     if not data:
         return []
     rows = ", ".join(f'{{"{name}", ecc_file_{index}, {len(data[name])}}}' for index, name in enumerate(data))

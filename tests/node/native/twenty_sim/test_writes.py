@@ -96,7 +96,7 @@ def test_a_parameter_acts_where_it_is_read(tmp_path: Path, sections: dict[str, s
 
 def test_a_matrix_stands_for_the_elements_it_lies_over(tmp_path: Path) -> None:
     found = parameter_effects(parts(tmp_path, static="XXInverse (&q_M[1], &q_M[0], q_workarray);"), 4)
-    assert [effect.write for effect in found] == [Write.NEVER, Write.STATIC, Write.STATIC, Write.NEVER]
+    assert [write for write, _ in found] == [Write.NEVER, Write.STATIC, Write.STATIC, Write.NEVER]
 
 
 @pytest.mark.parametrize(
@@ -133,4 +133,4 @@ N, S, R = Write.NOW, Write.STATIC, Write.RESET
 def test_the_fixtures_in_c_and_in_cpp(make: Maker, spec: Spec, expected: list[Write]) -> None:
     for made in (make.submodel(spec), make.cpp_class(spec)):
         found = parameter_effects(find_parts(read_folder(made.path)), len(spec.parameters))
-        assert [effect.write for effect in found] == expected
+        assert [write for write, _ in found] == expected
