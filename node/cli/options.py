@@ -35,12 +35,8 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_file(options: argparse.Namespace) -> RobotFile:
-    """The robot file, with the bus that the command line names."""
-    return _with_lines(load_robot(options.robot), options)
-
-
-def _with_lines(file: RobotFile, options: argparse.Namespace) -> RobotFile:
-    """The robot file with the bus and the serial line that the command line names."""
+    """The robot file, with the bus and the serial line that the command line names."""
+    file = load_robot(options.robot)
     names = ("interface", "channel", "serial")
     wanted = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if not wanted:

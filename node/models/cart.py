@@ -55,11 +55,7 @@ WHEEL_STATES: Final = (
     Variable("LeftRotation", "rad"),
     Variable("RightRotation", "rad"),
 )
-POSE_STATES: Final = (
-    Variable("PoseX", "m"),
-    Variable("PoseY", "m"),
-    Variable("PoseHeading", "rad"),
-)
+POSE_STATES: Final = (Variable("PoseX", "m"), Variable("PoseY", "m"), Variable("PoseHeading", "rad"))
 POSE_OUTPUTS: Final = (
     Variable("X", "m"),
     Variable("Y", "m"),

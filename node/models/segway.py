@@ -14,6 +14,7 @@ from msgspec.structs import astuple
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import Method, SectionedModel
+from segway_ecc.node.models.cart import POSE_OUTPUTS, SETPOINT_STATES
 from segway_ecc.node.models.segway_estimate import Estimate, Estimator, SegwayMeasurement, within
 from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, PhaseRules, Torques, stopped, torques
 from segway_ecc.node.models.segway_parameters import PUBLISHED
@@ -78,8 +79,7 @@ _PHASES: Final = (
     Variable("RunawaySpeed", "m/s", 4.0, Write.STATIC, "faster than the robot ever goes: it gives up"),
 )
 SETPOINTS: Final = (
-    Variable("LinearSetpoint", "m/s", 0.0, Write.NOW),
-    Variable("AngularSetpoint", "rad/s", 0.0, Write.NOW),
+    *SETPOINT_STATES,
     Variable("Stand", "1", 1.0, Write.NOW, "1: stand up and balance; 0: sit down and rest"),
 )
 
@@ -97,16 +97,7 @@ _STATES: Final = (
 _ESTIMATE_AT: Final = len(SETPOINTS)
 _MOTION_AT: Final = _ESTIMATE_AT + len(Estimate.__struct_fields__)
 
-_OUTPUTS: Final = (
-    Variable("X", "m"),
-    Variable("Y", "m"),
-    Variable("Heading", "rad"),
-    Variable("LinearVelocity", "m/s"),
-    Variable("AngularVelocity", "rad/s"),
-    Variable("Pitch", "rad"),
-    Variable("PitchRate", "rad/s"),
-    Variable("Phase", "1"),
-)
+_OUTPUTS: Final = (*POSE_OUTPUTS, Variable("Pitch", "rad"), Variable("PitchRate", "rad/s"), Variable("Phase", "1"))
 
 
 class SegwayController(SectionedModel):
@@ -147,14 +138,7 @@ class SegwayController(SectionedModel):
             raise ModelError(
                 f"model '{self.name}' has no gains: `segway-ecc design gains` puts them into the robot file"
             )
-        self.estimator = Estimator(
-            period=STEP_SIZE,
-            radius=p["WheelRadius"],
-            track=p["Track"],
-            imu_height=p["ImuHeight"],
-            tilt_time=p["TiltTime"],
-            bias_time=p["BiasTime"],
-        )
+        self.estimator = Estimator(STEP_SIZE, p)
         self.law = Law(STEP_SIZE, p)
         self.rules = PhaseRules(STEP_SIZE, p)
         self.torque_limit = p["TorqueLimit"]

@@ -10,6 +10,7 @@ What an accelerometer at a height h above the axle feels along the body, with th
 The encoders turn with the body: a wheel has turned by its encoder's angle plus the pitch.
 """
 
+from collections.abc import Mapping
 from math import atan2, cos, hypot, sin
 from typing import Final
 
@@ -75,25 +76,15 @@ class Estimate(Value, frozen=True):
 class Estimator:
     """Turns what is measured into what is known."""
 
-    def __init__(  # noqa: PLR0913 - what the robot is made of, and how fast to believe it
-        self, *, period: float, radius: float, track: float, imu_height: float, tilt_time: float, bias_time: float
-    ) -> None:
-        """Work out what stays the same from one period to the next.
-
-        Args:
-            period: Time between two measurements, s.
-            radius: Of the wheels, m.
-            track: Between the wheels, m.
-            imu_height: Of the IMU above the axle, along the body, m.
-            tilt_time: How slowly the pitch follows the accelerometer, s.
-            bias_time: How slowly the biases follow, s.
-        """
+    def __init__(self, period: float, p: Mapping[str, float]) -> None:
+        """Take the parameters `p` of `segway_ecc.node.models.segway`, which has their units, and the period, s."""
+        tilt_time, bias_time = p["TiltTime"], p["BiasTime"]
         self._period = period
-        self._radius = radius
-        self._imu_height = imu_height
+        self._radius = p["WheelRadius"]
+        self._imu_height = p["ImuHeight"]
         self._tilt_time = tilt_time
         self._pull_time = tilt_time * bias_time
-        self._yaw_rate_per_speed = radius / track
+        self._yaw_rate_per_speed = p["WheelRadius"] / p["Track"]
         self._drawn = period / bias_time
         # The part of a resting gyro's rate that is taken for bias in one period.
         self._settled = period / _REST_TIME_S

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What the robot that balances is made of: one table for its plant and for whoever designs its controller.
 
-Source of `PUBLISHED`: Upkie, an open-source wheeled biped (Apache 2.0), from the file urdf/upkie.urdf of
+Source of the published values: Upkie, an open-source wheeled biped (Apache 2.0), from the file urdf/upkie.urdf of
 https://github.com/upkie/upkie_description at commit 0683d055 ("URDF" below), with both legs straight and locked. Its
 links were added up by the parallel-axis theorem: those on the torso, the legs and the motors' stators to the body; the
 motor's rotor, hub and tyre to the wheel. What is not in that file is marked:
@@ -25,15 +25,14 @@ from typing import Final, Self
 from segway_ecc.node.model.model import Variable, Write
 
 
-def _unit(symbol: str) -> float:
-    """A field without default that knows its unit."""
-    made: float = field(metadata={"unit": symbol})
+def _published(value: float, unit: str) -> float:
+    made: float = field(default=value, metadata={"unit": unit})
     return made
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SegwayParameters:
-    """A body on two driven wheels. Every field has its SI unit as metadata.
+    """A body on two driven wheels, by default the published one. Every field has its SI unit as metadata.
 
     Attributes:
         gravity: Gravity, m/s2.
@@ -64,32 +63,34 @@ class SegwayParameters:
         stop_angle: Lean against the ground's normal at which the body's bumpers touch the ground, rad.
     """
 
-    gravity: float = _unit("m/s2")
-    body_mass: float = _unit("kg")
-    body_height_of_centre: float = _unit("m")
-    body_pitch_inertia: float = _unit("kg m2")
-    body_roll_inertia: float = _unit("kg m2")
-    body_yaw_inertia: float = _unit("kg m2")
-    wheel_radius: float = _unit("m")
-    wheel_mass: float = _unit("kg")
-    wheel_inertia: float = _unit("kg m2")
-    wheel_diameter_inertia: float = _unit("kg m2")
-    track: float = _unit("m")
-    viscous_friction: float = _unit("N m s")
-    coulomb_friction: float = _unit("N m")
-    coulomb_speed: float = _unit("rad/s")
-    motor_resistance: float = _unit("Ohm")
-    motor_inductance: float = _unit("H")
-    motor_constant: float = _unit("N m/A")
-    gear_ratio: float = _unit("1")
-    torque_limit: float = _unit("N m")
-    torque_time_constant: float = _unit("s")
-    supply_voltage: float = _unit("V")
-    supply_resistance: float = _unit("Ohm")
-    encoder_counts_per_turn: float = _unit("1")
-    encoder_filter_time: float = _unit("s")
-    imu_height: float = _unit("m")
-    stop_angle: float = _unit("rad")
+    gravity: float = _published(9.80665, "m/s2")  # standard gravity
+    body_mass: float = _published(4.966, "kg")  # URDF, sum
+    body_height_of_centre: float = _published(0.2811, "m")  # URDF, sum
+    body_pitch_inertia: float = _published(0.1095, "kg m2")  # URDF, sum
+    body_roll_inertia: float = _published(0.1993, "kg m2")  # URDF, sum
+    body_yaw_inertia: float = _published(0.0981, "kg m2")  # URDF, sum
+    wheel_radius: float = _published(0.05, "m")  # URDF: wheel_tire
+    wheel_mass: float = _published(0.1826, "kg")  # URDF: rotor (called a guess there), hub, tyre
+    wheel_inertia: float = _published(1.723e-4, "kg m2")  # URDF, sum
+    wheel_diameter_inertia: float = _published(1.52e-4, "kg m2")  # URDF, sum
+    track: float = _published(0.3048, "m")  # URDF: twice the y of wheel_tire
+    viscous_friction: float = _published(1.0e-4, "N m s")  # assumed
+    coulomb_friction: float = _published(0.02, "N m")  # assumed: 1.2 % of the largest torque
+    coulomb_speed: float = _published(0.05, "rad/s")  # assumed: makes friction smooth enough to integrate
+    # derived: 3/2 of 0.05 Ohm per phase (third party, pypowertrain's table of the mj5208)
+    motor_resistance: float = _published(0.075, "Ohm")
+    motor_inductance: float = _published(4.5e-5, "H")  # derived: 3/2 of 30 uH per phase (same table)
+    # derived: sqrt(3)/2 * 60 / (2 pi Kv) with Kv = 330 rpm/V (same table)
+    motor_constant: float = _published(0.0251, "N m/A")
+    gear_ratio: float = _published(1.0, "1")  # direct drive
+    torque_limit: float = _published(1.7, "N m")  # URDF: effort of left_wheel
+    torque_time_constant: float = _published(1.0e-3, "s")  # assumed
+    supply_voltage: float = _published(18.0, "V")  # assumed: five lithium cells
+    supply_resistance: float = _published(0.1, "Ohm")  # assumed
+    encoder_counts_per_turn: float = _published(16384.0, "1")  # assumed: 14 bits on the motor's shaft
+    encoder_filter_time: float = _published(5.0e-3, "s")  # assumed
+    imu_height: float = _published(0.507, "m")  # URDF: origin of imu over the axle
+    stop_angle: float = _published(0.5, "rad")  # assumed: bumpers, which the published robot has not
 
     @classmethod
     def from_model(cls, values: Mapping[str, float]) -> Self:
@@ -97,38 +98,10 @@ class SegwayParameters:
         return cls(**{f.name: values[_model_name(f.name)] for f in fields(cls)})
 
 
-PUBLISHED: Final = SegwayParameters(
-    gravity=9.80665,  # standard gravity
-    body_mass=4.966,  # URDF, sum
-    body_height_of_centre=0.2811,  # URDF, sum
-    body_pitch_inertia=0.1095,  # URDF, sum
-    body_roll_inertia=0.1993,  # URDF, sum
-    body_yaw_inertia=0.0981,  # URDF, sum
-    wheel_radius=0.05,  # URDF: wheel_tire
-    wheel_mass=0.1826,  # URDF: rotor (called a guess there), hub, tyre
-    wheel_inertia=1.723e-4,  # URDF, sum
-    wheel_diameter_inertia=1.52e-4,  # URDF, sum
-    track=0.3048,  # URDF: twice the y of wheel_tire
-    viscous_friction=1.0e-4,  # assumed
-    coulomb_friction=0.02,  # assumed: 1.2 % of the largest torque
-    coulomb_speed=0.05,  # assumed: makes friction smooth enough to integrate
-    motor_resistance=0.075,  # derived: 3/2 of 0.05 Ohm per phase (third party, pypowertrain's table of the mj5208)
-    motor_inductance=4.5e-5,  # derived: 3/2 of 30 uH per phase (same table)
-    motor_constant=0.0251,  # derived: sqrt(3)/2 * 60 / (2 pi Kv) with Kv = 330 rpm/V (same table)
-    gear_ratio=1.0,  # direct drive
-    torque_limit=1.7,  # URDF: effort of left_wheel
-    torque_time_constant=1.0e-3,  # assumed
-    supply_voltage=18.0,  # assumed: five lithium cells
-    supply_resistance=0.1,  # assumed
-    encoder_counts_per_turn=16384.0,  # assumed: 14 bits on the motor's shaft
-    encoder_filter_time=5.0e-3,  # assumed
-    imu_height=0.507,  # URDF: origin of imu over the axle
-    stop_angle=0.5,  # assumed: bumpers, which the published robot has not
-)
+PUBLISHED: Final = SegwayParameters()
 
 
 def _model_name(field_name: str) -> str:
-    """BodyMass of body_mass."""
     return "".join(word.capitalize() for word in field_name.split("_"))
 
 
