@@ -132,8 +132,6 @@ class Balance:
         plant: The plant; its disturbances are states.
         world: Who sets set-points.
         model: Its model, whose inputs can be biased.
-        robot: The robot.
-        loop: Its loop.
         link: Its end of the bus.
         truth: Where it really was at each tick.
         phases: The phase of its model in each cycle.

@@ -52,7 +52,6 @@ class DisturbanceKind:
     """A kind of disturbance.
 
     Attributes:
-        name: What it is.
         unit: Of its size.
         most: The largest size tried; may be negative, which searches below zero.
         resolution: How closely the limit is found.
@@ -72,13 +71,10 @@ class DisturbanceKind:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What was found.
+    """What was found of a `DisturbanceKind`.
 
     Attributes:
-        name: The disturbance.
-        unit: Of the sizes.
         tolerated: The largest size tolerated with every seed.
-        required: What it must tolerate; None where nothing is required.
         is_beyond: Whether even the largest size tried was tolerated.
     """
 
@@ -132,16 +128,15 @@ def find_limit(file: RobotFile, kind: DisturbanceKind, seeds: Sequence[int]) -> 
     def is_tolerated(size: float) -> bool:
         return all(recovers(file, kind, size, seed) for seed in seeds)
 
-    if is_tolerated(kind.most):
-        return Limit(kind.name, kind.unit, kind.most, kind.required, is_beyond=True)
-    tolerated, too_much = 0.0, kind.most
+    is_beyond = is_tolerated(kind.most)
+    tolerated, too_much = kind.most if is_beyond else 0.0, kind.most
     while abs(too_much - tolerated) > kind.resolution:
         middle = 0.5 * (tolerated + too_much)
         if is_tolerated(middle):
             tolerated = middle
         else:
             too_much = middle
-    return Limit(kind.name, kind.unit, tolerated, kind.required, is_beyond=False)
+    return Limit(kind.name, kind.unit, tolerated, kind.required, is_beyond)
 
 
 def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> bool:
@@ -163,8 +158,6 @@ class Step:
     """A set-point that steps from rest to 1.
 
     Attributes:
-        name: Which.
-        unit: Of the set-point.
         setpoint: m/s and rad/s.
         field: What of the truth follows it.
     """
@@ -187,8 +180,6 @@ class Tracking:
     """How a step was followed, by the plant's truth; of some seeds the worst.
 
     Attributes:
-        name: Which step.
-        unit: Of the errors.
         steady_error: Of the mean over the last three seconds.
         largest_error: In these three seconds.
         settled_s: After the step, from when on it stays within a tenth of it, s; infinite where it does not.

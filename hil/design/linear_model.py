@@ -50,9 +50,7 @@ def exponential(matrix: Matrix) -> Matrix:
 def discretise(model: LinearModel, period_s: float) -> LinearModel:
     """Sample a continuous model whose input is held over each period, s."""
     states, inputs = model.b.shape
-    block = np.zeros((states + inputs, states + inputs))
-    block[:states, :states] = model.a
-    block[:states, states:] = model.b
+    block = np.vstack([np.hstack([model.a, model.b]), np.zeros((inputs, states + inputs))])
     sampled = exponential(block * period_s)
     return LinearModel(sampled[:states, :states], sampled[:states, states:])
 
@@ -66,8 +64,7 @@ def with_delay(model: LinearModel, periods: int) -> LinearModel:
     if periods == 0:
         return LinearModel(a, model.b.copy())
     a[:states, -1:] = model.b
-    for place in range(states + 1, size):
-        a[place, place - 1] = 1.0
+    a[states + 1 :, states:-1] = np.eye(periods - 1)
     b[states, 0] = 1.0
     return LinearModel(a, b)
 

@@ -9,7 +9,7 @@ with u the sum of the wheels' torques and t their difference. The weights follow
 what is tolerable (Franklin, Powell, Emami-Naeini, "Feedback Control of Dynamic Systems", 9.2).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -58,14 +58,12 @@ class Design(NamedTuple):
 
 
 class _Inertias(NamedTuple):
+    """Of the equations above: M (kg), m l (kg m), J and Y (kg m2)."""
+
     rolling: float
-    """M, kg."""
     coupling: float
-    """m l, kg m."""
     pitching: float
-    """J, kg m2."""
     turning: float
-    """Y, kg m2."""
 
 
 def design(p: SegwayParameters, period_s: float, delay: int) -> Design:
@@ -76,8 +74,8 @@ def design(p: SegwayParameters, period_s: float, delay: int) -> Design:
         period_s: Period of the loop, s.
         delay: Whole periods from a measurement until the torque that follows from it acts, 0 to `MOST_DELAY`.
     """
-    balance, balance_gain = _close(balance_model(p), period_s, delay, _weights(_BALANCE_TOLERABLE), _TORQUE_TOLERABLE)
-    yaw, yaw_gain = _close(yaw_model(p), period_s, 0, _weights(_YAW_TOLERABLE), _TURNING_TORQUE_TOLERABLE)
+    balance, balance_gain = _close(balance_model(p), period_s, delay, _BALANCE_TOLERABLE, _TORQUE_TOLERABLE)
+    yaw, yaw_gain = _close(yaw_model(p), period_s, 0, _YAW_TOLERABLE, _TURNING_TORQUE_TOLERABLE)
     inertias = _inertias(p)
     travel, velocity, pitch, pitch_rate, integral, *under_way = (float(gain) for gain in balance_gain[0])
     sent, sent_before = [*under_way, 0.0, 0.0][:MOST_DELAY]
@@ -130,32 +128,16 @@ def _inertias(p: SegwayParameters) -> _Inertias:
 
 
 def _close(
-    continuous: LinearModel, period_s: float, delay: int, weights: Matrix, torque_tolerable: float
+    continuous: LinearModel, period_s: float, delay: int, tolerable: Sequence[float], torque_tolerable: float
 ) -> tuple[Loop, Matrix]:
-    """Sample, add the integral where it is weighed, and the delay; find the gains and what they lead to."""
+    """Sample, add the integral of the first state where it is weighed, and the delay; find the gains and their loop."""
     sampled = discretise(continuous, period_s)
-    if len(weights) > len(sampled.a):
-        sampled = _with_integral(sampled, period_s)
+    if len(tolerable) > len(sampled.a):
+        a = np.pad(sampled.a, (0, 1))
+        a[-1, 0], a[-1, -1] = period_s, 1.0
+        sampled = LinearModel(a, np.vstack([sampled.b, [[0.0]]]))
     model = with_delay(sampled, delay)
-    q = np.zeros_like(model.a)
-    q[: len(weights), : len(weights)] = weights
+    q = np.pad(np.diag([value**-2 for value in tolerable]), (0, delay))
     gain = lqr(model, q, np.array([[torque_tolerable**-2]]))
-    loop = Loop(
-        open_poles=poles(continuous.a),
-        closed_poles=poles(model.a - model.b @ gain),
-        margins=margins(sampled, gain, period_s),
-    )
-    return loop, gain
-
-
-def _with_integral(sampled: LinearModel, period_s: float) -> LinearModel:
-    """The same with the sum of its first state over time as one state more."""
-    states = len(sampled.a)
-    a = np.zeros((states + 1, states + 1))
-    a[:states, :states] = sampled.a
-    a[states, 0], a[states, states] = period_s, 1.0
-    return LinearModel(a, np.vstack([sampled.b, [[0.0]]]))
-
-
-def _weights(tolerable: tuple[float, ...]) -> Matrix:
-    return np.diag([value**-2 for value in tolerable])
+    closed = poles(model.a - model.b @ gain)
+    return Loop(poles(continuous.a), closed, margins(sampled, gain, period_s)), gain

@@ -121,15 +121,6 @@ class SegwayBody:
         rolling, steer = self.dv * self.per_radius - self.dq, self._lever * self.dw
         return rolling - steer, rolling + steer
 
-    def energy(self) -> float:
-        """Kinetic and potential energy, J, the axle's height at the start being zero."""
-        sin, cos = math.sin(self.pitch + self.slope), math.cos(self.pitch + self.slope)
-        yaw = self._yaw_inertia + self._yaw_excess * sin * sin
-        kinetic = 0.5 * (self._mass * self.v**2 + self._pitch_inertia * self.q**2 + yaw * self.w**2)
-        kinetic += self._moment * self.v * self.q * cos
-        height = self._moment * math.cos(self.pitch) + self._weight_share * self.way * self._sin_slope
-        return kinetic + self._p.gravity * height
-
     def accelerations(  # noqa: PLR0913, PLR0917 - the state and both torques, five times a step: no room to pack them
         self, v: float, q: float, w: float, pitch: float, left: float, right: float
     ) -> tuple[float, float, float]:
@@ -176,7 +167,9 @@ class SegwayBody:
         if not -self._stop_angle < self.pitch + self.slope < self._stop_angle:
             if h > _IMPACT_STEP and not self._rests:
                 self.v, self.q, self.w, self.pitch = before
-                return self._step_in_parts(h, left, right)
+                count = math.ceil(h / _IMPACT_STEP)
+                ways, turns = zip(*(self.step(h / count, left, right) for _ in range(count)), strict=True)
+                return sum(ways), sum(turns)
             self._hit_the_stop()
             self.accelerate(left, right)
         self.way += way
@@ -186,11 +179,6 @@ class SegwayBody:
     def accelerate(self, left: float, right: float) -> None:
         """Have dv, dq and dw be those of the present state at these torques; a step leaves those of its last stage."""
         self.dv, self.dq, self.dw = self.accelerations(self.v, self.q, self.w, self.pitch, left, right)
-
-    def _step_in_parts(self, h: float, left: float, right: float) -> tuple[float, float]:
-        count = math.ceil(h / _IMPACT_STEP)
-        ways, turns = zip(*(self.step(h / count, left, right) for _ in range(count)), strict=True)
-        return sum(ways), sum(turns)
 
     def _integrate(self, h: float, left: float, right: float) -> _Step:
         """One step of the classical Runge-Kutta method."""
