@@ -46,16 +46,21 @@ class Assembly:
         self._drives = tuple(drives)
         self._devices: tuple[Sensor, ...] = (*drives, *sensors)
         self.signals: Mapping[str, str] = {}
+        self._listeners: dict[tuple[int, bool], Sensor] = {}
         for device in self._devices:
             twice = self.signals.keys() & device.signals.keys()
             if twice:
                 raise ValueError(f"{device.name} measures {', '.join(sorted(twice))}, which another device measures")
             self.signals = {**self.signals, **device.signals}
+            for key in map(FrameKey._make, device.listens_to):
+                if key in self._listeners:
+                    other = self._listeners[key].name
+                    raise ValueError(f"{other} and {device.name} both listen to frame 0x{key.arbitration_id:X}")
+                self._listeners[key] = device
         self.commands: Mapping[str, str] = {k: v for d in drives for k, v in d.commands.items()}
         self.limits: Sequence[float] = tuple(limit for d in drives for limit in d.limits)
         ends = list(itertools.accumulate(len(drive.commands) for drive in drives))
         self._parts = [(drive, slice(end - len(drive.commands), end)) for drive, end in zip(drives, ends, strict=True)]
-        self._listeners = _listeners(self._devices)
         self._received_ns: dict[str, int] = {}
         self._armed = False
         self._heartbeat = heartbeat
@@ -171,14 +176,3 @@ class Assembly:
         events = tuple(self._events)
         self._events.clear()
         return Sensors(tuple(values), tuple(ages), tuple(valid), faults, ready, events, off)
-
-
-def _listeners(devices: Sequence[Sensor]) -> dict[tuple[int, bool], Sensor]:
-    listeners: dict[tuple[int, bool], Sensor] = {}
-    for device in devices:
-        for key in map(FrameKey._make, device.listens_to):
-            if key in listeners:
-                other = listeners[key].name
-                raise ValueError(f"{other} and {device.name} both listen to frame 0x{key.arbitration_id:X}")
-            listeners[key] = device
-    return listeners

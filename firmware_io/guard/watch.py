@@ -164,15 +164,16 @@ class Watch:
     def step(self, now_ns: int) -> Sequence[Frame]:
         """What to send now."""
         self._look_at_self(now_ns)
-        if self._present is None:
+        present = self._present
+        if present is None:
             cause = self._cause(now_ns)
             if cause is None:
                 return ()
-            self._begin(cause, now_ns)
-        elif (end := self._end_of(self._present, now_ns)) is not None:
-            self._end(self._present, end)
+            present = self._begin(cause, now_ns)
+        elif (end := self._end_of(present, now_ns)) is not None:
+            self._end(present, end)
             return ()
-        return self._stop(now_ns)
+        return self._stop(present, now_ns)
 
     def _obey(self, drive: _Drive, meaning: Meaning, at_ns: int) -> None:
         self.commands += 1
@@ -202,24 +203,22 @@ class Watch:
         drives = self._drives.values()
         if any(drive.is_defied for drive in drives):
             return Cause.DEFIANCE
-        silent = any(
-            (drive.wants or drive.is_on) and self._silence_ns(drive, now_ns) > self._limit_ns for drive in drives
-        )
-        return Cause.SILENCE if silent else None
+        for drive in drives:
+            since_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
+            if (drive.wants or drive.is_on) and now_ns - since_ns > self._limit_ns:
+                return Cause.SILENCE
+        return None
 
-    def _silence_ns(self, drive: _Drive, now_ns: int) -> int:
-        received_ns = self._watching_ns if drive.alive_ns is None else max(drive.alive_ns, self._watching_ns)
-        return now_ns - received_ns
-
-    def _begin(self, cause: Cause, now_ns: int) -> None:
+    def _begin(self, cause: Cause, now_ns: int) -> Intervention:
         alive = [drive.alive_ns for drive in self._drives.values() if drive.alive_ns is not None]
-        self._present = Intervention(cause, max(alive, default=None), now_ns, now_ns - AGAIN_NS)
-        self.interventions.append(self._present)
+        self._present = present = Intervention(cause, max(alive, default=None), now_ns, now_ns - AGAIN_NS)
+        self.interventions.append(present)
         self.intervened += 1
         for drive in self._drives.values():
             drive.off_ns = None
             # Of drives that do not report, the node cannot learn that they were stopped: it would never send a zero.
             drive.is_barred = self._stopper.reports
+        return present
 
     def _end_of(self, present: Intervention, now_ns: int) -> End | None:
         drives, first_ns = self._drives.values(), present.first_ns
@@ -240,10 +239,9 @@ class Watch:
         for drive in self._drives.values():
             drive.wants = drive.is_on = False
 
-    def _stop(self, now_ns: int) -> Sequence[Frame]:
-        present = self._present
+    def _stop(self, present: Intervention, now_ns: int) -> Sequence[Frame]:
         is_defied = any(drive.is_defied for drive in self._drives.values())
-        if present is None or not (is_defied or now_ns - present.last_ns >= AGAIN_NS):
+        if not (is_defied or now_ns - present.last_ns >= AGAIN_NS):
             return ()
         for drive in self._drives.values():
             drive.is_defied = False

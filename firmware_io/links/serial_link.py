@@ -165,7 +165,10 @@ def open_remedy(settings: SerialSettings, error: OSError) -> str:
     """What to do about a port that could not be opened."""
     match error.errno:
         case errno.EACCES | errno.EPERM:
-            return f"allow yourself to use it: sudo usermod -aG {_group(settings.port)} $USER, then log in again"
+            group = "dialout"
+            with contextlib.suppress(KeyError, OSError):
+                group = grp.getgrgid(Path(settings.port).stat().st_gid).gr_name
+            return f"allow yourself to use it: sudo usermod -aG {group} $USER, then log in again"
         case errno.EAGAIN | errno.EBUSY:
             return f"another program has it open: sudo fuser -v {settings.port}"
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
@@ -173,14 +176,6 @@ def open_remedy(settings: SerialSettings, error: OSError) -> str:
             there = f"there is {present}" if present else "this machine has no serial port"
             return f"{there}; plug it in, or correct the port in the robot file"
     return "check the port in the robot file, and what is at its other end"
-
-
-def _group(path: str) -> str:
-    """The group that may use a device."""
-    try:
-        return grp.getgrgid(Path(path).stat().st_gid).gr_name
-    except (KeyError, OSError):
-        return "dialout"
 
 
 class SerialLink:

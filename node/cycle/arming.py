@@ -8,7 +8,7 @@ from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.node.cycle.interfaces import HardwareAnswer
 from segway_ecc.node.cycle.setpoints import SetpointSchedule
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
-from segway_ecc.node.safety.pre_arm import PreArmCheck, failed_checks, no_checks
+from segway_ecc.node.safety.pre_arm import PreArmCheck, failed_checks
 
 Reply = Callable[[Answer], None]
 Evaluate = Callable[[], Sequence[PreArmCheck]]
@@ -32,7 +32,7 @@ class ArmingManager:
         schedule: SetpointSchedule,
         *,
         arm_at_start: bool,
-        checklist: Evaluate = no_checks,
+        checklist: Evaluate = tuple,
     ) -> None:
         """Start disarmed; with `arm_at_start`, arm as soon as every check passes."""
         self.modes = Modes()

@@ -3,7 +3,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 
 class View:
@@ -56,14 +55,6 @@ class Check(ABC):
     @abstractmethod
     def look(self, view: View) -> str | None:
         """What is wrong, if anything; values that are not valid are not looked at."""
-
-
-@dataclass(frozen=True, slots=True)
-class Signal:
-    """A signal and its place in the robot's signals."""
-
-    name: str
-    index: int
 
 
 def periods_in(duration_s: float, period_s: float) -> int:

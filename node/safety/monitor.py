@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.safety.check import Check, Signal, View, periods_in
+from segway_ecc.node.safety.check import Check, View, periods_in
 from segway_ecc.node.safety.deadlines import DeadlineWatch, RateMeter
 from segway_ecc.node.safety.plausibility import FollowingError, Frozen, RangeCheck, VelocityAgreement, YawAgreement
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
@@ -138,19 +138,17 @@ class SafetyMonitor:
         yaw, velocity, following = settings.yaw_consistency, settings.velocity_consistency, settings.following_error
         if limit is not None:
             for name in _VELOCITIES:
-                yield RangeCheck(self._signal("wheel_velocity_limit", name), -limit, limit, "rad/s")
+                yield RangeCheck(name, self._place("wheel_velocity_limit", name), -limit, limit, "rad/s")
         if supply is not None:
-            yield RangeCheck(self._signal("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
+            yield RangeCheck(_SUPPLY, self._place("supply", _SUPPLY), supply.min_v, supply.max_v, "V")
         yield from self._make_frozen()
         if yaw is not None:
             left, right, gyro = self._places("yaw_consistency", (*_VELOCITIES, _GYRO[2]))
             yield YawAgreement(left, right, gyro, yaw, period_s)
         if velocity is not None:
             for side in _SIDES:
-                angle, speed = (
-                    self._signal("velocity_consistency", f"{side}.{each}") for each in ("angle", "velocity")
-                )
-                yield VelocityAgreement(angle, speed, velocity, period_s)
+                angle, speed = self._places("velocity_consistency", (f"{side}.angle", f"{side}.velocity"))
+                yield VelocityAgreement(side, angle, speed, velocity, period_s)
         if following is not None:
             left, right = self._places("following_error", _VELOCITIES)
             yield FollowingError(left, right, following, period_s)
@@ -169,12 +167,12 @@ class SafetyMonitor:
             yield Frozen("the IMU", self._imu, periods, wheels)
 
     def _places(self, key: str, names: Iterable[str]) -> tuple[int, ...]:
-        return tuple(self._signal(key, name).index for name in names)
+        return tuple(self._place(key, name) for name in names)
 
-    def _signal(self, key: str, name: str) -> Signal:
+    def _place(self, key: str, name: str) -> int:
         if name not in self._signals:
             raise ConfigurationError(
                 f"safety.{key} needs '{name}', which this robot does not measure; leave {key} out, or add what "
                 f"measures it; there is {', '.join(self._signals) or 'nothing'}"
             )
-        return Signal(name, self._signals[name])
+        return self._signals[name]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final
 
-from segway_ecc.node.safety.check import Check, Signal, View, periods_in
+from segway_ecc.node.safety.check import Check, View, periods_in
 from segway_ecc.node.safety.settings import FollowingErrorSettings, VelocityConsistency, YawConsistency
 
 MOVING: Final = 0.5
@@ -19,11 +19,11 @@ _LAG_PERIODS: Final = 2
 class RangeCheck(Check):
     """A value that must lie in a window; what is not a number lies in none. See `Check`."""
 
-    def __init__(self, signal: Signal, low: float, high: float, unit: str) -> None:
-        """Let a signal be from `low` to `high`, both in its unit."""
-        self.needs: tuple[int, ...] = (signal.index,)
-        self._name = signal.name
-        self._index = signal.index
+    def __init__(self, name: str, index: int, low: float, high: float, unit: str) -> None:
+        """Let the signal `name`, at this place, be from `low` to `high`, both in its unit."""
+        self.needs: tuple[int, ...] = (index,)
+        self._name = name
+        self._index = index
         self._low = low
         self._high = high
         self._unit = unit
@@ -107,11 +107,10 @@ class VelocityAgreement(Check):
     encoder is frozen, which `Frozen` is for.
     """
 
-    def __init__(self, angle: Signal, velocity: Signal, settings: VelocityConsistency, period_s: float) -> None:
-        """Compare the two signals."""
-        self.needs: tuple[int, ...] = (angle.index, velocity.index)
-        self._angle, self._velocity = angle.index, velocity.index
-        self._angle_name, self._velocity_name = angle.name, velocity.name
+    def __init__(self, side: str, angle: int, velocity: int, settings: VelocityConsistency, period_s: float) -> None:
+        """Compare the angle and the velocity of the wheel on one side, which are at these places."""
+        self.needs: tuple[int, ...] = (angle, velocity)
+        self._side, self._angle, self._velocity = side, angle, velocity
         self._tolerance = settings.tolerance_rad_s
         self._window = periods_in(settings.for_s, period_s)
         self._period_s = period_s
@@ -150,7 +149,7 @@ class VelocityAgreement(Check):
         off = ((angle - old_angle) - (travelled - old_travelled)) / (span * self._period_s)
         if abs(off) <= self._tolerance + abs(velocity - old_velocity) * _LAG_PERIODS / span:
             return None
-        return f"{self._velocity_name} is off by {-off:.2f} rad/s from how {self._angle_name} changes"
+        return f"{self._side}.velocity is off by {-off:.2f} rad/s from how {self._side}.angle changes"
 
 
 class FollowingError(Check):

@@ -122,10 +122,5 @@ def failed_checks(checks: Sequence[PreArmCheck]) -> list[str]:
     return [f"{check.name}: {check.text}" for check in checks if check.refuses]
 
 
-def no_checks() -> Sequence[PreArmCheck]:
-    """Of a robot that has none."""
-    return ()
-
-
 def _check(name: str, text: str, remedy: str, *, passed: bool) -> PreArmCheck:
     return PreArmCheck(name, passed, text if passed else f"{text}; {remedy}")

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from segway_ecc.node.safety.check import Signal, View
+from segway_ecc.node.safety.check import View
 from segway_ecc.node.safety.plausibility import MOVING, Frozen, RangeCheck, VelocityAgreement, YawAgreement
 from segway_ecc.node.safety.settings import VelocityConsistency, YawConsistency
 
@@ -143,7 +143,7 @@ def test_a_yaw_rate_that_is_no_number_does_not_agree() -> None:
 
 def velocity(for_s: float = 0.1) -> VelocityAgreement:
     settings = VelocityConsistency(tolerance_rad_s=0.5, for_s=for_s)
-    return VelocityAgreement(Signal("left.angle", 0), Signal("left.velocity", 1), settings, STEP)
+    return VelocityAgreement("left", 0, 1, settings, STEP)
 
 
 def test_angle_and_velocity_of_a_true_motion_agree() -> None:
@@ -172,7 +172,7 @@ def test_velocity_ahead_of_the_angle_faults_beyond_the_tolerance_only() -> None:
 def test_a_velocity_that_is_off_by_just_the_tolerance_is_allowed() -> None:
     """All values are binary fractions: nothing is rounded."""
     settings = VelocityConsistency(tolerance_rad_s=0.5, for_s=0.5)
-    at_it, beyond = (VelocityAgreement(Signal("angle", 0), Signal("velocity", 1), settings, 0.25) for _ in range(2))
+    at_it, beyond = (VelocityAgreement("left", 0, 1, settings, 0.25) for _ in range(2))
     for n in range(20):
         assert at_it.look(see(0.125 * n, 0.0)) is None
         assert (beyond.look(see(0.126 * n, 0.0)) is None) == (n < 2)
@@ -181,7 +181,7 @@ def test_a_velocity_that_is_off_by_just_the_tolerance_is_allowed() -> None:
 def test_what_repeats_is_no_sample_only_while_the_wheel_moves() -> None:
     """A wheel at rest repeats itself, and what its velocity is off by then is told; see `MOVING`."""
     settings = VelocityConsistency(tolerance_rad_s=0.2, for_s=0.1)
-    rests, moves = (VelocityAgreement(Signal("angle", 0), Signal("velocity", 1), settings, STEP) for _ in range(2))
+    rests, moves = (VelocityAgreement("left", 0, 1, settings, STEP) for _ in range(2))
     for n in range(100):
         assert (rests.look(see(1.0, 0.5)) is None) == (n < 20)
         assert moves.look(see(1.0, 0.51)) is None, "that is frozen, which another check is for"
@@ -286,7 +286,7 @@ def test_a_velocity_that_is_no_number_does_not_agree() -> None:
     assert [check.look(see(0.0, math.nan)) is None for _ in range(4)] == [True, True, False, False]
 
 
-SUPPLY = RangeCheck(Signal("supply.voltage", 1), 20.0, 30.0, "V")
+SUPPLY = RangeCheck("supply.voltage", 1, 20.0, 30.0, "V")
 
 
 def look_at_supply(value: float, *, valid: bool = True) -> str | None:

@@ -9,7 +9,6 @@ from segway_ecc.node.safety.pre_arm import (
     PreArmMeasurements,
     drives_check,
     failed_checks,
-    no_checks,
     pre_arm_checks,
 )
 from segway_ecc.node.safety.settings import ChecklistSettings, SupplyWindow
@@ -152,7 +151,6 @@ def test_nothing_is_taken_for_granted_that_was_not_measured() -> None:
 
 def test_failed_check_refuses_unless_it_is_a_warning() -> None:
     assert PreArmCheck("x", passed=False, text="").refuses
-    assert no_checks() == ()
 
 
 def test_drives_that_have_nothing_against_arming_are_an_item_that_holds() -> None:
