@@ -42,7 +42,6 @@ _VARIABLES: Final = {
     0x6077: ("torque actual value", INTEGER16),
     0x6079: ("DC link circuit voltage", UNSIGNED32),
 }
-_READ_ONLY: Final = frozenset({0x1000, 0x6041, 0x6061, 0x6064, 0x606C, 0x6077, 0x6079})
 _PDO_COMMUNICATION: Final = {
     0x1400: "RPDO1",
     0x1800: "TPDO1",
@@ -146,27 +145,23 @@ def object_dictionary() -> ObjectDictionary:
     """A dictionary of its own for one node."""
     dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]  # canopen's
     for index, (name, data_type) in _VARIABLES.items():
-        dictionary.add_object(_variable(name, index, 0, data_type, "ro" if index in _READ_ONLY else "rw"))
-    consumer_heartbeat = ODArray("consumer heartbeat time", 0x1016)
-    consumer_heartbeat.add_member(_variable("number of entries", 0x1016, 0, UNSIGNED8, "ro"))
-    consumer_heartbeat.add_member(_variable("time", 0x1016, 1, UNSIGNED32))
-    dictionary.add_object(consumer_heartbeat)
+        dictionary.add_object(_variable(name, index, 0, data_type))
+    dictionary.add_object(_filled(ODArray("consumer heartbeat time", 0x1016), UNSIGNED8, UNSIGNED32))
     for index, name in _PDO_COMMUNICATION.items():
-        communication = ODRecord(f"{name} communication", index)
-        communication.add_member(_variable("highest sub-index", index, 0, UNSIGNED8, "ro"))
-        communication.add_member(_variable("COB-ID", index, 1, UNSIGNED32))
-        communication.add_member(_variable("transmission type", index, 2, UNSIGNED8))
+        dictionary.add_object(_filled(ODRecord(f"{name} communication", index), UNSIGNED8, UNSIGNED32, UNSIGNED8))
         mapping = ODRecord(f"{name} mapping", index + _MAPPING_OFFSET)
-        mapping.add_member(_variable("number of objects", mapping.index, 0, UNSIGNED8))
-        for subindex in range(1, _MAX_MAPPED + 1):
-            mapping.add_member(_variable(f"object {subindex}", mapping.index, subindex, UNSIGNED32))
-        dictionary.add_object(communication)
-        dictionary.add_object(mapping)
+        dictionary.add_object(_filled(mapping, UNSIGNED8, *(UNSIGNED32,) * _MAX_MAPPED))
     return dictionary
 
 
-def _variable(name: str, index: int, subindex: int, data_type: int, access: str = "rw") -> ODVariable:
+def _filled(group: ODArray | ODRecord, *data_types: int) -> ODArray | ODRecord:
+    """With a member of each type from sub-index 0 on, which counts the others."""
+    for subindex, data_type in enumerate(data_types):
+        group.add_member(_variable(f"{group.name} {subindex}", group.index, subindex, data_type))
+    return group
+
+
+def _variable(name: str, index: int, subindex: int, data_type: int) -> ODVariable:
     variable = ODVariable(name, index, subindex)
     variable.data_type = data_type
-    variable.access_type = access
     return variable

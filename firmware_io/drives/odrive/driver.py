@@ -90,7 +90,7 @@ class Odrive(PhasedDrive):
         """
         axis, settings = self._axis, self._settings
         who = f"{self.name} ODrive axis (node {self._wheel.node_id})"
-        if not axis.age("heartbeat")[1]:
+        if not axis.fresh.age("heartbeat")[1]:
             return [f"{who} sends no heartbeat on {self._link.description}: check power, bit rate and can.node_id"]
         if axis.search.found is None:
             return [f"{who}: its firmware is being asked for, half a second"]
@@ -102,7 +102,7 @@ class Odrive(PhasedDrive):
                 f"{who}: heartbeats come {axis.gap_ns * 1e-6:.0f} ms apart, {period_ms} is expected; "
                 f"set can.heartbeat_{suffix} = {period_ms}"
             )
-        if not axis.age("estimates")[1]:
+        if not axis.fresh.age("estimates")[1]:
             reasons.append(
                 f"{who} sends no encoder estimates, or seldom; "
                 f"set can.encoder_{suffix} = {settings.encoder_period_s * 1e3:g}"
@@ -119,7 +119,7 @@ class Odrive(PhasedDrive):
 
         In every other state the motor may have current: closed loop is one, calibration and homing are others.
         """
-        return self._enabling.confirms_disable(self._off_ns) and self._axis.age("heartbeat")[1]
+        return self._enabling.confirms_disable(self._off_ns) and self._axis.fresh.age("heartbeat")[1]
 
     def enable(self) -> None:
         """Send the steps to closed loop from the next cycle, with zero, until a heartbeat confirms it."""
@@ -155,7 +155,7 @@ class Odrive(PhasedDrive):
             return ()
         found = [] if axis.is_closed_loop else [f"{who} switched its motor off: {why}"]
         for kind in ("heartbeat", "estimates"):
-            age_s, valid = axis.age(kind)
+            age_s, valid = axis.fresh.age(kind)
             if not valid:
                 found.append(f"{who}'s {kind} too old: {age_s * 1e3:.0f} ms")
         return tuple(found)
@@ -203,7 +203,7 @@ class Odrive(PhasedDrive):
     def _rest(self) -> None:
         """Keep the axis idle, find out what it is, and let its watchdog prove itself."""
         axis, now_ns = self._axis, self._now_ns()
-        if not axis.age("heartbeat")[1] or axis.state != AxisState.IDLE:
+        if not axis.fresh.age("heartbeat")[1] or axis.state != AxisState.IDLE:
             self._send(_ZERO)
             if now_ns - self._stepped_ns >= self._resend_ns:
                 self._stepped_ns = now_ns

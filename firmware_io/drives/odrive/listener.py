@@ -61,6 +61,7 @@ class AxisListener:
         signals: What it measures, with units; the left axis measures the supply too.
         error: Error bits of the newest heartbeat, which carries the state too, see `AxisState`.
         is_uncalibrated: Whether it reported that it lacks a calibration, when it was last asked for closed loop; 0.6.
+        fresh: When `heartbeat`, `estimates`, `torque` and `supply` arrived.
         gap_ns: Time between the two newest heartbeats; 0 before there were two.
     """
 
@@ -86,7 +87,7 @@ class AxisListener:
             "torque": stale_after_ns(settings.torque_period_s, loop_period_s),
             "supply": SUPPLY_STALE_NS,
         }
-        self._fresh = Freshness(stale_ns, now_ns)
+        self.fresh = Freshness(stale_ns, now_ns)
         self._beat_ns: int | None = None
         self._estimates = m.EncoderEstimates(0.0, 0.0)
         self._torque = 0.0
@@ -108,10 +109,6 @@ class AxisListener:
         self._keep(message, frame.received_ns)
         return True
 
-    def age(self, kind: str) -> tuple[float, bool]:
-        """Age of the newest `heartbeat`, `estimates`, `torque` or `supply`, s, and whether it is fresh: `Freshness`."""
-        return self._fresh.age(kind)
-
     def read(self) -> Readings:
         """Angle (rad), velocity (rad/s) and torque (N m) of the wheel; of the left axis the supply's voltage (V) too.
 
@@ -120,13 +117,13 @@ class AxisListener:
         """
         wheel = self._wheel.wheel
         angle, velocity = motor_motion(self._estimates)
-        age, valid = self.age("estimates")
-        torque_age, torque_valid = self.age("torque")
+        age, valid = self.fresh.age("estimates")
+        torque_age, torque_valid = self.fresh.age("torque")
         values = (wheel(angle), wheel(velocity), self._wheel.wheel_torque(self._torque))
         readings = Readings(values, (age, age, torque_age), (valid, valid, torque_valid))
         if SUPPLY_VOLTAGE not in self.signals:
             return readings
-        return with_one_more(readings, self._supply, self.age("supply"))
+        return with_one_more(readings, self._supply, self.fresh.age("supply"))
 
     @property
     def is_closed_loop(self) -> bool:
@@ -178,7 +175,7 @@ class AxisListener:
                 self._take_heartbeat(message.axis_error, message.state, received_ns)
             case m.EncoderEstimates():
                 self._estimates = message
-                self._fresh.mark("estimates", received_ns)
+                self.fresh.mark("estimates", received_ns)
             case m.Version():
                 before = self.search.found
                 self.search.answer(message)
@@ -188,7 +185,7 @@ class AxisListener:
                 self._measure(message.estimate_nm, received_ns)
             case m.BusVoltageCurrent(voltage):
                 self._supply = voltage
-                self._fresh.mark("supply", received_ns)
+                self.fresh.mark("supply", received_ns)
             case m.Currents() if self.search.found is Firmware.V0_5 and self._wheel.torque_constant is not None:
                 self._measure(message.measured_a * self._wheel.torque_constant, received_ns)
         if type(message) in _SHOWN_IN_HEALTH:
@@ -201,11 +198,11 @@ class AxisListener:
             # It may have been switched off and on, with another configuration.
             self.proof.reset()
         self._beat_ns = received_ns
-        self._fresh.mark("heartbeat", received_ns)
+        self.fresh.mark("heartbeat", received_ns)
         self.search.beat(received_ns)
         if self.search.found is not None:
             self.proof.note_heartbeat(received_ns, expired=bool(error & WATCHDOG[self.search.found]))
 
     def _measure(self, motor_torque: float, received_ns: int) -> None:
         self._torque = motor_torque
-        self._fresh.mark("torque", received_ns)
+        self.fresh.mark("torque", received_ns)

@@ -144,9 +144,8 @@ class Vesc(PhasedDrive):
 
     def arming_failures(self) -> list[str]:
         """Silence, a time-out that does not act or has not been measured yet, or a fault."""
-        silent = [kind for kind in _TELEMETRY if not self._fresh.age(kind)[1]]
-        if silent:
-            return [self._silence(silent)]
+        if not all(self._fresh.age(kind)[1] for kind in _TELEMETRY):
+            return [self._silence]
         reasons = []
         if self._probe.found is Found.NOTHING:
             reasons.append(f"the time-out of {self._title} is being measured; try again in a moment")
@@ -200,7 +199,7 @@ class Vesc(PhasedDrive):
         if fault:
             return (f"{self._title} reports {fault_name(fault)}",)
         if self._enabling.is_overdue(self._now_ns()):
-            return (self._silence([kind for kind in _TELEMETRY if not self._fresh.age(kind)[1]] or list(_TELEMETRY)),)
+            return (self._silence,)
         stale = [(kind.name, age) for kind in _TELEMETRY for age, is_valid in [self._fresh.age(kind)] if not is_valid]
         if stale and self.is_enabled:
             return tuple(f"{kind} of {self._title} is too old: {age * 1e3:.0f} ms" for kind, age in stale)
@@ -230,8 +229,10 @@ class Vesc(PhasedDrive):
         """The newest fault code, 0 for none; None where the controller has not reported one lately."""
         return self._fault if self._fresh.age(PacketId.PROCESS_SHORT_BUFFER)[1] else None
 
-    def _silence(self, kinds: Sequence[PacketId]) -> str:
-        names = " and ".join(kind.name for kind in kinds)
+    @property
+    def _silence(self) -> str:
+        silent = [kind.name for kind in _TELEMETRY if not self._fresh.age(kind)[1]]
+        names = " and ".join(silent or (kind.name for kind in _TELEMETRY))
         return (
             f"{self._title} does not send {names} on {self._link.description}; is it powered and on this bus? "
             f"{_SETUP.format(ms=self._timeout_s * 1e3)}, and CAN status messages 1 and 5 to {self._rate_hz:g} Hz"

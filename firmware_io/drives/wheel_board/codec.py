@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 _GENERATED: Final = ("wheel_board.h", "wheel_board.c")
 _OURS: Final = ("wheel_board_protection.h", "wheel_board_protection.c")
@@ -21,8 +21,6 @@ _MODULE: Final = "segway_ecc.firmware_io.drives.wheel_board"
 
 class CodecError(Exception):
     """The C files could not be made; the text states why and what to do."""
-
-    exit_code: ClassVar[int] = 1
 
 
 def generate(folder: Path) -> list[Path]:
@@ -69,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         paths = generate(parser.parse_args(arguments).folder)
     except CodecError as error:
         sys.stderr.write(f"{error}\n")
-        return error.exit_code
+        return 1
     sys.stdout.writelines(f"{path}\n" for path in paths)
     return 0
 

@@ -173,7 +173,10 @@ def _unpack_wheel(body: bytes) -> Wheel:
     return Wheel(angle, velocity)
 
 
-def _pack_axes(payload: AngularVelocity | LinearAcceleration, counter: int, step: float, most: float) -> bytes:
+def _pack_axes(payload: AngularVelocity | LinearAcceleration, counter: int) -> bytes:
+    step, most = _METRE_PER_SECOND_SQUARED, MAX_ACCELERATION
+    if isinstance(payload, AngularVelocity):
+        step, most = _MILLIRADIAN_PER_SECOND, MAX_TURN_RATE
     x, y, z = payload.x, payload.y, payload.z
     return _AXES.pack(_steps(x, step, -most, most), _steps(y, step, -most, most), _steps(z, step, -most, most), counter)
 
@@ -186,17 +189,9 @@ def _unpack_axes(body: bytes, step: float, most: float) -> tuple[float, float, f
     return x, y, z
 
 
-def _pack_gyro(payload: AngularVelocity, counter: int) -> bytes:
-    return _pack_axes(payload, counter, _MILLIRADIAN_PER_SECOND, MAX_TURN_RATE)
-
-
 def _unpack_gyro(body: bytes) -> AngularVelocity:
     x, y, z = _unpack_axes(body, _MILLIRADIAN_PER_SECOND, MAX_TURN_RATE)
     return AngularVelocity(x, y, z)
-
-
-def _pack_acceleration(payload: LinearAcceleration, counter: int) -> bytes:
-    return _pack_axes(payload, counter, _METRE_PER_SECOND_SQUARED, MAX_ACCELERATION)
 
 
 def _unpack_acceleration(body: bytes) -> LinearAcceleration:
@@ -224,8 +219,8 @@ _PACK: Final[dict[int, Callable[[Any, int], bytes]]] = {
     FrameId.BOARD_SETUP: _pack_setup,
     FrameId.LEFT_WHEEL: _pack_wheel,
     FrameId.RIGHT_WHEEL: _pack_wheel,
-    FrameId.IMU_GYRO: _pack_gyro,
-    FrameId.IMU_ACCELERATION: _pack_acceleration,
+    FrameId.IMU_GYRO: _pack_axes,
+    FrameId.IMU_ACCELERATION: _pack_axes,
     FrameId.BOARD_STATUS: _pack_status,
 }
 """The first seven bytes of each frame from its payload and counter; ValueError where a value is out of range."""
