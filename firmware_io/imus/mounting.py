@@ -24,11 +24,7 @@ class Mounting:
     __slots__ = ("_terms",)
 
     def __init__(self, axes: Sequence[Axis]) -> None:
-        """Describe a sensor by which of its axes the robot's x, y and z lie on.
-
-        Raises:
-            ValueError: The three axes form no right-handed frame.
-        """
+        """Describe a sensor by which of its axes the robot's x, y and z lie on; ValueError if not right-handed."""
         self._terms = [(_LETTERS.index(axis[1]), -1.0 if axis[0] == "-" else 1.0) for axis in axes]
         rows = [Vector(*(sign * (place == column) for column in range(3))) for place, sign in self._terms]
         if len(rows) != len(_LETTERS) or _cross(rows[0], rows[1]) != rows[2]:

@@ -190,11 +190,7 @@ def request(node_id: int, command: int) -> Frame:
 
 
 def encode(firmware: Firmware, node_id: int, message: Message) -> Frame:
-    """The frame that carries a message to or from a node.
-
-    Raises:
-        FrameRefusedError: That firmware has no such message, or a value is not finite or does not fit its field.
-    """
+    """The frame that carries a message; FrameRefusedError where the firmware lacks it, or a value does not fit."""
     name = type(message).__name__
     command = _COMMAND_OF[firmware].get(type(message))
     if command is None:

@@ -51,12 +51,7 @@ class OdriveSettings(BusSettings, frozen=True, kw_only=True, tag="odrive"):
     serial: SerialSettings | None = None
 
     def __post_init__(self) -> None:
-        """Check what lies between the values.
-
-        Raises:
-            ValueError: Two wheels on one node or axis, a heartbeat too slow for the watchdog, or a serial line that is
-                too slow or belongs to 0.6.
-        """
+        """Refuse a node or axis used twice, and a heartbeat or serial line too slow or not of 0.5; ValueError."""
         if self.left.node_id == self.right.node_id:
             raise ValueError(f"left and right have the same node_id, {self.left.node_id}; each axis needs its own")
         if self.heartbeat_period_s >= self.watchdog_s:

@@ -250,11 +250,7 @@ def encode(arbitration_id: FrameId, payload: Payload, counter: int) -> bytes:
 
 
 def decode(arbitration_id: int, data: bytes) -> tuple[Payload, int]:
-    """Decode a frame into its payload and counter.
-
-    Raises:
-        FrameRefusedError: Not one of ours, wrong length, wrong CRC, or a value out of range.
-    """
+    """A frame's payload and counter; FrameRefusedError for another frame, length or CRC, or a value out of range."""
     unpack = _UNPACK.get(arbitration_id)
     if unpack is None:
         raise FrameRefusedError(Refusal.UNKNOWN, _name(arbitration_id))

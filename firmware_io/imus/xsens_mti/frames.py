@@ -111,11 +111,7 @@ LAYOUTS: Final = {
 
 
 def encode(message: Message, values: Sequence[float]) -> bytes:
-    """The data of a message of `LAYOUTS` that carries `values`, as `Message` orders them.
-
-    Raises:
-        FrameRefusedError: Too few or too many values, or one that is not finite or out of the message's range.
-    """
+    """The data of a message of `LAYOUTS`; FrameRefusedError for too few or many values, or one out of its range."""
     layout = LAYOUTS[message]
     if not all(map(math.isfinite, values)):
         raise FrameRefusedError(Refusal.RANGE, f"{message} of the MTi")
@@ -128,11 +124,7 @@ def encode(message: Message, values: Sequence[float]) -> bytes:
 
 
 def decode(message: Message, data: bytes) -> tuple[float, ...]:
-    """The values that a message of `LAYOUTS` carries, as `Message` orders them; whole numbers where it counts.
-
-    Raises:
-        FrameRefusedError: Wrong length, or a value out of the message's range.
-    """
+    """The values of a message of `LAYOUTS`, whole where it counts; FrameRefusedError for a wrong length or value."""
     layout = LAYOUTS[message]
     if len(data) != layout.fields.size:
         raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
