@@ -17,6 +17,7 @@ from segway_ecc.deploy.image.recipe import Recipe, cache_folder
 from segway_ecc.deploy.release.agent.files import sha256_of
 from segway_ecc.deploy.release.agent.install import write_environment
 from segway_ecc.deploy.release.agent.store import HEALTHY, ReleaseManifest, entries_of
+from segway_ecc.deploy.release.wheels import extras_text
 
 OPT: Final = "opt/segway-ecc"
 _CHECKOUT: Final = Path(deploy.__file__).parents[2]
@@ -52,9 +53,9 @@ def collect_wheels(wheel: Path, recipe: Recipe, python: str) -> list[Path]:
     if not kept.exists() or kept.read_text("utf-8") != wanted:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        extras = f"[{','.join(sorted(recipe.extras))}]" if recipe.extras else ""
         # Without it, a source distribution needs the package `wheel` here, which a virtual environment has not.
-        _pip(["wheel", "--use-pep517", "--wheel-dir", str(folder), f"{wheel.resolve()}{extras}", "pip"], recipe.epoch)
+        what = [f"{wheel.resolve()}{extras_text(recipe.extras)}", "pip"]
+        _pip(["wheel", "--use-pep517", "--wheel-dir", str(folder), *what], recipe.epoch)
         for own in folder.glob("segway_ecc-*.whl"):
             own.unlink()
         kept.write_text(wanted, "utf-8")

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -113,7 +113,7 @@ def version_of(wheel: Path) -> str:
     return parts[1]
 
 
-def extras_text(extras: Sequence[str]) -> str:
+def extras_text(extras: Collection[str]) -> str:
     """Extras of a wheel, as pip takes them after its name."""
     return f"[{','.join(sorted(extras))}]" if extras else ""
 
@@ -133,7 +133,7 @@ def build_wheel(folder: Path) -> Path:
     return built
 
 
-def collect(wheel: Path, extras: Sequence[str], target: Target, folder: Path, *, refresh: bool) -> list[Path]:
+def collect(wheel: Path, extras: Collection[str], target: Target, folder: Path, *, refresh: bool) -> list[Path]:
     """Have pip collect all wheels for a robot: from the cache where that has them all, else from the index.
 
     Raises:

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc import node
-from segway_ecc.deploy.release.bundle import robot_files
-from segway_ecc.deploy.release.requests import Content, push
+from segway_ecc.deploy.release.requests import Content, push, robot_files
 from segway_ecc.deploy.verbs.deploy_options import add_host, add_trial, run_update, show_step
 from segway_ecc.node.cli.options import robot_file
 from segway_ecc.node.config import packaged_robots

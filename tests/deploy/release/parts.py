@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from segway_ecc.deploy.release.agent.install import ReleaseSpec
-from segway_ecc.deploy.release.bundle import bundle
+from segway_ecc.deploy.release.requests import bundle
 
 _MAIN = """
 import sys

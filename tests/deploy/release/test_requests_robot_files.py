@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.deploy.release.bundle import robot_files
+from segway_ecc.deploy.release.requests import robot_files
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
 
