@@ -91,12 +91,7 @@ def locate_recorded(source: str, folders: Sequence[Path]) -> str:
     return locate(str(found._replace(folder=None)), folders)
 
 
-def import_model_module(source: PythonSource) -> ModuleType:
-    """Import the module of a model.
-
-    Raises:
-        ModelError: It is not there, its name is taken, or it imports what is not there.
-    """
+def _import_module(source: PythonSource) -> ModuleType:
     if source.folder is None and _MOVED.fullmatch(source.module):
         raise ModelError(f"model '{source}' has the name that it had in version 0.1: write {_NAMESPACE}.{source}")
     if source.module.endswith(".py"):
@@ -107,13 +102,17 @@ def import_model_module(source: PythonSource) -> ModuleType:
             _import_top(source.folder, source.top)
         return importlib.import_module(source.module)
     except ModuleNotFoundError as error:
-        raise ModelError(_not_found(source, error)) from error
+        if f"{source.module}.".startswith(f"{error.name}."):
+            raise ModelError(f"cannot load model '{source}': {error}") from error
+        raise ModelError(
+            f"cannot load model '{source}': it imports '{error.name}', which is not installed: install it, "
+            f"or make the model a package, a folder with __init__.py, that holds it"
+        ) from error
     except (ImportError, SyntaxError) as error:
         raise ModelError(f"cannot load model '{source}': {error}") from error
 
 
 def _import_top(folder: Path, top: str) -> None:
-    """Import one module or package from a folder, under its own name."""
     spec = _spec_in(folder, top)
     if spec is None or spec.loader is None:
         raise ModelError(f"there is no module or package '{top}' in {folder}")
@@ -139,17 +138,6 @@ def _taken_by(top: str) -> str | None:
     if top in sys.modules:
         return f"another module, {_origin(sys.modules[top]) or 'already imported'}"
     return None
-
-
-def _not_found(source: PythonSource, error: ModuleNotFoundError) -> str:
-    missing = error.name or ""
-    parts = source.module.split(".")
-    if missing in {".".join(parts[:end]) for end in range(1, len(parts) + 1)}:
-        return f"cannot load model '{source}': {error}"
-    return (
-        f"cannot load model '{source}': it imports '{missing}', which is not installed: install it, "
-        f"or make the model a package, a folder with __init__.py, that holds it"
-    )
 
 
 def _spec_in(folder: Path, top: str) -> ModuleSpec | None:
@@ -189,7 +177,7 @@ def load_model(
         raise ModelError(f"'{source}' is written in Python and has its own method and step: leave them out")
     if python is None:
         raise ModelError(f"'{source}' names no model: write package.module:Class")
-    model_class = getattr(import_model_module(python), python.name, None)
+    model_class = getattr(_import_module(python), python.name, None)
     if not isinstance(model_class, type):
         raise ModelError(f"cannot load model '{source}': module {python.module} has no class {python.name}")
     return cast("Model", model_class(parameters))

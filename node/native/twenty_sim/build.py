@@ -14,8 +14,7 @@ import os
 import posixpath
 import re
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -36,17 +35,6 @@ _WARNINGS: Final = "warnings.txt"
 _OWN_FUNCTIONS: Final = ("Matrix", "Inverse", "MotionProfile", "Euler")
 _INCLUDE: Final = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">]", re.MULTILINE)
 _MAY_BE_EMPTY: Final = ("motionprofiles", "eulerangles", "matrix", "inverse", "integ", "funcs")
-
-
-@dataclass(frozen=True, slots=True)
-class _BuildPlan:
-    """Everything that decides the outcome: the files by name, the units to compile, and where headers are."""
-
-    folder: Folder
-    files: Mapping[str, bytes]
-    units: Sequence[str]
-    includes: Sequence[str]
-    cpp: bool
 
 
 def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
@@ -70,12 +58,17 @@ def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
     files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
-    plan = _BuildPlan(folder, files, units, includes, parts.is_cpp)
-    # Identifies the version of a compiler without running it.
-    identities = [compiler_identity(cpp=cpp) for cpp in sorted({plan.cpp, *map(_is_cpp, units)})]
+    commands = []
+    for index, unit in enumerate(units):
+        cpp = Path(unit).suffix.lower() in CPP_SUFFIXES
+        own = (*(_CPP if cpp else _C), *(_SHIM_CPP if cpp and unit.startswith("shim/") else ()))
+        commands.append((cpp, [*_COMPILE, *own, *includes, "-o", f"{index}.o", unit]))
+    objects = [f"{index}.o" for index in range(len(units))]
+    commands.append((parts.is_cpp, [*objects, *_LINK, "-o", f"../{_LIBRARY}"]))
+    identities = [compiler_identity(cpp=cpp) for cpp in sorted({cpp for cpp, _ in commands})]
     named = [part for name, content in sorted(files.items()) for part in (os.fsencode(name), content)]
-    key = digest(*named, " ".join((*_COMPILE, *_C, *_CPP, *_SHIM_CPP, *_LINK, *includes)), *identities)
-    entry = cached(key, lambda draft: _make(plan, draft, key))
+    key = digest(*named, *(word for _, words in commands for word in words), *identities)
+    entry = cached(key, lambda draft: _make(folder, files, commands, draft, draft.parent / f"{key}.log"))
     return entry / _LIBRARY, tuple((entry / _WARNINGS).read_text(encoding="utf-8").splitlines())
 
 
@@ -116,37 +109,27 @@ def _matrix(folder: Folder) -> str:
     return ""
 
 
-def _is_cpp(name: str) -> bool:
-    return Path(name).suffix.lower() in CPP_SUFFIXES
-
-
-def _make(plan: _BuildPlan, draft: Path, key: str) -> None:
-    work, log = draft / "work", draft.parent / f"{key}.log"
-    for name, content in plan.files.items():
+def _make(
+    folder: Folder, files: Mapping[str, bytes], commands: Iterable[tuple[bool, list[str]]], draft: Path, log: Path
+) -> None:
+    """Write the files, and run the compiler for C++ or C with the words of each command."""
+    work = draft / "work"
+    for name, content in files.items():
         file = work / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-    library, commands = draft / _LIBRARY, list[tuple[bool, list[str]]]()
-    for index, unit in enumerate(plan.units):
-        cpp = _is_cpp(unit)
-        own = _SHIM_CPP if cpp and unit.startswith("shim/") else ()
-        words = [*_COMPILE, *(_CPP if cpp else _C), *own, *plan.includes, "-o", f"{index}.o", unit]
-        commands.append((cpp, words))
-    objects = [words[-2] for _, words in commands]
-    commands.append((plan.cpp, [*objects, *_LINK, "-o", str(library)]))
     output = ""
     for cpp, words in commands:
         code, printed = run_compiler(words, cpp=cpp, folder=work)
         output += printed
         if code:
             log.write_text(output, encoding="utf-8")
-            raise ModelError(f"{_failure(plan, printed)}; the whole output is in {log}")
-    (draft / _WARNINGS).write_text("".join(f"{line}\n" for line in _warnings(output, plan.folder)), encoding="utf-8")
+            raise ModelError(f"{_failure(folder.path, printed)}; the whole output is in {log}")
+    (draft / _WARNINGS).write_text("".join(f"{line}\n" for line in _warnings(output, folder)), encoding="utf-8")
     shutil.rmtree(work)
 
 
-def _failure(plan: _BuildPlan, output: str) -> str:
-    path = plan.folder.path
+def _failure(path: Path, output: str) -> str:
     missing = dict.fromkeys(re.findall(r"undefined reference to [`'](.+?)'", output))
     if missing:
         own = any(part in name for name in missing for part in _OWN_FUNCTIONS)

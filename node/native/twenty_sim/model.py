@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.library import Description, Flavour
-from segway_ecc.node.native.twenty_sim.names import Ports, Table, choose, label_of, unique
+from segway_ecc.node.native.twenty_sim.names import Label, Ports, Table, choose, label_of, unique
 from segway_ecc.node.native.twenty_sim.parts import METHODS, SECTIONS, Parts, find_method, number, setting
 
 _RUNNING: Final = ("Input", "Dynamic", "Output", "Final")
@@ -35,38 +35,32 @@ def describe_model(
         ModelError: The method or the step cannot be known; the text names what to pass.
     """
     warnings = [*table.warnings, *ports.warnings]
+    never = (Write.NEVER, "")
     elements = {"parameter": parts.elements("P"), "state": parts.elements("s")}
-    labels = {
-        "input": choose("input", [port.label for port in ports.inputs], table, warnings),
-        "output": choose("output", [port.label for port in ports.outputs], table, warnings),
-        **{
-            kind: choose(kind, [label_of(element.comment) for element in found], table, warnings)
-            for kind, found in elements.items()
-        },
+    effects = {
+        "parameter": parameter_effects(parts, len(elements["parameter"])),
+        "state": state_effects(parts, len(elements["state"])),
     }
+    coded: dict[str, list[tuple[Label, str, Effect]]] = {
+        "input": [(port.label, "", never) for port in ports.inputs],
+        "output": [(port.label, "", never) for port in ports.outputs],
+    }
+    for kind, found in elements.items():
+        pairs = zip(found, effects[kind], strict=True)
+        coded[kind] = [(label_of(element.comment), element.value, effect) for element, effect in pairs]
+    labels = {kind: choose(kind, [label for label, *_ in rows], table, warnings) for kind, rows in coded.items()}
     names = unique(labels, warnings)
     initial = {
         f"{parts.prefix}I[{index}]": value
         for index, element in enumerate(parts.elements("I"))
         if (value := number(element.value)) is not None
     }
-    starts = {kind: [number(each.value, initial) or 0.0 for each in found] for kind, found in elements.items()}
-    effects = {
-        "parameter": parameter_effects(parts, len(elements["parameter"])),
-        "state": state_effects(parts, len(elements["state"])),
-    }
     variables = {
         kind: tuple(
-            Variable(name, label.unit or "1", value, *effect)
-            for name, label, value, effect in zip(
-                names[kind],
-                found,
-                starts.get(kind) or [0.0] * len(found),
-                effects.get(kind) or [(Write.NEVER, "")] * len(found),
-                strict=True,
-            )
+            Variable(name, label.unit or "1", number(value, initial) or 0.0, *effect)
+            for name, label, (_, value, effect) in zip(names[kind], labels[kind], rows, strict=True)
         )
-        for kind, found in labels.items()
+        for kind, rows in coded.items()
     }
     chosen = _method(parts, method)
     step = _step_size(parts, table, step_size, warnings)
