@@ -62,12 +62,13 @@ class Watching:
 
     Attributes:
         series: What was seen, in the order in which it was seen first.
+        folder: That of the log.
     """
 
     def __init__(self, folder: Path) -> None:
         """Watch; the log is in `folder`."""
         self.series: list[Series] = []
-        self._folder = folder
+        self.folder = folder
         self._found: dict[tuple[str, str], Series] = {}
 
     def look(self, time_s: float, processes: Mapping[str, int]) -> None:
@@ -81,7 +82,7 @@ class Watching:
             self._add(name, "open files", time_s, taken.files)
             self._add(name, "threads", time_s, taken.threads)
         sizes = []
-        for path in self._folder.glob("*.mcap"):
+        for path in self.folder.glob("*.mcap"):
             with contextlib.suppress(OSError):  # it was removed just now
                 sizes.append(path.stat().st_size)
         room = LOG.total_bytes + LOG.file_bytes

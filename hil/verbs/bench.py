@@ -28,6 +28,7 @@ from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Where, measure
 from segway_ecc.hil.verbs.bench_links import links_cost, links_text
+from segway_ecc.hil.verbs.proofs import check_counts
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import missing_packages
@@ -39,7 +40,6 @@ _TRIALS: Final = 100
 _FULL_TRIALS: Final = 1000
 _AT_ONCE: Final = "immediately"
 _ACTUATE: Final = (_AT_ONCE, "next_cycle")
-_NOT_MET: Final = 1
 
 
 class _Part(NamedTuple):
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json({name: part.document for name, part in found.items()})
     judged = [claim for part in found.values() for claim in part.claims]
-    return _NOT_MET if options.check and not all(claim.is_met for claim in judged) else 0
+    return 1 if options.check and not all(claim.is_met for claim in judged) else 0
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -103,8 +103,7 @@ def _check(options: argparse.Namespace) -> None:
     for rate_hz in options.rate:
         if not 1.0 <= rate_hz <= 1e5:  # noqa: PLR2004 - Hz, as the message has it
             raise ConfigurationError(f"--rate must be 1 to 100000 Hz, not {rate_hz:g}")
-    if options.repeats < 1:
-        raise ConfigurationError(f"--repeats must be at least 1, not {options.repeats}")
+    check_counts(options, "repeats")
     if options.subscribed and missing_packages():
         raise ConfigurationError(f"--subscribed needs ROS 2: {', '.join(missing_packages())} is not there")
 

@@ -15,11 +15,10 @@ from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat, RosSeat,
 from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import simulated_bus
-from segway_ecc.hil.verbs.report_folder import has_figures, writing_to
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.hil.verbs.proofs import check_counts, has_figures, print_found, writing_to
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import clocks_of
 from segway_ecc.node.ros.runtime import missing_packages
 
@@ -46,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its table and write its report."""
-    if options.repeat < 1:
-        raise ConfigurationError(f"--repeat must be at least 1, not {options.repeat}")
+    check_counts(options, "repeat")
     seats = _seats(options.seat)
     studies = []
     for number in range(options.repeat):
@@ -56,20 +54,17 @@ def run(options: argparse.Namespace) -> int:
             study = conduct(_runners(seats, folder, options), _facts(folder, options.robot), on_progress)
         _write_report(study, folder)
         studies.append(study)
-    if options.json:
-        cells = [
-            {
-                "linear": cell.linear,
-                "angular": cell.angular,
-                "offline_20sim": list(cell.thesis_offline),
-                "standalone_ros_2019": list(cell.thesis_ros),
-                **{str(seat): list(position) for seat, position in cell.positions.items()},
-            }
-            for cell in studies[-1].cells
-        ]
-        print_json({"cells": cells})
-    else:
-        sys.stdout.write(table(studies[-1].cells, list(Seat)) + "\n")
+    cells = [
+        {
+            "linear": cell.linear,
+            "angular": cell.angular,
+            "offline_20sim": list(cell.thesis_offline),
+            "standalone_ros_2019": list(cell.thesis_ros),
+            **{str(seat): list(position) for seat, position in cell.positions.items()},
+        }
+        for cell in studies[-1].cells
+    ]
+    print_found(options, {"cells": cells}, table(studies[-1].cells, list(Seat)) + "\n")
     if len(studies) > 1:
         for seat in studies[0].seats:
             positions = [[cell.positions[seat] for cell in study.cells] for study in studies]

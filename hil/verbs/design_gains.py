@@ -11,7 +11,8 @@ from typing import Any, Final
 
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.hil.verbs.proofs import print_found
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
@@ -52,11 +53,8 @@ def run(options: argparse.Namespace) -> int:
         except OSError as error:
             raise ConfigurationError(f"cannot write robot file '{options.out}': {error.strerror}") from error
         sys.stderr.write(f"segway-ecc: wrote {options.out}\n")
-    if options.json:
-        loops = {"balance": _loop_as_json(found.balance), "yaw": _loop_as_json(found.yaw)}
-        print_json({"gains": rounded(found.gains), **loops})
-    else:
-        print_table(_as_text(found))
+    loops = {"balance": _loop_as_json(found.balance), "yaw": _loop_as_json(found.yaw)}
+    print_found(options, {"gains": rounded(found.gains), **loops}, _as_text(found))
     return 0
 
 

@@ -20,7 +20,8 @@ from segway_ecc.hil.design.balance_margins import (
 )
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.design_gains import segway_parameters
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.hil.verbs.proofs import add_packaged_robot, print_found
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import load_robot
 
 ROBOT: Final = "segway"
@@ -30,7 +31,7 @@ _Named = TypeVar("_Named", DisturbanceKind, Step)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `margins`."""
-    parser.add_argument("robot", nargs="?", default=ROBOT, help="a robot file, or the name of a packaged robot")
+    add_packaged_robot(parser, ROBOT)
     parser.add_argument(
         "--seeds", type=int, default=_SEEDS, help="runs with other sensor errors (default: %(default)s)"
     )
@@ -44,13 +45,11 @@ def run(options: argparse.Namespace) -> int:
     kinds = disturbances(segway_parameters(file))
     limits = [find_limit(file, kind, seeds) for kind in _selected(kinds, options.only)]
     tracked = [track(file, step, seeds) for step in _selected(STEPS, options.only)]
-    if options.json:
-        print_json({"limits": [_document(limit) for limit in limits], "tracking": [_document(t) for t in tracked]})
-    else:
-        rows = [("disturbance", "limit", "required", "", ""), *map(_row, limits)] if limits else []
-        if tracked:
-            rows += [("set-point", "steady error", "required", "", ""), *map(_tracking_row, tracked)]
-        sys.stdout.write("".join(f"{line}\n" for line in aligned(rows)))
+    document = {"limits": [_document(limit) for limit in limits], "tracking": [_document(t) for t in tracked]}
+    rows = [("disturbance", "limit", "required", "", ""), *map(_row, limits)] if limits else []
+    if tracked:
+        rows += [("set-point", "steady error", "required", "", ""), *map(_tracking_row, tracked)]
+    print_found(options, document, "".join(f"{line}\n" for line in aligned(rows)))
     found: list[Limit | Tracking] = [*limits, *tracked]
     return 0 if all(each.is_enough for each in found) else 1
 

@@ -22,12 +22,11 @@ from segway_ecc.hil.rig.simulation import (
     simulated_robot,
     simulated_serial,
 )
+from segway_ecc.hil.verbs.proofs import print_found
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,
     add_robot,
-    print_json,
-    print_table,
     real_time,
     robot_file,
     stopped_by_signals,
@@ -78,10 +77,7 @@ def run(options: argparse.Namespace) -> int:
         with real_time():
             plant.run(observe, traced, control)
     result = {"ticks": plant.ticks, "late": plant.late, "refused_frames": plant.robot.refused_frames}
-    if options.json:
-        print_json(result)
-    else:
-        print_table({name: str(count) for name, count in result.items()})
+    print_found(options, result, {name: str(count) for name, count in result.items()})
     return 0
 
 

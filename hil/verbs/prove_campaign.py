@@ -2,7 +2,6 @@
 """`segway-ecc prove campaign`: all scenarios with all their seeds and parameters, side by side, and a report."""
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -13,24 +12,14 @@ from segway_ecc.hil.campaign.campaign import REPLAY, render, run_campaign, runs_
 from segway_ecc.hil.campaign.result import table
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.report_folder import make_folder, writing_to
-from segway_ecc.node.cli.options import add_json, print_json
-from segway_ecc.node.errors import ConfigurationError
-
-_NOT_AS_EXPECTED = 1
+from segway_ecc.hil.verbs.proofs import add_count, check_counts, make_folder, print_found, writing_to
+from segway_ecc.node.cli.options import add_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `campaign`."""
-    cores = len(os.sched_getaffinity(0))
     parser.add_argument("files", nargs="*", metavar="FILE", help="scenarios; those of the package where not given")
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=cores,
-        metavar="N",
-        help="processes at a time (default: cores)",
-    )
+    add_count(parser, "jobs")
     parser.add_argument("--seeds", type=int, metavar="N", help="run seeds 0 to N-1 of each instead of its own")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="write campaign.html and campaign.json there")
     parser.add_argument(
@@ -41,10 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the campaign and print the table: 0 where all is as expected, 1 where anything is not."""
-    for name in ("jobs", "seeds"):
-        value = getattr(options, name)
-        if value is not None and value < 1:
-            raise ConfigurationError(f"--{name} must be at least 1, not {value}")
+    check_counts(options, "jobs", "seeds")
     trials = runs_of(list(load_all(options.files)), options.seeds)
     begun_s = time.monotonic()
     with show_progress("campaign", len(trials)) as on_progress:
@@ -64,12 +50,9 @@ def run(options: argparse.Namespace) -> int:
             (options.out / "campaign.html").write_text(render(results, facts), encoding="utf-8")
             (options.out / "campaign.json").write_bytes(msgspec.json.format(msgspec.json.encode(document)))
         sys.stderr.write(f"segway-ecc: report in {options.out / 'campaign.html'}\n")
-    if options.json:
-        print_json(document)
-    else:
-        sys.stdout.write(table(results))
+    print_found(options, document, table(results))
     if options.replay:
         identical = sum(not any(why.startswith(REPLAY) for why in result.why_not) for result in results)
         sys.stderr.write(f"segway-ecc: {identical} of {len(results)} replays are identical to the last bit\n")
     sys.stderr.write(f"segway-ecc: {len(results)} runs in {took_s:.1f} s\n")
-    return 0 if document["as_expected"] else _NOT_AS_EXPECTED
+    return 0 if document["as_expected"] else 1

@@ -2,7 +2,6 @@
 """`segway-ecc prove endurance`: hours of normal driving in lock step with lost frames: any trip is a false one."""
 
 import argparse
-import os
 import time
 from collections.abc import Sequence
 from typing import Any, Final
@@ -10,38 +9,25 @@ from typing import Any, Final
 from segway_ecc.hil.endurance.endurance import Stretch
 from segway_ecc.hil.endurance.runs import EndurancePlan, endure
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.hil.verbs.proofs import add_count, add_packaged_robot, check_counts, print_found
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
 
 ROBOT: Final = "segway"
 _HOUR_S: Final = 3600.0
 _MOST_HOURS: Final = 10_000.0
-_TRIPPED: Final = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `endurance`."""
-    cores = len(os.sched_getaffinity(0))
-    parser.add_argument("robot", nargs="?", default=ROBOT, help="a robot file, or the name of a packaged robot")
+    add_packaged_robot(parser, ROBOT)
     parser.add_argument("--hours", type=float, default=1.0, metavar="H", help="simulated hours in all (default: 1)")
     parser.add_argument(
         "--frame-loss", type=float, default=0.01, metavar="P", help="share of frames lost either way (default: 0.01)"
     )
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        default=cores,
-        metavar="N",
-        help="robots that share the hours (default: cores)",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=cores,
-        metavar="N",
-        help="processes at a time (default: cores)",
-    )
+    add_count(parser, "seeds", "robots that share the hours")
+    add_count(parser, "jobs")
     parser.add_argument(
         "--channel", help="SocketCAN interface of robot and plant, theirs alone (default: a simulated bus)"
     )
@@ -54,9 +40,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"--hours must be more than 0 and at most {_MOST_HOURS:g}, not {options.hours:g}")
     if not 0.0 <= options.frame_loss < 1.0:
         raise ConfigurationError(f"--frame-loss must be from 0 to less than 1, not {options.frame_loss:g}")
-    for name in ("seeds", "jobs"):
-        if getattr(options, name) < 1:
-            raise ConfigurationError(f"--{name} must be at least 1, not {getattr(options, name)}")
+    check_counts(options, "seeds", "jobs")
     file, duration_s = load_robot(options.robot), options.hours * _HOUR_S
     plan = EndurancePlan(file, duration_s, options.frame_loss, options.seeds, channel=options.channel)
     begun_s = time.monotonic()
@@ -64,11 +48,8 @@ def run(options: argparse.Namespace) -> int:
     with show_progress("driving, s", total_s) as on_progress:
         stretches = endure(plan, min(options.jobs, options.seeds), lambda s: on_progress(round(s), total_s))
     document = summary(stretches, time.monotonic() - begun_s)
-    if options.json:
-        print_json(document)
-    else:
-        print_table(_rows(document))
-    return _TRIPPED if document["trips"] else 0
+    print_found(options, document, _rows(document))
+    return 1 if document["trips"] else 0
 
 
 def summary(stretches: Sequence[Stretch], took_s: float) -> dict[str, Any]:

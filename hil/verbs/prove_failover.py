@@ -11,7 +11,8 @@ from typing import Final
 from segway_ecc.firmware_io.links.can_interfaces import resolve
 from segway_ecc.hil.drill.failover import CAUSES, INTERFACE_DOWN, Failover, FailoverResult
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.node.cli.options import add_json, add_robot, print_json, robot_file
+from segway_ecc.hil.verbs.proofs import print_found
+from segway_ecc.node.cli.options import add_json, add_robot, robot_file
 from segway_ecc.node.config import NoHardwareSection
 
 _HEAD: Final = (
@@ -42,10 +43,8 @@ def run(options: argparse.Namespace) -> int:
         for cause in causes:
             sys.stderr.write(f"segway-ecc: {cause}\n")
             trials.append(failover.run(cause))
-    if options.json:
-        print_json({"trials": [dataclasses.asdict(trial) for trial in trials]})
-    else:
-        sys.stdout.write("".join(f"{line}\n" for line in aligned([*_HEAD, *map(_row, trials)])))
+    document = {"trials": [dataclasses.asdict(trial) for trial in trials]}
+    print_found(options, document, "".join(f"{line}\n" for line in aligned([*_HEAD, *map(_row, trials)])))
     return 0
 
 

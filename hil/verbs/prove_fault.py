@@ -9,10 +9,9 @@ import msgspec
 from segway_ecc.hil.campaign.campaign import run_quietly
 from segway_ecc.hil.campaign.result import details
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.hil.verbs.proofs import print_found
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.errors import ConfigurationError
-
-_NOT_AS_EXPECTED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the scenario and print what came of it: 0 as expected, 1 not."""
     if options.list:
-        _print_list(as_json=options.json)
+        scenarios: dict[str, Scenario] = {name: load_scenario(name) for name in packaged_scenarios()}
+        listed = {name: f"{scenario.expect.outcome}: {scenario.about}" for name, scenario in scenarios.items()}
+        print_found(options, msgspec.to_builtins(list(scenarios.values())), listed)
         return 0
     if options.scenario is None:
         raise ConfigurationError("which scenario? `segway-ecc prove fault --list` lists those of the package")
@@ -48,11 +49,9 @@ def run(options: argparse.Namespace) -> int:
     parameters = parameters_of(options.set) if options.set else scenario.parameters[0]
     robot = options.robot or scenario.robots[0]
     result = run_quietly(ScenarioRun(options.scenario, scenario, robot, seed, parameters), options.log)
-    if options.json:
-        print_json({**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command})
-    else:
-        print_table(details(result))
-    return 0 if result.is_as_expected else _NOT_AS_EXPECTED
+    document = {**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command}
+    print_found(options, document, details(result))
+    return 0 if result.is_as_expected else 1
 
 
 def parameters_of(words: list[str]) -> dict[str, float]:
@@ -70,11 +69,3 @@ def parameters_of(words: list[str]) -> dict[str, float]:
         except ValueError as error:
             raise ConfigurationError(f"--set {word}: {error}; write plant.NAME=VALUE or model.NAME=VALUE") from error
     return parameters
-
-
-def _print_list(*, as_json: bool) -> None:
-    scenarios: dict[str, Scenario] = {name: load_scenario(name) for name in packaged_scenarios()}
-    if as_json:
-        print_json(msgspec.to_builtins(list(scenarios.values())))
-    else:
-        print_table({name: f"{scenario.expect.outcome}: {scenario.about}" for name, scenario in scenarios.items()})

@@ -6,28 +6,23 @@ import os
 import platform
 import sys
 import time
-from pathlib import Path
 
 import msgspec
 
 from segway_ecc.hil.growth.study import QUICK, SIZES, conduct, text, verdict
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.report_folder import make_folder, write_report
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.hil.verbs.proofs import add_study, make_folder, print_found, write_report
 from segway_ecc.node.ros.runtime import missing_packages
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `prove growth`."""
-    parser.add_argument("--quick", action="store_true", help="a part of it, in some seconds")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and what was found as JSON")
-    add_json(parser)
+    add_study(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Conduct the study, print its tables and write its report."""
-    if options.out is not None:
-        make_folder(options.out)
+    make_folder(options.out)
     begun_s = time.monotonic()
     with show_progress("growth") as on_progress:
         found = conduct(QUICK if options.quick else SIZES, on_progress)
@@ -43,12 +38,9 @@ def run(options: argparse.Namespace) -> int:
         }
         return {"growth.html": render(found, facts), "growth.svg": figure(found)}
 
-    if options.out is not None:
-        write_report(options.out, "growth", found, draw)
-    if options.json:
-        print_json({"growth": msgspec.to_builtins(found), "verdicts": [verdict(grown) for grown in found]})
-    else:
-        sys.stdout.write(text(found))
+    write_report(options.out, "growth", found, draw)
+    document = {"growth": msgspec.to_builtins(found), "verdicts": [verdict(grown) for grown in found]}
+    print_found(options, document, text(found))
     sys.stderr.write(f"segway-ecc: the study took {took_s:.1f} s\n")
     if missing_packages() and not options.quick:
         sys.stderr.write("segway-ecc: ROS 2 is not available here: no subscribers, and no robots side by side\n")

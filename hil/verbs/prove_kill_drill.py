@@ -16,13 +16,13 @@ from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trial import DrillResult
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.node.cli.options import print_json
+from segway_ecc.hil.verbs.proofs import print_found
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.errors import ConfigurationError
 
 ROBOT: Final = "cart-can"
 _MOST: Final = 1000
-_NOT_EXPECTED: Final = 1
 _HEAD: Final = ("fault", "expected", "measured", "last torque, ms", "zero from, ms", "gap, ms", "guard", "verdict")
 
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--repeat", type=int, default=1, metavar="N", help="do each fault so often; the worst is reported"
     )
     parser.add_argument("--no-guard", action="store_true", help="without the guard: the drives' own watchdog alone")
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -50,21 +50,18 @@ def run(options: argparse.Namespace) -> int:
         for number, fault in enumerate(chosen):
             sys.stderr.write(f"segway-ecc: {fault.name}\n")
             rows.append([_drill(options, fault, Path(folder) / f"{number}_{n}") for n in range(options.repeat)])
-    if options.json:
-        faults = [
-            {
-                **dataclasses.asdict(worst := trial.worst(row)),
-                "outcome": worst.outcome,
-                "as_expected": all(t.is_as_expected for t in row),
-                "repeats": len(row),
-                "last_torque_s": [None if t.torque is None else t.torque.last_s for t in row],
-            }
-            for row in rows
-        ]
-        print_json({"faults": faults, "left_out": left_out})
-    else:
-        sys.stdout.write(_table(rows, left_out))
-    return 0 if all(t.is_as_expected for row in rows for t in row) else _NOT_EXPECTED
+    faults = [
+        {
+            **dataclasses.asdict(worst := trial.worst(row)),
+            "outcome": worst.outcome,
+            "as_expected": all(t.is_as_expected for t in row),
+            "repeats": len(row),
+            "last_torque_s": [None if t.torque is None else t.torque.last_s for t in row],
+        }
+        for row in rows
+    ]
+    print_found(options, {"faults": faults, "left_out": left_out}, _table(rows, left_out))
+    return 0 if all(t.is_as_expected for row in rows for t in row) else 1
 
 
 def _drill(options: argparse.Namespace, fault: DrillFault, folder: Path) -> DrillResult:

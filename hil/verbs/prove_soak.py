@@ -15,7 +15,7 @@ from segway_ecc.hil.progress import OnProgress, show_progress
 from segway_ecc.hil.soak import real_time, simulated
 from segway_ecc.hil.soak.watching import WARM_UP, Series, Verdict, Watching, judge
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.report_folder import make_folder, write_report
+from segway_ecc.hil.verbs.proofs import add_packaged_robot, make_folder, write_report
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.runtime import missing_packages
@@ -31,12 +31,11 @@ _LEAST_REAL_S: Final = 120.0
 """In less the warm-up is not over."""
 _DRIVEN: Final = 0.9
 """Share of the messages of its mode in which a robot is driving: one that stands in FAULT proves little."""
-_GREW: Final = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `soak`."""
-    parser.add_argument("robot", nargs="?", default=ROBOT, help="a robot file, or the name of a packaged robot")
+    add_packaged_robot(parser, ROBOT)
     parser.add_argument(
         "--simulated", type=float, default=_SIMULATED_H, metavar="H", help="simulated hours; 0 for none (default: 4)"
     )
@@ -52,36 +51,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """RealTimeSoak, watch and judge: 0 where nothing grew and nothing failed, else 1."""
+    """Run, watch and judge: 0 where nothing grew and nothing failed, else 1."""
     simulated_s, real_s = options.simulated * 3600.0, options.real_time * 60.0
     _check("--simulated", simulated_s, _LEAST_SIMULATED_S)
     _check("--real-time", real_s, _LEAST_REAL_S)
     if not simulated_s and not real_s:
         raise ConfigurationError("--simulated 0 and --real-time 0 leave nothing to run")
-    if options.out is not None:
-        make_folder(options.out)
+    make_folder(options.out)
     document: dict[str, Any] = {}
     found: dict[str, Sequence[Series]] = {}
     for name, duration_s, soak in (("simulated", simulated_s, _simulated), ("real_time", real_s, _real_time)):
         if duration_s:
             begun_s = time.monotonic()
-            with show_progress(name.replace("_", " "), round(duration_s)) as on_progress:
-                part, found[name] = soak(options.robot, duration_s, on_progress)
+            with (
+                tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as folder,
+                show_progress(name.replace("_", " "), round(duration_s)) as on_progress,
+            ):
+                watching = Watching(Path(folder))
+                part = soak(options.robot, duration_s, watching, on_progress)
+            found[name] = watching.series
             verdicts = [judge(series) for series in found[name]]
             document[name] = part | {"took_s": time.monotonic() - begun_s, "verdicts": msgspec.to_builtins(verdicts)}
             if not options.json:
                 sys.stdout.write(text(name.replace("_", " "), part, verdicts))
-    if options.out is not None:
 
-        def draw() -> dict[str, bytes | str]:
-            from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
+    def draw() -> dict[str, bytes | str]:
+        from segway_ecc.hil.soak.figures import figure  # noqa: PLC0415 - an extra that the rest of this verb does without
 
-            return {f"soak-{name.replace('_', '-')}.svg": figure(series) for name, series in found.items()}
+        return {f"soak-{name.replace('_', '-')}.svg": figure(series) for name, series in found.items()}
 
-        write_report(options.out, "soak", {"found": document, "series": found}, draw)
+    write_report(options.out, "soak", {"found": document, "series": found}, draw)
     if options.json:
         print_json(document)
-    return _GREW if any(map(is_bad, document.values())) else 0
+    return 1 if any(map(is_bad, document.values())) else 0
 
 
 def is_bad(part: dict[str, Any]) -> bool:
@@ -116,36 +118,28 @@ def _row(verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def _simulated(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[dict[str, Any], Sequence[Series]]:
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
-        folder = Path(name)
-        watching = Watching(folder)
-        job = simulated.SimulatedSoak(robot, duration_s, _FRAME_LOSS, str(folder / "soak.mcap"))
-        ended = simulated.soak(job, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
-    part = {"duration_s": ended.time_s, "cycles": ended.cycles, "failure": ended.trip}
-    return part, watching.series
+def _simulated(robot: str, duration_s: float, watching: Watching, on_progress: OnProgress) -> dict[str, Any]:
+    job = simulated.SimulatedSoak(robot, duration_s, _FRAME_LOSS, str(watching.folder / "soak.mcap"))
+    ended = simulated.soak(job, watching, watching.folder, lambda s: on_progress(round(s), round(duration_s)))
+    return {"duration_s": ended.time_s, "cycles": ended.cycles, "failure": ended.trip}
 
 
-def _real_time(robot: str, duration_s: float, on_progress: OnProgress) -> tuple[dict[str, Any], Sequence[Series]]:
+def _real_time(robot: str, duration_s: float, watching: Watching, on_progress: OnProgress) -> dict[str, Any]:
     ros = not missing_packages()
-    with tempfile.TemporaryDirectory(prefix="segway-ecc-soak-") as name:
-        folder = Path(name)
-        watching = Watching(folder)
-        run = real_time.RealTimeSoak(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
-        ran = real_time.soak(run, watching, folder, lambda s: on_progress(round(s), round(duration_s)))
+    run = real_time.RealTimeSoak(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
+    ran = real_time.soak(run, watching, watching.folder, lambda s: on_progress(round(s), round(duration_s)))
     driven = sum(count for mode, count in ran.modes.items() if mode.startswith("ARMED"))
     failure = ""  # a fault that was cleared is none: here it is growth that counts
     if ros and driven <= _DRIVEN * sum(ran.modes.values()):
         others = (f"{mode} ({count} times)" for mode, count in ran.modes.items() if not mode.startswith("ARMED"))
         failure = f"it seldom drove: {'; '.join(others) or 'no message of its mode arrived'}"
-    part = {
+    return {
         "duration_s": duration_s,
         "ros": ros,
         **{name: ran.node[name] for name in ("cycles", "late", "overrun", "skipped", "mean_rate_hz")},
         "modes": ran.modes,
         "failure": failure,
     }
-    return part, watching.series
 
 
 def _check(option: str, duration_s: float, least_s: float) -> None:

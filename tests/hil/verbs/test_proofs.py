@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.verbs.report_folder import has_figures, make_folder, writing_to
+from segway_ecc.hil.verbs.proofs import has_figures, make_folder, writing_to
 from segway_ecc.node.errors import ConfigurationError
 
 

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""What the verbs that prove and measure share: options, what is printed, and the folder of `--out`."""
+
+import argparse
+import contextlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+
+from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.errors import ConfigurationError
+
+
+def add_packaged_robot(parser: argparse.ArgumentParser, default: str) -> None:
+    """The robot file, which may be left out."""
+    parser.add_argument("robot", nargs="?", default=default, help="a robot file, or the name of a packaged robot")
+
+
+def add_count(parser: argparse.ArgumentParser, name: str, what: str = "processes at a time") -> None:
+    """A number of things that is the number of this machine's cores where it is not given; see `check_counts`."""
+    cores = len(os.sched_getaffinity(0))
+    parser.add_argument(f"--{name}", type=int, default=cores, metavar="N", help=f"{what} (default: cores)")
+
+
+def add_study(parser: argparse.ArgumentParser) -> None:
+    """What every study has: its quick part, its report and its JSON."""
+    parser.add_argument("--quick", action="store_true", help="a part of it, in some seconds")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write the report there, and what was found as JSON")
+    add_json(parser)
+
+
+def check_counts(options: argparse.Namespace, *names: str) -> None:
+    """Refuse numbers of things that are less than 1; one that is not given is None.
+
+    Raises:
+        ConfigurationError: One is.
+    """
+    for name in names:
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            raise ConfigurationError(f"--{name} must be at least 1, not {value}")
+
+
+def print_found(options: argparse.Namespace, document: object, text: str | Mapping[str, str]) -> None:
+    """Print what was found: as JSON with `--json`, else as text; names and texts become a table."""
+    if options.json:
+        print_json(document)
+    elif isinstance(text, str):
+        sys.stdout.write(text)
+    else:
+        print_table(text)
+
+
+def make_folder(folder: Path | None) -> None:
+    """Make it before the work is done for nothing; None is none to make.
+
+    Raises:
+        ConfigurationError: It cannot be made.
+    """
+    if folder is not None:
+        with writing_to(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def writing_to(folder: Path) -> Iterator[None]:
+    """Write into it.
+
+    Raises:
+        ConfigurationError: It cannot be written to.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}; choose another --out") from error
+
+
+def has_figures() -> bool:
+    """Whether figures can be drawn here; where not, a message on standard error gives the remedy."""
+    found = importlib.util.find_spec("matplotlib") is not None
+    if not found:
+        sys.stderr.write("segway-ecc: no report: install 'segway-ecc[report]' for its figures\n")
+    return found
+
+
+def write_report(
+    folder: Path | None, name: str, document: object, draw: Callable[[], Mapping[str, str | bytes]]
+) -> None:
+    """Write what was found as `name`.json, and the page or figures where those can be drawn.
+
+    Args:
+        folder: A folder that is there; None writes nothing.
+        name: Of the study.
+        document: What it found, as JSON has it.
+        draw: Makes the files of the report, by name; called only where figures can be drawn.
+
+    Raises:
+        ConfigurationError: It cannot be written.
+    """
+    if folder is None:
+        return
+    with writing_to(folder):
+        (folder / f"{name}.json").write_bytes(msgspec.json.format(msgspec.json.encode(document)))
+        if has_figures():
+            for file, content in draw().items():
+                (folder / file).write_bytes(content.encode() if isinstance(content, str) else content)
+                sys.stderr.write(f"segway-ecc: report: {folder / file}\n")
