@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""The speed of what runs without a clock: robots in lock step, the campaign, and a step of a native model."""
+"""The speed of what runs without a clock: robots in lock step, the campaign, a native model's step, and CAN links.
 
+As a program, prints `links_cost` as JSON, for the kernel of a guest.
+"""
+
+import contextlib
+import json
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -11,7 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.hil.bench.rig import own_cache
+from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
+from segway_ecc.firmware_io.links.link import Frame, Link
+from segway_ecc.hil.bench.rig import own_cache, virtual_interface
 from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.case_study.can import LockstepCanSeat
@@ -26,9 +34,20 @@ from segway_ecc.node.native.load import load_native
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
+_LINK_CYCLES: Final = 500
+_LINK_WARM_UP: Final = 20
+_IN: Final = [Frame(0x120 + number, bytes(range(8))) for number in range(4)]
+_OUT: Final = [Frame(0x110 + number, bytes(range(8))) for number in range(2)]
+_BITRATE: Final = 500_000
+_STEPS: Final = 20_000
 _REPETITIONS: Final = 3
 _CART: Final = "cart-can"
 _SEGWAY: Final = "segway"
+CAMPAIGN_WANTED: Final = 10.0
+"""Runs a second on two cores: what a campaign is to be."""
+_SAMPLE: Final = 32
+_BEGIN: Final = 4
+"""Runs for each core that are not counted: its process has to start first."""
 SEGWAY_WANTED: Final = 50.0
 """Times real time: what the segway's lock step is to be."""
 
@@ -73,13 +92,6 @@ def _timed(robot: str, simulated_s: float, run: Callable[[], object]) -> LockSte
         durations.append(time.perf_counter() - began_s)
     rate_hz = 1e9 / build_robot(load_robot(robot), RealClock()).period_ns
     return LockStep(robot, rate_hz, simulated_s, statistics.median(durations))
-
-
-CAMPAIGN_WANTED: Final = 10.0
-"""Runs a second on two cores: what a campaign is to be."""
-_SAMPLE: Final = 32
-_BEGIN: Final = 4
-"""Runs for each core that are not counted: its process has to start first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +141,6 @@ def _timed_load() -> tuple[float, NativeModel]:
     return time.perf_counter() - began_s, model
 
 
-_STEPS: Final = 20_000
-
-
 def step_cost(model: NativeModel) -> dict[str, float]:
     """Measure a step through our interface and called from C, of a model whose library stands alone.
 
@@ -159,3 +168,53 @@ def step_cost(model: NativeModel) -> dict[str, float]:
         except (OSError, subprocess.CalledProcessError) as error:
             raise ModelError(f"cannot measure model '{model.name}' from C: {error}") from error
     return {"through_our_interface_s": statistics.median(durations) * 1e-9, "native_s": native_ns * 1e-9}
+
+
+def links_cost() -> dict[str, float] | None:
+    """Time a cycle of four frames in and two out through python-can and through a raw socket, in turns.
+
+    Only on a virtual interface: what is sent here would reach the motors of a real one.
+
+    Returns:
+        The median of each, us, and how many times the raw socket is faster; None where there is no virtual interface
+        that is up.
+    """
+    channel = virtual_interface()
+    if channel is None:
+        return None
+    with (
+        contextlib.closing(make_can_link("socketcan", channel, _BITRATE)) as feeder,
+        contextlib.closing(make_python_can_link("socketcan", channel, _BITRATE)) as python_can,
+        contextlib.closing(make_can_link("socketcan", channel, _BITRATE)) as raw,
+    ):
+        for each in (feeder, python_can, raw):
+            each.open()
+        links: dict[str, Link] = {"python_can_us": python_can, "raw_us": raw}
+        costs: dict[str, list[float]] = {name: [] for name in links}
+        for cycle in range(_LINK_WARM_UP + _LINK_CYCLES):
+            for name, link in links.items():
+                cost_us = _cycle_us(link, feeder, [other for other in links.values() if other is not link])
+                if cycle >= _LINK_WARM_UP:
+                    costs[name].append(cost_us)
+    medians = {name: statistics.median(values) for name, values in costs.items()}
+    return {**medians, "ratio": medians["python_can_us"] / medians["raw_us"]}
+
+
+def _cycle_us(link: Link, feeder: Link, others: list[Link]) -> float:
+    """One cycle of `link`; the other participants take no time from it."""
+    for frame in _IN:
+        feeder.send(frame)
+    start_ns = time.perf_counter_ns()
+    received = link.receive()
+    for frame in _OUT:
+        link.send(frame)
+    end_ns = time.perf_counter_ns()
+    if len(received) < len(_IN):
+        raise RuntimeError(f"{len(received)} of {len(_IN)} frames arrived on {link.description}")
+    for other in (feeder, *others):
+        other.receive()
+    return (end_ns - start_ns) / 1e3
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(links_cost()) + "\n")

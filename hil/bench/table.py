@@ -150,6 +150,14 @@ def model_text(cost: Mapping[str, float]) -> str:
     )
 
 
+def links_text(cost: dict[str, float]) -> str:
+    """One line."""
+    return (
+        f"CAN links: 4 frames in and 2 out in a cycle cost {cost['python_can_us']:.0f} us through python-can, "
+        f"{cost['raw_us']:.0f} us through a raw socket, {cost['ratio']:.1f} times faster (medians, on vcan)"
+    )
+
+
 def _met(met: bool) -> str:  # noqa: FBT001 - a private word for a verdict
     return "met" if met else "NOT met"
 

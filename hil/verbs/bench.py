@@ -14,20 +14,20 @@ import msgspec
 from segway_ecc.hil.bench.comparison import SEARCHED, ComparisonSetup, compare, search
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.rig import choose_bus, held_conditions, missing, own_cache
-from segway_ecc.hil.bench.speed import campaign_speed, lock_step, model_step
+from segway_ecc.hil.bench.speed import campaign_speed, links_cost, lock_step, model_step
 from segway_ecc.hil.bench.table import (
     Claim,
     campaign_text,
     claims,
     comparison_text,
     held_text,
+    links_text,
     lock_step_text,
     model_text,
 )
 from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Where, measure
-from segway_ecc.hil.verbs.bench_links import links_cost, links_text
 from segway_ecc.hil.verbs.proofs import check_counts
 from segway_ecc.node.cli.options import add_json, print_json
 from segway_ecc.node.errors import ConfigurationError
@@ -219,9 +219,9 @@ def _links(_options: argparse.Namespace) -> _Part:
     """A cycle over the kernel's CAN: here where it has a virtual interface, else in a kernel that has one."""
     cost = links_cost()
     if cost is None and uml.available() is None:
-        measure = [sys.executable, "-P", "-m", "segway_ecc.hil.verbs.bench_links", "--json"]
+        measure = [sys.executable, "-P", "-m", "segway_ecc.hil.bench.speed"]
         output = uml.run_in_guest(measure, cwd=Path.cwd(), interfaces=("vcan0",)).output
-        cost = msgspec.json.decode(output, type=dict[str, float])
+        cost = msgspec.json.decode(output, type=dict[str, float] | None)
     if cost is None:
         remedy = "sudo apt-get install user-mode-linux"
         return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({remedy})")
