@@ -7,13 +7,7 @@ from html import escape
 
 
 def page(title: str, introduction: str, sections: Iterable[str]) -> str:
-    """A complete HTML page, with its style sheet in it.
-
-    Args:
-        title: What it is called.
-        introduction: What the reader is to know first.
-        sections: Its sections, as HTML; see `section`.
-    """
+    """A complete HTML page, with its style sheet in it; its sections are HTML, see `section`."""
     css = importlib.resources.files(__package__).joinpath("page.css").read_text(encoding="utf-8")
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

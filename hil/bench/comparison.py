@@ -49,13 +49,7 @@ class ProgramResult:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonSetup:
-    """What every comparison of one run of the bench shares.
-
-    Attributes:
-        bus: Where the programs meet the plant.
-        conditions: What they all have.
-        report: Called with what is about to run.
-    """
+    """What every comparison of one run of the bench shares; `report` is called with what is about to run."""
 
     bus: Bus
     conditions: Conditions
@@ -156,13 +150,7 @@ def search(
     who: Sequence[Contestant] = SEARCHED,
     rates_hz: Sequence[float] = RATES_HZ,
 ) -> dict[Contestant, SustainedRates]:
-    """Try the rates from the lowest up; a program that fails one by far is not tried at the next.
-
-    Args:
-        setup: Where, and under which conditions.
-        hold_s: How long each rate is to be held, s.
-        who: Which programs.
-        rates_hz: The rates.
+    """Try the rates from the lowest up, each held for `hold_s`; who fails one by far is not tried at the next.
 
     Raises:
         ConfigurationError: One of them does not run here.

@@ -62,11 +62,9 @@ class BenchPrograms:
     """What is needed to run every program at one rate.
 
     Attributes:
-        robot: The robot file.
         library: The model as a shared object with 20-sim's own interface.
         loop: The minimal loop in C, the model in it.
         board: The plant.
-        period_ns: The period, ns.
     """
 
     robot: Path
@@ -88,11 +86,7 @@ def copy_controller(folder: Path) -> None:
 
 
 def make_rig(folder: Path, period_ns: int) -> BenchPrograms:
-    """Write and compile everything for one rate.
-
-    Args:
-        folder: An empty folder.
-        period_ns: The period, ns.
+    """Write and compile everything for one rate, in an empty folder.
 
     Raises:
         ConfigurationError: It does not compile.
@@ -161,8 +155,6 @@ class Conditions:
     Attributes:
         priority: Of SCHED_FIFO; 0 where it is not to be had.
         idle_states_off: Whether the processors are kept from their sleeping states while the programs run.
-        memory_locked: Whether their memory is.
-        cores: Cores that they may use.
         isolated: Those that were set aside for them; empty where none were.
         kernel: Its release and kind.
         is_compiled: Whether our own loop is, which the others have no choice in.
@@ -202,8 +194,7 @@ class Conditions:
 def held_conditions(*, is_subscribed: bool = False) -> Iterator[Conditions]:
     """Hold while the programs run what is held for all of them: no processor may go to sleep.
 
-    Args:
-        is_subscribed: Whether what they publish has a subscriber, which the caller starts.
+    `is_subscribed` is whether what they publish has a subscriber, which the caller starts.
     """
     with contextlib.ExitStack() as stack:
         with real_time_priority() as refusal:

@@ -57,7 +57,6 @@ class LockStep:
     """A robot in lock step over the simulated bus, without a log.
 
     Attributes:
-        robot: The robot.
         rate_hz: Its loop's.
         simulated_s: How long it drove in its own time.
         median_s: How long that took.

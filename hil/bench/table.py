@@ -31,11 +31,7 @@ _PHASES: Final = ("bus", "ros", "decide", "model", "limit", "record", "cycle")
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A ratio, and the most that it may be.
-
-    Attributes:
-        what: What is divided by what.
-    """
+    """A ratio, of what is divided by what, and the most that it may be."""
 
     what: str
     ratio: float

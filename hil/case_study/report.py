@@ -31,14 +31,7 @@ _INTRODUCTION = (
 
 
 def render(study: Study) -> str:
-    """Render a run of the case study.
-
-    Args:
-        study: What the run found.
-
-    Returns:
-        A complete HTML page; positions and differences in m, velocities in m/s and rad/s.
-    """
+    """A run of the case study as a complete HTML page; positions and differences in m, velocities in m/s and rad/s."""
     sections = (
         section("Verdict", _verdict(study)),
         section("Where the cart ends", _table(study.cells, study.seats)),

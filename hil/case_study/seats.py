@@ -63,7 +63,6 @@ class SeatRunner(Protocol):
     """A seat, ready to run manoeuvres.
 
     Attributes:
-        seat: Which one.
         jobs: How many runs may go on side by side.
     """
 

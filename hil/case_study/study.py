@@ -89,8 +89,6 @@ class Study:
     """Everything a run of the case study found.
 
     Attributes:
-        cells: The twelve cells.
-        seats: The seats that ran, in order.
         velocities: 1 m/s and 0.5 rad/s held for 10 s, one trajectory per seat that ran it.
         turn: The same, then -0.5 rad/s from 10 s to 20 s.
         graph: The nodes and topics as ROS reported them while the ROS seat ran; empty without it.
@@ -138,11 +136,7 @@ def thesis_cells() -> tuple[Cell, ...]:
 
 
 def table(study_cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
-    """Lay out the cells as aligned text.
-
-    Args:
-        study_cells: The cells, one row each.
-        seats: The seats to show, in order.
+    """Lay out the cells as aligned text, one row each, with the seats to show in their order.
 
     Returns:
         Lines of text: the set-points (m/s, rad/s), the positions (m) the thesis printed and each seat that ran

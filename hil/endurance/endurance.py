@@ -113,8 +113,6 @@ class Stretch(NamedTuple):
 
     Attributes:
         seed: Of its sensors' errors, of the driving and of what is lost.
-        simulated_s: How long, s.
-        cycles: Cycles of its loop.
         trip: Why it ended early; None where it did not.
         max_tilt_rad: Largest tilt of the body by the plant's truth, rad.
         max_velocity_error: Largest error of the forward velocity while a set-point stood, m/s.

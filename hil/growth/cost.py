@@ -47,8 +47,6 @@ class Point(msgspec.Struct, frozen=True, kw_only=True):
     """A size that was tried.
 
     Attributes:
-        axis: What grows.
-        size: How many.
         cost: What a cycle costs; None where it does not run.
         refused: Why it does not run; empty where it does.
     """

@@ -94,11 +94,7 @@ def measure_ports(ports: int) -> Point:
 
 
 class ManyOdrives(OdriveSettings, frozen=True, kw_only=True, tag="many_odrives"):
-    """More ODrive axes than a robot with two wheels has.
-
-    Attributes:
-        wheels: All of them, by name.
-    """
+    """More ODrive axes than a robot with two wheels has; `wheels` are all of them, by name."""
 
     wheels: dict[str, OdriveWheelSettings]
 

@@ -37,8 +37,6 @@ class AxisResult(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one axis.
 
     Attributes:
-        axis: What grew.
-        points: Each size.
         line: The line through the small sizes; None where fewer than three could be run.
     """
 

@@ -53,9 +53,7 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
         period_s: Of the loop, s.
         trials: Set-points published, at any phase of the loop.
         missed: Of how many no frame was seen.
-        p50_s: Median, s.
         p99_s: The time within which 99 of 100 were there, s.
-        max_s: The longest, s.
     """
 
     where: str
@@ -132,12 +130,11 @@ def quantile(ordered: Sequence[float], share: float) -> float:
     return ordered[max(math.ceil(share * len(ordered)) - 1, 0)]
 
 
-def measure(  # noqa: PLR0913 - what there is to choose
+def measure(
     where: Where = Where.OTHER_PROCESS,
     *,
     trials: int = 300,
     actuate: str = "immediately",
-    channel: str | None = None,
     publisher: Sequence[str] = (),
     environment: Mapping[str, str] = _NOTHING,
 ) -> Latency:
@@ -147,7 +144,6 @@ def measure(  # noqa: PLR0913 - what there is to choose
         where: Where they are published.
         trials: How many, up to `segway_ecc.hil.latency.setpoints.MOST`.
         actuate: When commands leave: `immediately` or in the `next_cycle`.
-        channel: A SocketCAN interface that nobody else uses; None for the virtual bus between processes.
         publisher: Begins the command line of their publisher, such as `ip netns exec NAME`.
         environment: Of the robot and of the publisher; what it lacks is a ROS domain of their own on this machine.
 
@@ -161,14 +157,14 @@ def measure(  # noqa: PLR0913 - what there is to choose
     if where is not Where.SAME_PROCESS:
         require_ros()
     environment = own_ros_domain() | dict(environment)
-    interface, channel = ("local", f"latency_{os.getpid()}") if channel is None else ("socketcan", channel)
+    channel = f"latency_{os.getpid()}"
     with tempfile.TemporaryDirectory(prefix="segway-ecc-latency-") as name, contextlib.ExitStack() as stack:
         folder = Path(name)
         file, messages = folder / "echo.yaml", folder / "publisher.txt"
         text = importlib.resources.files("segway_ecc.hil.latency").joinpath(file.name).read_text(encoding="utf-8")
         file.write_text(f"{text}actuate: {actuate}\n", encoding="utf-8")
-        robot = [str(file), "--interface", interface, "--channel", channel]
-        bus = stack.enter_context(_wheel_commands(interface, channel))
+        robot = [str(file), "--interface", "local", "--channel", channel]
+        bus = stack.enter_context(_wheel_commands(channel))
         stack.enter_context(command(["plant", *robot], folder / "plant.txt"))
         if where is Where.SAME_PROCESS:
             module = "segway_ecc.hil.latency.same_process"
@@ -192,10 +188,10 @@ def measure(  # noqa: PLR0913 - what there is to choose
             raise RigError(f"{where}: {error}; the robot's messages: {last_lines(folder / 'node.txt')}") from error
 
 
-def _wheel_commands(interface: str, channel: str) -> can.BusABC:
+def _wheel_commands(channel: str) -> can.BusABC:
     filters = [{"can_id": int(FrameId.WHEEL_COMMAND), "can_mask": 0x7FF, "extended": False}]
     try:
-        return can.Bus(interface=interface, channel=channel, can_filters=filters)
+        return can.Bus(interface="local", channel=channel, can_filters=filters)
     except (can.CanError, OSError) as error:
         raise BusNotFoundError(f"cannot listen on {channel}: {error}") from error
 

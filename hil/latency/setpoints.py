@@ -61,7 +61,7 @@ class Timed(NamedTuple):
     at_ns: int
 
 
-def publish_all(count: int, period_s: float, send: Callable[[float], None], *, seed: int = 1) -> list[Timed]:
+def publish_all(count: int, period_s: float, send: Callable[[float], None]) -> list[Timed]:
     """Publish so many set-points at random phases of the loop, two to three periods apart: none overtakes another.
 
     Each is another number, its time noted before it is published.
@@ -70,9 +70,8 @@ def publish_all(count: int, period_s: float, send: Callable[[float], None], *, s
         count: How many, up to `MOST`.
         period_s: Of the loop, s.
         send: Publishes one, m/s.
-        seed: Of the times between them.
     """
-    chance = random.Random(seed)  # noqa: S311 - chance that can be repeated is what is wanted
+    chance = random.Random(1)  # noqa: S311 - chance that can be repeated is what is wanted
     published = []
     for number in range(1, count + 1):
         time.sleep(period_s * (_LEAST_PERIODS + _MORE_PERIODS * chance.random()))

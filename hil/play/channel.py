@@ -59,9 +59,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """The robot at one moment.
 
     Attributes:
-        robot: Its name.
         mode: What it is allowed to do.
-        reason: Why it entered that mode.
         linear: Linear velocity ahead, m/s; None where the robot does not publish it.
         angular: Angular velocity, counter-clockwise, rad/s; None where the robot does not publish it.
         wanted_linear: Set-point in force, m/s.
@@ -73,10 +71,6 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
         line: The line that carries the commands, where there are two; else None.
         timing: How the loop meets its deadlines.
         messages: The last notices, oldest first.
-        has_ros: Whether ROS reaches the robot.
-        guard_runs: Whether the guard runs.
-        can_be_pushed: Whether the plant can be pushed.
-        is_bus_broken: Whether the bus was broken by hand.
     """
 
     robot: str
@@ -113,10 +107,9 @@ def channel() -> tuple[socket.socket, socket.socket]:
 
 
 class LoopEnd:
-    """The loop's end.
+    """The loop's end; `is_gone` where the terminal's process has ended.
 
     Attributes:
-        is_gone: Whether the terminal's process has ended.
         dropped: Snapshots that found no room.
     """
 
@@ -150,11 +143,7 @@ class LoopEnd:
 
 
 class TerminalEnd:
-    """The terminal's end.
-
-    Attributes:
-        is_gone: Whether the loop's process has ended.
-    """
+    """The terminal's end; `is_gone` where the loop's process has ended."""
 
     def __init__(self, end: socket.socket) -> None:
         """Talk over `end`."""

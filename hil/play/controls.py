@@ -22,14 +22,7 @@ _UP: Final = frozenset({Phase.STANDING_UP, Phase.BALANCING})
 
 
 class PlantControls:
-    """Sends commands to the plant's process, without waiting for it.
-
-    Attributes:
-        has_ros: Whether ROS reaches the robot.
-        guard_runs: Whether the guard runs.
-        can_be_pushed: Whether the plant can be pushed.
-        is_bus_broken: Whether the bus was broken by hand.
-    """
+    """Sends commands to the plant's process, without waiting for it."""
 
     def __init__(
         self,

@@ -38,14 +38,7 @@ _TOPICS: Final = {
 
 
 class RealTimeSoak(msgspec.Struct, frozen=True):
-    """What is run.
-
-    Attributes:
-        robot: The robot file.
-        duration_s: How long, s.
-        every_s: How often its processes are looked at, s.
-        ros: Whether with ROS.
-    """
+    """What is run: a robot file, how long, s, looked at how often, s, and whether with ROS."""
 
     robot: str
     duration_s: float
@@ -101,7 +94,7 @@ def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnSec
         return RealTimeResult(controller.result(_END_S), station.result(_END_S) if run.ros else {})
 
 
-def drive(namespace: str, duration_s: float, seed: int = 1) -> dict[str, int]:
+def drive(namespace: str, duration_s: float) -> dict[str, int]:
     """Drive the robot in a namespace for some time; returns the messages of its mode, by mode and reason."""
     modes: dict[str, int] = {}
     with ros_node("soak", namespace) as node:
@@ -111,7 +104,7 @@ def drive(namespace: str, duration_s: float, seed: int = 1) -> dict[str, int]:
 
         subscriptions = [subscribed(topic, kind) for topic, kind in _TOPICS.items()]
         mode = subscribed("mode", "diagnostic_msgs/msg/DiagnosticStatus")
-        publish, operate = _SetpointPublisher(node, seed), _FaultClearer(node)
+        publish, operate = _SetpointPublisher(node), _FaultClearer(node)
         begun_s = time.monotonic()
         for turn in itertools.count():
             if turn * _PERIOD_S >= duration_s:
@@ -130,8 +123,8 @@ def drive(namespace: str, duration_s: float, seed: int = 1) -> dict[str, int]:
 class _SetpointPublisher:
     """Publishes the set-point of each turn, and heartbeats."""
 
-    def __init__(self, node: RosObject, seed: int) -> None:
-        self._driver = Driver(seed)
+    def __init__(self, node: RosObject) -> None:
+        self._driver = Driver(1)
         self._twist = message_type("geometry_msgs/msg/Twist")
         self._header = message_type("std_msgs/msg/Header")
         self._setpoints = node.create_publisher(self._twist, "cmd_vel", 10)

@@ -42,14 +42,7 @@ _DROPPED: Final = Counted("records dropped", None)
 
 
 class SimulatedSoak(msgspec.Struct, frozen=True):
-    """What is driven.
-
-    Attributes:
-        robot: The robot file.
-        duration_s: How long, s.
-        frame_loss: Share of the frames lost either way.
-        log: Where the log goes.
-    """
+    """What is driven: a robot file, how long, s, with which share of frames lost either way; and where its log goes."""
 
     robot: str
     duration_s: float
@@ -61,7 +54,6 @@ class ProcessSample(msgspec.Struct):
     """What the process reports of itself.
 
     Attributes:
-        time_s: Simulated time, s.
         blocks: Blocks of memory that Python holds.
         objects: Objects that the garbage collector knows.
         trip: Why the robot ended early; empty where it did not.

@@ -32,13 +32,10 @@ class Series(msgspec.Struct, frozen=True, kw_only=True):
     """A quantity of a process over time.
 
     Attributes:
-        process: Whose.
-        quantity: What.
         unit: In what; empty for a count.
         allowed: How much it may grow from the end of the warm-up on; None where that is not judged.
         most: What it may never exceed; None for no bound.
         times_s: When it was looked at, s, of the time that the run simulates or takes.
-        values: What it was.
     """
 
     process: str
