@@ -95,7 +95,6 @@ def memory(pids: list[int], proc: Path = _PROC) -> Memory:
 
 
 def _parents(proc: Path) -> dict[int, int]:
-    """The parent of each process."""
     return {int(e.name): int(fields[_PARENT]) for e in sorted(proc.glob("[0-9]*")) if (fields := _stat(e))}
 
 

@@ -150,7 +150,6 @@ def _first_heartbeat(listener: HeartbeatListener, process: subprocess.Popen[byte
 
 
 def _words(who: Contestant, place: BenchSite, samples: Path, duration_s: float) -> Sequence[str]:
-    """The command line of a program."""
     bus, rig = place.bus, place.rig
     line = ["--interface", bus.interface, "--channel", bus.channel, "--duration", str(duration_s)]
     line += ["--namespace", NAMESPACE]

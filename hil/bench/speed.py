@@ -43,6 +43,7 @@ _STEPS: Final = 20_000
 _REPETITIONS: Final = 3
 _CART: Final = "cart-can"
 _SEGWAY: Final = "segway"
+_DRIVEN_S: Final = 10.0
 CAMPAIGN_WANTED: Final = 10.0
 """Runs a second on two cores: what a campaign is to be."""
 _SAMPLE: Final = 32
@@ -73,24 +74,24 @@ class LockStep:
         return self.simulated_s / self.median_s
 
 
-def lock_step(cart_s: float = 10.0, segway_s: float = 10.0) -> list[LockStep]:
+def lock_step() -> list[LockStep]:
     """Drive the cart through a cell of the case study, and the segway through its street, several times each."""
-    seat, manoeuvre = LockstepCanSeat(None, _CART), single_segment(2.0, 2.0, cart_s)
+    seat, manoeuvre = LockstepCanSeat(None, _CART), single_segment(2.0, 2.0, _DRIVEN_S)
     segway = load_robot(_SEGWAY)
     return [
-        _timed(_CART, cart_s, lambda: seat.run("bench", manoeuvre)),
-        _timed(_SEGWAY, segway_s, lambda: drive(segway, 0, segway_s, 0.0)),
+        _timed(_CART, lambda: seat.run("bench", manoeuvre)),
+        _timed(_SEGWAY, lambda: drive(segway, 0, _DRIVEN_S, 0.0)),
     ]
 
 
-def _timed(robot: str, simulated_s: float, run: Callable[[], object]) -> LockStep:
+def _timed(robot: str, run: Callable[[], object]) -> LockStep:
     durations = []
     for _ in range(_REPETITIONS):
         began_s = time.perf_counter()
         run()
         durations.append(time.perf_counter() - began_s)
     rate_hz = 1e9 / build_robot(load_robot(robot), RealClock()).period_ns
-    return LockStep(robot, rate_hz, simulated_s, statistics.median(durations))
+    return LockStep(robot, rate_hz, _DRIVEN_S, statistics.median(durations))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +116,11 @@ class CampaignSpeed:
         return self.runs / self.took_s
 
 
-def campaign_speed(sample: int = _SAMPLE) -> CampaignSpeed:
+def campaign_speed() -> CampaignSpeed:
     """Run every n-th trial of the campaign on all cores."""
     trials = runs_of(list(load_all([])))
     jobs = len(os.sched_getaffinity(0))
-    chosen = trials[:: max(len(trials) // (sample + jobs * _BEGIN), 1)]
+    chosen = trials[:: max(len(trials) // (_SAMPLE + jobs * _BEGIN), 1)]
     first = jobs * _BEGIN
     times: list[float] = []
     run_campaign(chosen, jobs, lambda _done, _all: times.append(time.monotonic()))

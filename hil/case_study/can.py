@@ -5,8 +5,9 @@ import contextlib
 import csv
 from bisect import bisect_left
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -39,14 +40,10 @@ class RealTimeCanSeat:
     def __init__(
         self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
     ) -> None:
-        """Run a robot; keep messages in `folder` and logs in `logs`.
+        """Run a robot; keep messages in `folder` and the robot's logs in `logs`.
 
-        Args:
-            folder: Where messages go.
-            logs: Where the robot's logs go.
-            robot: The robot file, or the name of one that ships with the package.
-            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
-                first interface of this machine, and for the robot's own.
+        `channels` are the CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+        first interface of this machine, and for the robot's own.
         """
         self._folder = folder
         self._logs = logs
@@ -84,13 +81,10 @@ class LockstepCanSeat:
     jobs = 1
 
     def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
-        """Run a robot.
+        """Run a robot; its logs go to `logs`, None for none.
 
-        Args:
-            logs: Where the logs of its runs go; None for none.
-            robot: The robot file, or the name of one that ships with the package.
-            channels: The CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
-                simulated bus.
+        `channels` are the CAN interfaces of robot and plant, which may be two controllers on one bus; None for the
+        simulated bus.
         """
         self._logs = logs
         self._robot = robot
@@ -108,9 +102,9 @@ class LockstepCanSeat:
         else:
             robot_link, plant_link = kernel_ends(rig, self._channels, bitrate)
         plant = simulated_robot(file, plant_link)
-        truth = _TruthReader(plant.output_names)
+        truth = _truth_in(plant.output_names)
         points: list[Odometry] = []
-        rig.attach(plant, lambda wall_ns, outputs: points.append(truth.read(wall_ns, outputs)))
+        rig.attach(plant, lambda wall_ns, outputs: points.append(Odometry(wall_ns, *truth(outputs))))
         robot = build_robot(file, rig, robot_link)
         player = Player(manoeuvre)
         stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
@@ -121,22 +115,17 @@ class LockstepCanSeat:
         return SeatRun(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
 
 
-class _TruthReader:
-    """Finds where the cart really is among the plant's outputs."""
-
-    def __init__(self, output_names: Sequence[str]) -> None:
-        self._indices = [output_names.index(name) for name in _TRUTH]
-
-    def read(self, wall_ns: int, outputs: Sequence[float]) -> Odometry:
-        return Odometry(wall_ns, *(outputs[index] for index in self._indices))
-
-
 def read_truth(path: Path) -> list[Odometry]:
     """Where the cart really was at each tick, from the file that `segway-ecc plant --truth` writes."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)
-        truth = _TruthReader(next(rows)[1:])
-        return [truth.read(int(wall_ns), [float(value) for value in values]) for wall_ns, *values in rows]
+        truth = _truth_in(next(rows)[1:])
+        return [Odometry(int(wall_ns), *map(float, truth(values))) for wall_ns, *values in rows]
+
+
+def _truth_in(output_names: Sequence[str]) -> "itemgetter[tuple[Any, ...]]":
+    """Finds where the cart really is among the plant's outputs."""
+    return itemgetter(*(output_names.index(name) for name in _TRUTH))
 
 
 def resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:

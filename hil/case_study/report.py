@@ -142,7 +142,6 @@ def _figures(study: Study) -> str:
 
 
 def _figure(data: Sequence[_T], draw: Callable[[Sequence[_T]], str], caption: str, missing: str) -> str:
-    """A figure of some data, or why there is none."""
     if not data:
         return f"<p>{escape(missing)}</p>\n" if missing else ""
     return figure(caption, draw(data))

@@ -231,7 +231,6 @@ def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress
 
 
 def _first(whole: Trajectory, duration_s: float) -> Trajectory:
-    """The beginning of a trajectory."""
     count = sum(time <= duration_s for time in whole.time)
     fields = (field.name for field in dataclasses.fields(whole) if field.name != "seat")
     return dataclasses.replace(whole, **{name: getattr(whole, name)[:count] for name in fields})

@@ -247,11 +247,9 @@ class _DriverStage(NoStage):
 
     @property
     def over(self) -> str | None:  # type: ignore[override]  # here it follows from what was observed
-        """Why it ended."""
         return None if self._watch.trip is None else self._watch.trip.reason
 
     def take_inbox(self) -> Inbox:
-        """The set-point of this cycle."""
         time_s = self._cycle * self._period_s
         self._cycle += 1
         if self._cycle % self._report_every == 0:

@@ -86,7 +86,6 @@ _driven_s: "SynchronizedArray[float] | None" = None
 
 
 def _start(driven_s: "SynchronizedArray[float]") -> None:
-    """Begin a process of the pool."""
     global _driven_s  # noqa: PLW0603 - the one way in which a pool hands shared memory to its processes
     _driven_s = driven_s
     ignore_interrupt()

@@ -48,11 +48,9 @@ class _Through(SectionedModel):
     method = Method.DISCRETE
 
     def input(self, u: Sequence[float]) -> None:
-        """Take them all."""
         self.taken = u
 
     def output(self) -> Sequence[float]:
-        """Give them all."""
         return self.taken
 
 
@@ -64,7 +62,6 @@ class _Rest(SectionedModel):
     method = Method.DISCRETE
 
     def output(self) -> Sequence[float]:
-        """Zeros."""
         return [0.0] * len(self.outputs)
 
 
@@ -112,7 +109,6 @@ class _Pairs:
         self._robots = robots
 
     def tick(self, now_ns: int) -> None:
-        """One pass of every drive."""
         for robot in self._robots:
             robot.tick(now_ns)
 

@@ -112,7 +112,6 @@ def listen(namespace: str, count: int) -> None:
 
 
 def _take_message(subscription: RosObject) -> bool:
-    """Take a message, if there is one."""
     return subscription.handle.take_message(subscription.msg_type, False) is not None  # noqa: FBT003 - not raw
 
 

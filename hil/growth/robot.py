@@ -51,7 +51,6 @@ class _CommandThread(threading.Thread):
         self._clock, self._loop, self._pids = clock, loop, pids
 
     def run(self) -> None:
-        """Answer until the end."""
         while not self._clock.taken_ns:
             time.sleep(_LOOK_S)
         begun = self._now()

@@ -43,13 +43,7 @@ _ACTUATE: Final = (_AT_ONCE, "next_cycle")
 
 
 class _Part(NamedTuple):
-    """What a part of the bench found.
-
-    Attributes:
-        document: As JSON.
-        text: For people.
-        claims: What was to be judged by it.
-    """
+    """What a part of the bench found: as JSON, for people, and what was to be judged by it."""
 
     document: object
     text: str
@@ -121,53 +115,54 @@ def _contestants(options: argparse.Namespace, of: Sequence[Contestant] = tuple(C
     return [who for who in wanted if not (lacking and who is Contestant.USER)]
 
 
-def _on_the_rig(options: argparse.Namespace, measure: Callable[[ComparisonSetup], _Part]) -> _Part:
-    lack = missing()
-    if lack is not None:
-        return _Part(None, f"comparison: {lack}")
-    bus = choose_bus(options.channel, options.plant_channel)
-    with own_cache(), held_conditions(is_subscribed=options.subscribed) as conditions:
-        part = measure(ComparisonSetup(bus, conditions, _report))
-    where = f"{bus.interface} {bus.channel}"
-    document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(part.document)}
-    return _Part(document, f"on {where}: {conditions.as_text()}\n{part.text}", part.claims)
+def _on_the_rig(
+    measure: Callable[[argparse.Namespace, ComparisonSetup], _Part],
+) -> Callable[[argparse.Namespace], _Part]:
+    """A part that compares programs on the bus, where there is a compiler for them."""
+
+    def part(options: argparse.Namespace) -> _Part:
+        lack = missing()
+        if lack is not None:
+            return _Part(None, f"comparison: {lack}")
+        bus = choose_bus(options.channel, options.plant_channel)
+        with own_cache(), held_conditions(is_subscribed=options.subscribed) as conditions:
+            found = measure(options, ComparisonSetup(bus, conditions, _report))
+        where = f"{bus.interface} {bus.channel}"
+        document = {"conditions": dataclasses.asdict(conditions), "bus": where, **msgspec.to_builtins(found.document)}
+        return _Part(document, f"on {where}: {conditions.as_text()}\n{found.text}", found.claims)
+
+    return part
 
 
-def _loops(options: argparse.Namespace) -> _Part:
+@_on_the_rig
+def _loops(options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
     duration_s = _FULL_DURATION_S if options.full else options.duration
-
-    def measure(setup: ComparisonSetup) -> _Part:
-        rates, texts, judged = [], [], list[Claim]()
-        for rate_hz in options.rate:
-            results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
-            found = claims(results)
-            texts += [f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in found)]
-            verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in found]
-            programs = {who: dataclasses.asdict(result) for who, result in results.items()}
-            rates.append({"rate_hz": rate_hz, "programs": programs, "claims": verdicts})
-            judged += found
-        return _Part({"rates": rates}, "\n".join(texts), judged)
-
-    return _on_the_rig(options, measure)
+    rates, texts, judged = [], [], list[Claim]()
+    for rate_hz in options.rate:
+        results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
+        found = claims(results)
+        texts += [f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in found)]
+        verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in found]
+        programs = {who: dataclasses.asdict(result) for who, result in results.items()}
+        rates.append({"rate_hz": rate_hz, "programs": programs, "claims": verdicts})
+        judged += found
+    return _Part({"rates": rates}, "\n".join(texts), judged)
 
 
-def _held(options: argparse.Namespace) -> _Part:
+@_on_the_rig
+def _held(options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
     hold_s = _FULL_HOLD_S if options.full else options.hold
-
-    def measure(setup: ComparisonSetup) -> _Part:
-        held = search(setup, hold_s, _contestants(options, SEARCHED))
-        document = {
-            who: {
-                "none_late_hz": one.in_time_hz,
-                "none_lost_hz": one.complete_hz,
-                "tried": {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in one.tried.items()},
-                "faults": {f"{rate_hz:g}": why for rate_hz, why in one.faults.items()},
-            }
-            for who, one in held.items()
+    held = search(setup, hold_s, _contestants(options, SEARCHED))
+    document = {
+        who: {
+            "none_late_hz": one.in_time_hz,
+            "none_lost_hz": one.complete_hz,
+            "tried": {f"{rate_hz:g}": dataclasses.asdict(cycles) for rate_hz, cycles in one.tried.items()},
+            "faults": {f"{rate_hz:g}": why for rate_hz, why in one.faults.items()},
         }
-        return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
-
-    return _on_the_rig(options, measure)
+        for who, one in held.items()
+    }
+    return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
 
 
 def _lock_step(_options: argparse.Namespace) -> _Part:

@@ -128,7 +128,6 @@ def _facts(folder: Path, robot: str) -> dict[str, str]:
 
 
 def _write_report(study: Study, folder: Path) -> None:
-    """Write the page, where the drawing library is there."""
     if not has_figures():
         return
     from segway_ecc.hil.case_study.report import render  # noqa: PLC0415 - an extra that the rest of this verb does without

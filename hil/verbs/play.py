@@ -92,7 +92,6 @@ def _with_lines(options: argparse.Namespace, folder: Path) -> RobotFile:
 
 
 def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Path) -> tuple[Command, Command]:
-    """The plant, once it runs, and the guard."""
     lines = [options.robot]
     for name in ("interface", "channel", "serial"):
         value = getattr(options, name)
@@ -105,7 +104,6 @@ def _start(stack: contextlib.ExitStack, options: argparse.Namespace, folder: Pat
 def _stage(
     stack: contextlib.ExitStack, options: argparse.Namespace, robot: Robot, rig: PlantControls, terminal: LoopEnd
 ) -> PlayStage:
-    """The keyboard's stage, with ROS behind it where it is."""
     if options.ros:
         require_ros()
     behind: Stage = NoStage()
@@ -144,6 +142,5 @@ class _Notices(logging.Handler):
         self._stage = stage
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep a notice."""
         seconds = record.relativeCreated * 1e-3
         self._stage.messages.append(f"{seconds:6.1f} s  {record.getMessage()}")
