@@ -42,21 +42,15 @@ class PtyPort:
 
     def read(self, size: int, /) -> bytes:
         """Take up to `size` bytes."""
-        if self._ours is None:
-            return b""
-        try:
-            return os.read(self._ours, size)
-        except BlockingIOError:
-            return b""
+        with contextlib.suppress(BlockingIOError):
+            return b"" if self._ours is None else os.read(self._ours, size)
+        return b""
 
     def write(self, data: bytes, /) -> int:
         """Queue bytes; how many there was room for."""
-        if self._ours is None:
-            return len(data)
-        try:
-            return os.write(self._ours, data)
-        except BlockingIOError:
-            return 0
+        with contextlib.suppress(BlockingIOError):
+            return len(data) if self._ours is None else os.write(self._ours, data)
+        return 0
 
     def plug(self) -> None:
         """Put the adapter in: a new pseudo-terminal under the same name."""

@@ -12,8 +12,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.hil.bench.contestants import NAMESPACE, BenchSite, Contestant, ProgramRun, plant, run_contestant
-from segway_ecc.hil.bench.listener import listening
+from segway_ecc.hil.bench.contestants import (
+    NAMESPACE,
+    BenchSite,
+    Contestant,
+    ProgramRun,
+    listening,
+    plant,
+    run_contestant,
+)
 from segway_ecc.hil.bench.rig import Bus, Conditions, make_rig
 from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
 from segway_ecc.hil.process_usage import Memory

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""The programs that are compared, and how each is started."""
+"""The programs that are compared, how each is started, and the plant and the subscriber beside them.
+
+As a program, that subscriber: argument NAMESPACE. It takes nothing of what it subscribes to, so that what is measured
+beside it is what publishing costs, and not what receiving does.
+"""
 
 import contextlib
 import enum
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,10 +25,15 @@ from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 from segway_ecc.hil.processes import last_lines, module_words, program
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.errors import ConfigurationError
+from segway_ecc.node.ros.messages import message_type
+from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.safety.modes import Mode
 
 NAMESPACE: Final = f"/bench_{os.getpid()}"
 """Of all programs in ROS."""
+TOPICS: Final = {"odom": "nav_msgs/msg/Odometry", "joint_states": "sensor_msgs/msg/JointState"}
+"""Topics that any ROS 2 system subscribes to, and their types."""
+_DEPTH: Final = 10
 _START_S: Final = 180.0
 _END_S: Final = 180.0
 """In an emulated machine, where importing ROS alone takes a minute, and so does leaving it."""
@@ -180,3 +190,40 @@ def _ended(process: subprocess.Popen[bytes], who: Contestant) -> bytes:
         return process.communicate(timeout=_END_S)[0]
     except subprocess.TimeoutExpired as error:
         raise ConfigurationError(f"the program '{who}' does not end") from error
+
+
+@contextlib.contextmanager
+def listening(namespace: str) -> Iterator[None]:
+    """Have `TOPICS` in a namespace subscribed to while the context lasts.
+
+    Raises:
+        ConfigurationError: ROS does not start there.
+    """
+    words = [*module_words(__name__), namespace]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:  # noqa: S603 - our own
+        try:
+            if process.stdout is None or process.stdout.readline() != b"ready\n":
+                raise ConfigurationError("the listener of the bench does not start")
+            yield
+        finally:
+            process.communicate()  # which closes its standard input, so that it ends
+
+
+def _subscribe() -> None:
+    """Subscribe, and wait for the end of standard input."""
+    with ros_node("listener", sys.argv[1]) as node:
+        subscriptions = [
+            node.create_subscription(message_type(kind), topic, _never_called, _DEPTH) for topic, kind in TOPICS.items()
+        ]
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        sys.stdin.read()
+        del subscriptions
+
+
+def _never_called(_message: object) -> None:
+    raise AssertionError("nothing is taken")
+
+
+if __name__ == "__main__":
+    _subscribe()

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""The keyboard as a stage of the loop, in front of ROS or of nobody."""
+"""The keyboard as a stage of the loop, in front of ROS or of nobody, and what it can do but drive."""
 
 import logging
 import math
+import os
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot
-from segway_ecc.hil.play.controls import PlantControls, Posture
-from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Stage, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, SetValue, Stage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.models.segway_law import Phase
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.safety.modes import ACTIVE, Action, Answer, Mode, Modes
 
@@ -22,6 +23,15 @@ MAX_LINEAR: Final = 1.0
 MAX_ANGULAR: Final = 2.0
 PITCH: Final = "Pitch"
 """The model's output of the tilt, where it has one."""
+PUSH_N: Final = 50.0
+PUSH_S: Final = 0.1
+"""With `PUSH_N` 5 N s: the segway of the case study recovers from 7.5 N s at rest."""
+FORCE: Final = "PushForce"
+STAND: Final = "stand"
+"""The value that anybody may set: 1 stand, 0 sit."""
+PHASE: Final = "Phase"
+"""The model's output of what it is doing, a `Phase`."""
+_UP: Final = frozenset({Phase.STANDING_UP, Phase.BALANCING})
 _SHOW_EVERY_S: Final = 0.05
 _MESSAGES: Final = 6
 _LINK_STATE: Final = re.compile(r"link\.(?:(\w+)\.)?state")
@@ -42,6 +52,83 @@ _ACTIONS: Final = {
 _logger = logging.getLogger(__name__)
 
 
+class PlantControls:
+    """Sends commands to the plant's process, without waiting for it."""
+
+    def __init__(
+        self,
+        control: int,
+        period_ns: int,
+        guard_runs: Callable[[], bool],
+        *,
+        has_ros: bool = False,
+        can_be_pushed: bool,
+    ) -> None:
+        """Write to the plant's control, a descriptor; `work` is called once in `period_ns`."""
+        self.has_ros = has_ros
+        self.guard_runs = guard_runs
+        self.can_be_pushed = can_be_pushed
+        self.is_bus_broken = False
+        self._control = control
+        self._push_cycles = max(round(PUSH_S * 1e9 / period_ns), 1)
+        self._left = 0
+        os.set_blocking(control, False)
+
+    def push(self) -> None:
+        """Push the robot ahead for a moment, where it can be pushed."""
+        if self.can_be_pushed and self._send(f"write {FORCE} {PUSH_N}"):
+            self._left = self._push_cycles
+
+    def toggle_bus(self) -> None:
+        """Cut the bus; or restore it, where it was cut."""
+        if self._send("heal" if self.is_bus_broken else "cut"):
+            self.is_bus_broken = not self.is_bus_broken
+
+    def work(self) -> None:
+        """End a push whose time is over."""
+        if self._left == 1 and not self._send(f"write {FORCE} 0"):
+            return
+        self._left = max(self._left - 1, 0)
+
+    def _send(self, line: str) -> bool:
+        try:
+            return os.write(self._control, f"{line}\n".encode()) > 0
+        except OSError:  # full, or the plant is gone
+            return False
+
+
+class Posture:
+    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_phases`.
+
+    Attributes:
+        can_change: Whether the robot is one that stands up and sits down.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Look at how a robot is wired."""
+        self.can_change = STAND in robot.wiring.set_names and PHASE in [v.name for v in robot.model.outputs]
+        self._place = robot.wiring.set_names.index(STAND) if self.can_change else 0
+        self._model = robot.model
+        self._pending: deque[float] = deque()
+
+    @property
+    def doing(self) -> str | None:
+        """What the robot is doing, in words; None where it has no phases."""
+        return self._phase.name.lower().replace("_", " ") if self.can_change else None
+
+    def change(self) -> None:
+        """Sit down where it is up, and stand up where it is down: one that gave up has to sit first."""
+        self._pending = deque((0.0,) if self._phase in _UP else (0.0, 1.0))
+
+    def take_requests(self) -> list[SetValue]:
+        """The request of this cycle: one value, since the second of two would be all that the model sees."""
+        return [SetValue(self._place, self._pending.popleft())] if self._pending else []
+
+    @property
+    def _phase(self) -> Phase:
+        return Phase(int(self._model.read(PHASE)))
+
+
 class PlayStage:
     """See `Stage`. Set-points come from the keyboard or from the stage behind: the last that sent one drives.
 
@@ -50,6 +137,7 @@ class PlayStage:
 
     Attributes:
         messages: Notices below the view; the oldest is discarded.
+        modes: The robot's; set once its loop is there.
     """
 
     wants_reports = True
@@ -63,7 +151,7 @@ class PlayStage:
         self._terminal = terminal
         self._rig = rig
         self._robot = robot
-        self._modes = modes
+        self.modes = modes
         self._signals = list(robot.wiring.published)
         self._posture = Posture(robot)
         self._has_pitch = any(v.name == PITCH for v in robot.model.outputs)
@@ -75,10 +163,6 @@ class PlayStage:
         self._over: str | None = None
         self._hardware: Mapping[str, str] = {}
         self._timing: Mapping[str, str] = {}
-
-    def watch(self, modes: Modes) -> None:
-        """Show why the robot is in its mode."""
-        self._modes = modes
 
     @property
     def over(self) -> str | None:
@@ -137,7 +221,7 @@ class PlayStage:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
             case Key.ALIVE if self._is_driving and self._wanted != REST:
                 inbox.setpoints.append(StampedSetpoint(self._wanted, None))
-            case Key.STAND if self._modes is None or self._modes.mode not in ACTIVE:
+            case Key.STAND if self.modes is None or self.modes.mode not in ACTIVE:
                 _logger.info("refused: arm the robot first")
             case Key.STAND if self._posture.can_change:
                 self._posture.change()
@@ -154,7 +238,7 @@ class PlayStage:
         """Log an answer; a change of mode is logged by the loop already."""
         if not answer.accepted:
             _logger.info("refused: %s", answer.message)
-        elif self._modes is None or answer.message != f"{self._modes.mode}: {self._modes.reason}":
+        elif self.modes is None or answer.message != f"{self.modes.mode}: {self.modes.reason}":
             _logger.info("%s", answer.message)
 
     def _snapshot(self, report: Report) -> Snapshot:
@@ -164,7 +248,7 @@ class PlayStage:
         return Snapshot(
             robot=self._robot.file.name,
             mode=str(report.mode),
-            reason="" if self._modes is None else self._modes.reason,
+            reason="" if self.modes is None else self.modes.reason,
             linear=self._measured(report, "odometry.linear_velocity"),
             angular=self._measured(report, "odometry.angular_velocity"),
             wanted_linear=self._in_force.linear_velocity if is_armed else 0.0,

@@ -17,8 +17,7 @@ from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.hil.play.channel import LoopEnd, channel
-from segway_ecc.hil.play.controls import FORCE, PlantControls
-from segway_ecc.hil.play.stage import PlayStage
+from segway_ecc.hil.play.stage import FORCE, PlantControls, PlayStage
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file, stopped_by_signals
@@ -69,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         ours, theirs = channel()
         stage = _stage(stack, options, robot, rig, LoopEnd(ours))
         loop = robot.loop(stage, NoRecorder())
-        stage.watch(loop.modes)
+        stage.modes = loop.modes
         stack.enter_context(_terminal(ours, theirs))
         stack.enter_context(messages_to(_Notices(stage)))
         with stopped_by_signals(loop.stop), real_time():

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from segway_ecc.hil.play.channel import Key, LoopEnd, Snapshot, TerminalEnd, channel
-from segway_ecc.hil.play.controls import PlantControls
-from segway_ecc.hil.play.stage import PlayStage
+from segway_ecc.hil.play.stage import PlantControls, PlayStage
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -177,7 +176,7 @@ def test_requests_are_made_and_their_answers_reported(
 def test_a_change_of_mode_is_reported_by_the_loop_alone(game: Game, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     modes = Modes()
-    game.stage.watch(modes)
+    game.stage.modes = modes
     (request,) = game.press(Key.ARM).requests
     request.answer(modes.ask(Action.ARM))
     assert modes.mode is Mode.ARMED
@@ -227,7 +226,7 @@ def test_everything_is_handed_on(game: Game) -> None:
 
 def test_what_is_shown(game: Game) -> None:
     modes = Modes()
-    game.stage.watch(modes)
+    game.stage.modes = modes
     health = {
         "link": "x",
         "link.owner": "serial",
@@ -297,7 +296,7 @@ def test_a_robot_with_one_line_shows_its_state_as_that_of_the_bus(game: Game) ->
 
 def test_a_robot_that_cannot_stand_up_gets_no_request_to(game: Game) -> None:
     modes = Modes()
-    game.stage.watch(modes)
+    game.stage.modes = modes
     modes.ask(Action.ARM)
     assert game.press(Key.STAND).values == []
 
@@ -307,7 +306,7 @@ def test_standing_up_waits_for_the_motors(game: Game, caplog: pytest.LogCaptureF
     stage = PlayStage(NoStage(), LoopEnd(game.ends[0]), game.rig, build_robot(load_robot("segway"), ScriptedClock()))
     game = game._replace(stage=stage)
     modes = Modes()
-    stage.watch(modes)
+    stage.modes = modes
     assert game.press(Key.STAND).values == []
     assert game.press().values == []
     assert caplog.messages == ["refused: arm the robot first"]

@@ -3,7 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.play.controls import Posture
+from segway_ecc.hil.play.stage import Posture
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import SetValue
 from segway_ecc.node.models.segway_law import Phase

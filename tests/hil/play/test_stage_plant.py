@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from segway_ecc.hil.play.controls import PlantControls
+from segway_ecc.hil.play.stage import PlantControls
 
 MS = 1_000_000
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.bench.listener import TOPICS, listening
+from segway_ecc.hil.bench.contestants import TOPICS, listening
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.ros.messages import message_type
 from segway_ecc.node.ros.runtime import ros_node
