@@ -38,7 +38,7 @@ _NOT_DRIVEN: Final = SetpointReport(0, 0.0, 0.0)
 _LEVELS: Final = {Mode.FAULT: "error", Mode.HOLD: "warning"}
 H = TypeVar("H")
 _PERIOD_NS: Final = 100_000_000
-_KEPT: Final = 50
+_KEPT_STAMPS: Final = 50
 """Stamps that an echo may carry: those of five seconds."""
 _ECHO_WITHIN_NS: Final = 1_000_000_000
 """Without an echo for longer the robot does not receive our heartbeats."""
@@ -75,7 +75,7 @@ class Heartbeats:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._sent: deque[int] = deque(maxlen=_KEPT)
+        self._sent: deque[int] = deque(maxlen=_KEPT_STAMPS)
         self._round_trips: dict[str, tuple[float, int]] = {}
 
     def due(self, now_ns: int) -> int | None:

@@ -99,23 +99,22 @@ class RosRobotConnection:
             for action in Action
         }
 
-    def take_modes(self) -> Iterator[tuple[RobotMessage, int]]:
-        """Every message on `mode` that has arrived, with when it reached this machine, ns since the Unix epoch."""
+    def received(self, *, everything: bool) -> Iterator[tuple[RobotMessage, int]]:
+        """What arrived on `mode`, and the newest of `everything` else; and when each did, ns since the Unix epoch."""
         for _ in range(_ALL):
             taken = self._mode.handle.take_message(self._mode.msg_type, False)  # noqa: FBT003 - rclpy's form: not raw
             if taken is None:
-                return
-            yield from self._received(decode_mode(taken[0].name, _values(taken[0])), taken)
-
-    def take_others(self) -> Iterator[tuple[RobotMessage, int]]:
-        """The newest of everything else that has arrived, in the same form."""
+                break
+            yield from self._valid(decode_mode(taken[0].name, _values(taken[0])), taken)
+        if not everything:
+            return
         taken = self._odometry.handle.take_message(self._odometry.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
         if taken is not None:
-            yield from self._received(read_odometry(taken[0]), taken)
+            yield from self._valid(read_odometry(taken[0]), taken)
         for subscription, decode in self._others:
             taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's form
             if taken is not None:
-                yield from self._received(decode(taken[0]), taken)
+                yield from self._valid(decode(taken[0]), taken)
 
     def beat(self, station: str, stamp_ns: int) -> None:
         """Send a heartbeat."""
@@ -160,7 +159,7 @@ class RosRobotConnection:
         """See `RobotConnection.stand`."""
         self._stand.publish(self._stand.msg_type(data=1.0 if up else 0.0))
 
-    def _received(self, message: RobotMessage | None, taken: RosObject) -> Iterator[tuple[RobotMessage, int]]:
+    def _valid(self, message: RobotMessage | None, taken: RosObject) -> Iterator[tuple[RobotMessage, int]]:
         if message is None:
             self.refused += 1
         else:
@@ -181,23 +180,14 @@ class RosBridge:
         connections: The connection to each robot, by namespace.
     """
 
-    def __init__(
-        self,
-        handler: CommandHandler,
-        beats: Heartbeats | None,
-        clock_ns: Callable[[], int],
-        wall_ns: Callable[[], int],
-        events: EventLog,
-    ) -> None:
+    def __init__(self, handler: CommandHandler, beats: Heartbeats | None, events: EventLog) -> None:
         """Pass what is received to `handler`; send `beats`, or none where it only watches."""
         self.connections: dict[str, RosRobotConnection] = {}
         self._handler = handler
         self._beats = beats
-        self._clock_ns = clock_ns
-        self._wall_ns = wall_ns
         self._events = events
         self._node: RosObject = None
-        self._polled_ns = clock_ns()
+        self._polled_ns = time.monotonic_ns()
         self._discovered_ns = -_DISCOVER_EVERY_NS
         self._turns = itertools.count()
         self._shared: set[str] = set()
@@ -214,14 +204,13 @@ class RosBridge:
 
     def poll(self, *, everything: bool) -> None:
         """Pass on everything that has arrived; or only responses and modes of the robots that are waited for."""
-        now_ns, wall_ns = self._clock_ns(), self._wall_ns()
+        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
         since_ns = now_ns - self._polled_ns
         for name, connection in self.connections.items():
             if not (everything or self._handler.is_waiting_for(name)):
                 continue
             self._handler.receive_responses(name)
-            others = connection.take_others() if everything else ()
-            for message, received_ns in itertools.chain(connection.take_modes(), others):
+            for message, received_ns in connection.received(everything=everything):
                 # It arrived after the last poll, whatever the wall clock did.
                 at_ns = now_ns - min(max(wall_ns - received_ns, 0), since_ns)
                 self._handler.on_message(name, message, at_ns)
@@ -230,9 +219,9 @@ class RosBridge:
 
     def flush(self) -> None:
         """Wait until what was sent has arrived, before the node that sent it ends; for half a second at most."""
-        deadline_ns = self._clock_ns() + _FLUSH_NS
+        deadline_ns = time.monotonic_ns() + _FLUSH_NS
         for connection in self.connections.values():
-            connection.flush(max(deadline_ns - self._clock_ns(), 0))
+            connection.flush(max(deadline_ns - time.monotonic_ns(), 0))
 
     def beat(self, now_ns: int) -> None:
         """Send a heartbeat to every robot, where one is due."""

@@ -20,8 +20,6 @@ from segway_ecc.node.errors import ConfigurationError, RosUnavailableError
 from segway_ecc.node.ros.runtime import ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 
-LIMITS: Final = Setpoint(3.0, 6.0)
-"""The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
 _TICK_NS: Final = 50_000_000
 _WAITING_S: Final = 0.004
 """How often a robot is polled whose confirmation is awaited."""
@@ -36,34 +34,22 @@ _logger = logging.getLogger(__name__)
 class Station:
     """The robots on the ROS network, and the commands to them. Every method may be called from any thread."""
 
-    def __init__(  # noqa: PLR0913 - what differs between a station, a status query and a test
-        self,
-        name: str,
-        *,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-        wall_ns: Callable[[], int] = time.time_ns,
-        limits: Setpoint = LIMITS,
-        ros_arguments: Sequence[str] = (),
-        is_watching: bool = False,
-    ) -> None:
+    limits: Final = Setpoint(3.0, 6.0)
+    """The fastest that an operator may request: m/s, rad/s. A robot may allow less."""
+
+    def __init__(self, name: str, *, ros_arguments: Sequence[str] = (), is_watching: bool = False) -> None:
         """Prepare a station; entering its context starts it.
 
         Args:
             name: Its name in the robots' reports.
-            clock_ns: The monotonic clock, ns.
-            wall_ns: The wall clock, ns since the Unix epoch.
-            limits: The fastest that an operator may request, m/s and rad/s.
             ros_arguments: What followed `--ros-args` on the command line, that flag included.
             is_watching: Whether it only watches: then it sends no heartbeats, so no robot comes to rely on it.
         """
-        self.limits = limits
-        self._clock_ns = clock_ns
-        self._wall_ns = wall_ns
         self._ros_arguments = ros_arguments
-        self._events = EventLog(wall_ns)
+        self._events = EventLog(time.time_ns)
         beats = Heartbeats(name)
-        self._handler = CommandHandler(self._events, beats, limits)
-        self._bridge = RosBridge(self._handler, None if is_watching else beats, clock_ns, wall_ns, self._events)
+        self._handler = CommandHandler(self._events, beats, self.limits)
+        self._bridge = RosBridge(self._handler, None if is_watching else beats, self._events)
         self._failures: set[str] = set()
         self._stops: deque[SubmittedCommand] = deque()
         self._commands: deque[SubmittedCommand | str] = deque()
@@ -125,7 +111,7 @@ class Station:
             reply: Called once, from another thread, with whether it was confirmed and the text. Where the station is
                 ending or has too much to do it is called at once, from this thread.
         """
-        submitted = SubmittedCommand(who, command, once(reply), self._clock_ns())
+        submitted = SubmittedCommand(who, command, once(reply), time.monotonic_ns())
         if command.act is not Act.PLAY:
             self._enqueue(submitted)
         elif not self._reading.acquire(blocking=False):
@@ -142,7 +128,7 @@ class Station:
         """Have a robot driven; the newest of each operator for each robot wins."""
         with self._lock:
             if len(self._drives) < _MOST_COMMANDS or (who, drive.robot) in self._drives:
-                self._drives[who, drive.robot] = (drive, self._clock_ns())
+                self._drives[who, drive.robot] = (drive, time.monotonic_ns())
         self._wake.set()
 
     def leave(self, who: str) -> None:
@@ -182,18 +168,18 @@ class Station:
             with ros_node("base_station", "", self._ros_arguments) as node:
                 self._bridge.use(node)
                 self._has_begun.set()
-                next_tick_ns = self._clock_ns()
+                next_tick_ns = time.monotonic_ns()
                 while not self._is_ending:
-                    now_ns = self._clock_ns()
+                    now_ns = time.monotonic_ns()
                     self._carry_out()
                     is_tick = now_ns >= next_tick_ns
                     self._guarded(self._step, is_tick)
                     if is_tick:
                         next_tick_ns = max(next_tick_ns + _TICK_NS, now_ns)
-                    wait_s = max(next_tick_ns - self._clock_ns(), 0) * 1e-9
+                    wait_s = max(next_tick_ns - time.monotonic_ns(), 0) * 1e-9
                     self._wake.wait(min(wait_s, _WAITING_S) if self._bridge.is_waiting else wait_s)
                     self._wake.clear()
-                self._guarded(lambda: self._handler.close(self._clock_ns()))
+                self._guarded(lambda: self._handler.close(time.monotonic_ns()))
                 self._guarded(self._bridge.flush)
         except RosUnavailableError as error:
             self._failure = error
@@ -203,7 +189,7 @@ class Station:
 
     def _step(self, is_tick: bool) -> None:  # noqa: FBT001 - passed through by `_guarded`
         self._bridge.poll(everything=is_tick)
-        now_ns = self._clock_ns()
+        now_ns = time.monotonic_ns()
         self._handler.step(now_ns)
         if is_tick:
             self._bridge.beat(now_ns)
@@ -219,13 +205,13 @@ class Station:
             drives, self._drives = self._drives, {}
         for item in (*stops, *commands):
             if isinstance(item, str):
-                self._guarded(self._handler.leave, item, self._clock_ns())
+                self._guarded(self._handler.leave, item, time.monotonic_ns())
                 continue
             carry_out = self._handler.stop if item.command.act is Act.STOP else self._handler.command
-            if not self._guarded(carry_out, item, self._clock_ns()):
+            if not self._guarded(carry_out, item, time.monotonic_ns()):
                 item.reply(False, "the station failed; see its messages")  # noqa: FBT003 - the contract's form
         for (who, _), (drive, at_ns) in drives.items():
-            self._guarded(self._handler.drive, who, drive, at_ns, self._clock_ns())
+            self._guarded(self._handler.drive, who, drive, at_ns, time.monotonic_ns())
 
     def _guarded(self, function: Callable[..., None], *arguments: object) -> bool:
         """Whether it succeeded; what fails for one command or robot must not take the next stop with it."""

@@ -27,7 +27,7 @@ from segway_ecc.node.ros.runtime import require_ros
 _PAUSE_S: Final = 0.2
 _ANSWER_S: Final = 3.0
 _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - compared, not bound
-_NAME: Final = "segway-ecc"
+_PROGRAM: Final = "segway-ecc"
 _RELEASES: Final = Path("/opt/segway-ecc")
 _INSTALLED: Final = (RELEASE, "/usr/bin/segway-ecc", "/usr/local/bin/segway-ecc")
 _HIDDEN: Final = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - not written to
@@ -154,8 +154,8 @@ def command_for(machine: TargetMachine, chosen: str | None) -> str:
     if chosen:
         command = chosen
     elif machine.is_live:
-        beside, started = Path(sys.executable).absolute().with_name(_NAME), Path(sys.argv[0]).absolute()
-        found = beside if beside.exists() or started.name != _NAME else started
+        beside, started = Path(sys.executable).absolute().with_name(_PROGRAM), Path(sys.argv[0]).absolute()
+        found = beside if beside.exists() or started.name != _PROGRAM else started
         # A release is left when the next one comes; the link in front of it stays.
         command = RELEASE if found.is_relative_to(_RELEASES) else str(found)
     else:
@@ -234,5 +234,5 @@ def _of_that_system(machine: TargetMachine) -> str:
         return RELEASE
     found = next((name for name in _INSTALLED if os.path.lexists(machine.path(name))), None)
     if found is None:
-        raise ConfigurationError(f"there is no {_NAME} in --root: none of {', '.join(_INSTALLED)}; see --command")
+        raise ConfigurationError(f"there is no {_PROGRAM} in --root: none of {', '.join(_INSTALLED)}; see --command")
     return found

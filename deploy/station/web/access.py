@@ -31,7 +31,7 @@ _LONGEST_NAME: Final = 40
 _S: Final = 1_000_000_000
 _ABSENT_NS: Final = 10 * _S
 """Somebody whose browser was gone for this long, and who logs in again, gets their name back."""
-_MOST: Final = 1000
+_MOST_SESSIONS: Final = 1000
 
 
 @enum.unique
@@ -172,7 +172,7 @@ class Sessions:
         limits = self._limits
         commands, stops, drives = (Bucket(rate, now_ns) for rate in (limits.commands, limits.stops, limits.drives))
         session = Session(who, role, now_ns, now_ns, commands, stops, drives)
-        if len(self._sessions) >= _MOST:  # the oldest without a browser gives way, or the oldest of all
+        if len(self._sessions) >= _MOST_SESSIONS:  # the oldest without a browser gives way, or the oldest of all
             without = (session for session in self._sessions.values() if session.sockets == 0)
             self.end(next(without, None) or next(iter(self._sessions.values())))
         secret = secrets.token_urlsafe(32)

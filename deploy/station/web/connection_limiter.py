@@ -134,6 +134,4 @@ class ConnectionLimiter:
     def _discard(self, connection: _Connection) -> None:
         if connection in self._open:
             self._open.remove(connection)
-            self._by_site[connection.site] -= 1
-            if not self._by_site[connection.site]:
-                del self._by_site[connection.site]
+            self._by_site -= Counter((connection.site,))  # a count of zero is not kept

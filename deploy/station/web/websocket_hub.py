@@ -77,10 +77,7 @@ class WebSocketHub:
     def remove(self, browser: Browser) -> None:
         """Remove a browser that is gone; with the last of an operator's, so are they."""
         self._browsers.discard(browser)
-        site = site_of(browser.address)
-        self._by_site[site] -= 1
-        if not self._by_site[site]:
-            del self._by_site[site]
+        self._by_site -= Counter((site_of(browser.address),))  # a count of zero is not kept
         browser.on_closed()
         browser.session.sockets -= 1
         if browser.session.sockets == 0:
