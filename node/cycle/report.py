@@ -124,9 +124,9 @@ class DiagnosticReport:
         values = {**health, **{f"age.{name}": f"{age * 1e3:.1f} ms" for name, age in ages}}
         return self._status("hardware", "; ".join(trouble), health.get("link", ""), values)
 
-    def _status(self, part: str, trouble: str, else_: str, values: Mapping[str, str]) -> DiagnosticStatus:
+    def _status(self, part: str, trouble: str, fine: str, values: Mapping[str, str]) -> DiagnosticStatus:
         level = Level.WARN if trouble else Level.OK
-        return DiagnosticStatus(level, f"{self._robot_name}: {part}", trouble or else_, values)
+        return DiagnosticStatus(level, f"{self._robot_name}: {part}", trouble or fine, values)
 
     def _new(self, what: str, count: int) -> int:
         old = self._old_counts.get(what, 0)

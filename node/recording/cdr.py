@@ -139,16 +139,10 @@ class Twist(NamedTuple):
 
 
 def split_stamp(stamp_ns: int) -> tuple[int, int]:
-    """Splits a time into the two fields of builtin_interfaces/Time.
-
-    Args:
-        stamp_ns: Time since the epoch in ns, not negative (MCAP) and below 2**31 s (ROS 2).
-
-    Returns:
-        Seconds and the remaining nanoseconds.
+    """Seconds and nanoseconds, the fields of builtin_interfaces/Time, of a time since the epoch in ns.
 
     Raises:
-        RecordingError: If the time does not fit.
+        RecordingError: It is negative, which MCAP cannot hold, or not below 2**31 s, which ROS 2 cannot.
     """
     stamp = operator.index(stamp_ns)
     if not 0 <= stamp < _STAMP_LIMIT_NS:
@@ -338,12 +332,7 @@ def _put_text(body: bytearray, text: str) -> None:
 
 
 def definition(lines: Sequence[str], parts: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
-    """The text of a message.
-
-    Args:
-        lines: Its fields and constants.
-        parts: Types that it is built from and that ROS 2 does not know, by name, each with its own lines.
-    """
+    """The text of a message of these fields and constants; `parts` are types that ROS 2 does not know, by name."""
     known = {**_FIELDS, **parts}
     text = "\n".join(lines) + "\n"
     for part in _dependencies(lines, known):

@@ -28,9 +28,6 @@ CYCLE: Final = ord("C")
 EVENTS: Final = ord("E")
 DIAGNOSTICS: Final = ord("D")
 
-Message = tuple[int, bytes]
-"""Its kind, and its body."""
-
 
 def _plain(value: Any) -> bool | float | None:  # noqa: ANN401 - whatever MessagePack does not know
     """A number of another library as Python's own; nothing for who waits for an answer."""
@@ -117,7 +114,7 @@ class CycleCodec:
         events = cdr.cycle_events(record.stamp_ns, record.cycle, encode_events(pieces)) if pieces else None
         return events, self.message.pack(record, len(pieces))
 
-    def bodies(self, kind: int, body: bytes) -> list[Message]:
+    def bodies(self, kind: int, body: bytes) -> list[tuple[int, bytes]]:
         """What the log takes in place of a message of the loop: all that happened in a cycle comes before it.
 
         Raises:

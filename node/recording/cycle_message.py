@@ -70,11 +70,6 @@ class CycleMessage:
         self._pack = self._struct.pack
         self.schema = _schema(layout)
 
-    @property
-    def size(self) -> int:
-        """Of each message, bytes."""
-        return self._struct.size
-
     def pack(self, record: CycleRecord, events: int) -> bytes:
         """A cycle as a message; so many pieces of text belong to it."""
         cycle, stamp_ns, mode, lateness_ns, sensors, setpoint, u, y, commands, published, durations_ns, start_ns, *_ = (

@@ -17,8 +17,7 @@ import msgspec
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import CYCLE, EVENTS, CycleCodec, RecorderSettings, unpack_diagnostics
 from segway_ecc.node.recording.cycle_log import CycleLog
-from segway_ecc.node.recording.layout import CycleLayout, Provenance
-from segway_ecc.node.recording.log_quota import LogQuota, part_path, remove_oldest_logs
+from segway_ecc.node.recording.log_quota import part_path, remove_oldest_logs
 from segway_ecc.node.ring import RingReader
 
 _PARTS: Final = 9999
@@ -46,18 +45,14 @@ class BoundedLog:
         dropped: Messages that were not kept since the last file was opened.
     """
 
-    def __init__(
-        self, path: Path, layout: CycleLayout, provenance: Provenance, quota: LogQuota, report: Callable[[str], None]
-    ) -> None:
+    def __init__(self, settings: RecorderSettings, report: Callable[[str], None]) -> None:
         """Open the first file; `report` takes what people should know."""
         self.dropped = 0
-        self._path = path
-        self._layout = layout
-        self._provenance = provenance
-        self._quota = quota
+        self._settings = settings
+        self._path = self._file = Path(settings.path)
+        self._quota = settings.bounds
         self._report = report
         self._number = 0
-        self._file = path
         self._unflushed = 0
         self._log: CycleLog | None = None
         try:
@@ -124,7 +119,7 @@ class BoundedLog:
         self._number = min(self._number + 1, _PARTS)
         self._file = part_path(self._path, self._number)
         remove_oldest_logs(self._path, self._quota, 0, self._file)
-        log = CycleLog(self._file, self._layout, self._provenance)
+        log = CycleLog(self._file, self._settings.layout, self._settings.provenance)
         self._log = log
         log.flush()
         with contextlib.suppress(OSError):  # some file systems cannot; the name then comes with the file's content
@@ -153,7 +148,7 @@ def write_log(source: int, memory: int) -> None:
         settings = msgspec.json.decode(stream.readline(), type=RecorderSettings)
     codec = CycleCodec(settings.layout)
     ring = RingReader(memory)
-    log = BoundedLog(Path(settings.path), settings.layout, settings.provenance, settings.bounds, _report)
+    log = BoundedLog(settings, _report)
     damaged, pause_s = 0, _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
     while not (select.select([source], [], [], pause_s)[0] and not os.read(source, 1)):

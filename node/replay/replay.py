@@ -18,8 +18,7 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.robot_provenance import model_hash
-from segway_ecc.node.replay.log import RecordedRun
-from segway_ecc.node.replay.recorded import RecordedClock, RecordedHardware, RecordedStage
+from segway_ecc.node.replay.recorded import RecordedClock, RecordedHardware, RecordedRun, RecordedStage
 from segway_ecc.node.robot import Robot
 
 _BEFORE: Final = 5

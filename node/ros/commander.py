@@ -69,11 +69,7 @@ class Commander:
         """Wait until the model node's topics are received and it has confirmed a set-point of ours.
 
         That we see its subscription does not mean that it sees us: discovery goes each way on its own. So set-points of
-        zero are sent, for a moment ahead, until the robot confirms one.
-
-        Args:
-            wait_s: How long to wait, s.
-            arm: Whether to arm the robot, should it not be.
+        zero are sent, for a moment ahead, until the robot confirms one. With `arm` it is armed, should it not be.
 
         Raises:
             NobodyListensError: Nobody did within `wait_s`, or the robot is not armed.
@@ -107,11 +103,7 @@ class Commander:
         self._spin_until(is_confirmed, deadline_s, wait_s)
 
     def play(self, player: Player, on_progress: Callable[[float], None]) -> None:
-        """Play a manoeuvre to its end.
-
-        Args:
-            player: The manoeuvre.
-            on_progress: Called with the fraction that has passed, 0 to 1.
+        """Play a manoeuvre to its end; `on_progress` is called with the fraction that has passed, 0 to 1.
 
         Raises:
             RobotLostError: The model node fell silent, or is no longer armed.

@@ -209,7 +209,8 @@ def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[Non
 
     The environment is as it was afterwards: what else is started from here finds the user's own settings.
     """
-    if is_chosen(environment):
+    is_fast_dds = environment.get(RMW, "rmw_fastrtps_cpp").startswith("rmw_fastrtps")  # no other knows these settings
+    if not is_fast_dds or any(environment.get(name) for name in (PROFILES, TRANSPORTS)) or _OWN_FILE.exists():
         yield
         return
     before = dict(environment)
@@ -227,12 +228,6 @@ def udp_only(environment: MutableMapping[str, str] = os.environ) -> Iterator[Non
             for name in (PROFILES, RANGE, LOCALHOST_ONLY):
                 environment.pop(name, None)
                 environment.update({name: before[name]} if name in before else {})
-
-
-def is_chosen(environment: Mapping[str, str]) -> bool:
-    """Whether the user has chosen which transports to use, or uses a DDS that knows nothing of these settings."""
-    is_fast_dds = environment.get(RMW, "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
-    return not is_fast_dds or any(environment.get(name) for name in (PROFILES, TRANSPORTS)) or _OWN_FILE.exists()
 
 
 def is_on_localhost(environment: Mapping[str, str]) -> bool:

@@ -183,11 +183,7 @@ class Player:
         return due
 
     def unconfirmed(self, confirmed: Collection[int]) -> int:
-        """How many set-points the robot did not bring into force in their own cycle.
-
-        Args:
-            confirmed: Stamps of the cycles in which it brought one into force.
-        """
+        """How many set-points the robot did not bring into force in their own cycle, by the stamps it confirmed."""
         if self.start_ns is None:
             return 0
         return sum(self.start_ns + timed.offset_ns not in confirmed for timed in schedule(self.manoeuvre))

@@ -14,7 +14,7 @@ from typing import Final
 from segway_ecc.node.cli.options import Curve, add_json, draw_panels, print_json
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.replay.log import RecordedRun
+from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import Outcome, replay
 
 _DIFFERS: Final = 1

@@ -15,7 +15,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout, Provenance
-from segway_ecc.node.replay.log import Salvage
+from segway_ecc.node.replay.recorded import Salvage
 
 FLUSHED_EVERY = 3
 CYCLES = 9

@@ -12,11 +12,11 @@ from mcap.reader import make_reader
 
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.codec import CYCLE, CycleCodec
+from segway_ecc.node.recording.codec import CYCLE, CycleCodec, RecorderSettings
 from segway_ecc.node.recording.layout import CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
 from segway_ecc.node.recording.writer import BoundedLog
-from segway_ecc.node.replay.log import Salvage
+from segway_ecc.node.replay.recorded import Salvage
 
 PROVENANCE = Provenance({"robot.json": "{}"}, {})
 KB = 1000
@@ -67,7 +67,7 @@ def test_a_long_run_is_in_files_that_each_stand_alone(
     tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord], messages: list[str]
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(1000 * KB, 20 * KB), messages.append)
+    log = BoundedLog(RecorderSettings(str(path), layout, PROVENANCE, LogQuota(1000 * KB, 20 * KB)), messages.append)
     Feed(log, layout, record)(600)
     log.close()
     files = sorted(tmp_path.iterdir(), key=lambda found: (len(found.name), found.name))
@@ -87,7 +87,7 @@ def test_the_files_together_stay_within_the_bound_and_the_newest_stay(
 ) -> None:
     path = tmp_path / "run.mcap"
     bound = 100 * KB
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(bound, 20 * KB), messages.append)
+    log = BoundedLog(RecorderSettings(str(path), layout, PROVENANCE, LogQuota(bound, 20 * KB)), messages.append)
     feed = Feed(log, layout, record)
     for _ in range(60):
         feed(20, flush_every=20)
@@ -108,7 +108,7 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(
     small_files: Callable[[int | None], None],
 ) -> None:
     path = tmp_path / "run.mcap"
-    log = BoundedLog(path, layout, PROVENANCE, LogQuota(), messages.append)
+    log = BoundedLog(RecorderSettings(str(path), layout, PROVENANCE, LogQuota()), messages.append)
     feed = Feed(log, layout, record)
     feed(40)
     small_files(100)  # less than what a file begins with
@@ -134,7 +134,7 @@ def test_a_disk_that_stays_full_is_reported_at_the_end(
     messages: list[str],
     small_files: Callable[[int | None], None],
 ) -> None:
-    log = BoundedLog(tmp_path / "run.mcap", layout, PROVENANCE, LogQuota(), messages.append)
+    log = BoundedLog(RecorderSettings(str(tmp_path / "run.mcap"), layout, PROVENANCE, LogQuota()), messages.append)
     feed = Feed(log, layout, record)
     feed(20)
     small_files(100)
@@ -158,7 +158,7 @@ def test_a_small_file_system_that_fills_up_keeps_what_was_on_it(
     if mounted.returncode:
         pytest.skip("no tmpfs can be mounted here")
     try:
-        log = BoundedLog(disk / "run.mcap", layout, PROVENANCE, LogQuota(), messages.append)
+        log = BoundedLog(RecorderSettings(str(disk / "run.mcap"), layout, PROVENANCE, LogQuota()), messages.append)
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(200 * KB))
         feed = Feed(log, layout, record)

@@ -20,7 +20,7 @@ from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
-from segway_ecc.node.replay.log import RecordedRun
+from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import Action, Mode

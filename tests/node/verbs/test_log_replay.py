@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import Provenance
-from segway_ecc.node.replay.log import RecordedRun
+from segway_ecc.node.replay.recorded import RecordedRun
 
 Run = Callable[..., Any]
 
