@@ -122,11 +122,7 @@ def whoami() -> str:
 
 
 def robot_files(path: Path, file: RobotFile) -> dict[str, Path]:
-    """The files by their paths in the release.
-
-    Args:
-        path: Of the robot file.
-        file: Its content.
+    """A robot file and the models that stand beside it, by their paths in the release.
 
     Raises:
         ConfigurationError: One has a name that the robot does not accept, or lies elsewhere, from where none travels.

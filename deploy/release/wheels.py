@@ -28,7 +28,8 @@ _OLDEST_GLIBC: Final = 5
 _NEWEST_MUSL: Final = 2
 WHEEL: Final = "segway_ecc-*.whl"
 """Our own."""
-_CHECKOUT: Final = Path(__file__).parents[3]
+CHECKOUT: Final = Path(__file__).parents[3]
+"""The folder above our package; of a checkout where it has a pyproject.toml."""
 _NO_WHEEL: Final = re.compile(r"No matching distribution found for ([A-Za-z0-9][^\s;(]*)")
 _MOST_BUILT: Final = 8
 
@@ -124,9 +125,9 @@ def build_wheel(folder: Path) -> Path:
     Raises:
         ConfigurationError: This is none, or it cannot be built.
     """
-    if not (_CHECKOUT / "pyproject.toml").exists():
+    if not (CHECKOUT / "pyproject.toml").exists():
         raise ConfigurationError("this segway-ecc is installed and no checkout: give the wheel with --wheel FILE")
-    done = _pip(["wheel", "--no-deps", "--wheel-dir", str(folder), str(_CHECKOUT)])
+    done = _pip(["wheel", "--no-deps", "--wheel-dir", str(folder), str(CHECKOUT)])
     built = next(folder.glob(WHEEL), None)
     if done.returncode or built is None:
         raise ConfigurationError(f"the wheel cannot be built: {_last(done.stderr)}")

@@ -83,11 +83,7 @@ def _read(path: Path) -> Transaction | None:
 
 
 class Reporter:
-    """Writes events, one JSON object a line; while it is attached, a listener that has gone ends what is going on.
-
-    Args:
-        stream: Where the lines go.
-    """
+    """Writes events, one JSON object a line; while it is attached, a listener that has gone ends what is going on."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from segway_ecc.deploy.image.build import build_wheel
 from segway_ecc.deploy.image.recipe import cache_folder
-from segway_ecc.deploy.image.release import build_wheel
 from tests.deploy.image.robot import Robot
 
 RELEASES: Final = "/opt/segway-ecc/releases/"
