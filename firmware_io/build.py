@@ -5,14 +5,13 @@ The parts of a family are imported where one is built: a robot starts without th
 """
 # ruff: noqa: PLC0415 - see above
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from segway_ecc.firmware_io.assembly import Assembly
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.devices import Drive, Sensor
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -20,9 +19,8 @@ from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.firmware_io.heartbeat import HeartbeatSender
-from segway_ecc.firmware_io.links.can_link import wall_ns
 from segway_ecc.firmware_io.links.can_ports import make_can_link
-from segway_ecc.firmware_io.links.link import Link, NowNs
+from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 
@@ -33,40 +31,26 @@ HardwareSettings = WheelBoardSettings | VescSettings | Cia402Settings | OdriveSe
 """The drive families, distinguished by `type` in the robot file."""
 
 
-def sleep_until_ns(deadline_ns: int) -> None:
-    """Wait until the monotonic clock reads `deadline_ns`; return at once if it has passed."""
-    time.sleep(max(0, deadline_ns - time.monotonic_ns()) * 1e-9)
-
-
-@dataclass(frozen=True, slots=True)
-class Clocks:
-    """The clocks of the loop: monotonic and wall, ns, and how to wait for a moment of the first."""
-
-    now_ns: NowNs = time.monotonic_ns
-    wall_ns: NowNs = wall_ns
-    sleep_until_ns: Callable[[int], None] = sleep_until_ns
-
-
-def can_link(settings: CanSettings, clocks: Clocks) -> Link:
+def can_link(settings: CanSettings, clock: Clock) -> Link:
     """The link that a robot file describes."""
-    return make_can_link(settings.interface, settings.channel, settings.bitrate, clocks.now_ns, clocks.wall_ns)
+    return make_can_link(settings.interface, settings.channel, settings.bitrate, clock.now_ns, clock.wall_ns)
 
 
 def make_link(
-    settings: HardwareSettings, clocks: Clocks, bus: Link | None = None, open_port: "OpenPort | None" = None
+    settings: HardwareSettings, clock: Clock, bus: Link | None = None, open_port: "OpenPort | None" = None
 ) -> Link:
     """The way to the drives that a robot file describes: a bus, with a serial line to fall back on where it has one.
 
     `bus` is used instead of the one that the settings name, `open_port` instead of what opens the system's ports.
     """
-    first = can_link(settings.can, clocks) if bus is None else bus
+    first = can_link(settings.can, clock) if bus is None else bus
     serial = serial_of(settings)
     if serial is None:
         return first
     from segway_ecc.firmware_io.links.serial_link import SerialLink, open_serial_port
 
-    second = SerialLink(serial, serial_codec(settings), clocks.now_ns, open_port or open_serial_port)
-    return RedundantLink(first, second, clocks.now_ns, round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
+    second = SerialLink(serial, serial_codec(settings), clock.now_ns, open_port or open_serial_port)
+    return RedundantLink(first, second, clock.now_ns, round(serial.lost_after_s * 1e9), round(serial.dwell_s * 1e9))
 
 
 def takes_serial(settings: HardwareSettings) -> bool:
@@ -116,41 +100,41 @@ def serial_codec(settings: HardwareSettings) -> "SerialCodec":
 
 
 def build_hardware(
-    settings: HardwareSettings, loop_period_s: float, clocks: Clocks, link: Link | None = None
+    settings: HardwareSettings, loop_period_s: float, clock: Clock, link: Link | None = None
 ) -> Hardware:
     """The drives and sensors that a robot file describes, exchanged with once in each loop period, s.
 
     `link` is used instead of what the settings name, as the rig does.
     """
-    used = make_link(settings, clocks) if link is None else link
-    drives, sensors = _devices(settings, used, loop_period_s, clocks.now_ns, clocks.sleep_until_ns)
+    used = make_link(settings, clock) if link is None else link
+    drives, sensors = _devices(settings, used, loop_period_s, clock)
     imu = settings.external_imu
     if imu is not None:
         from segway_ecc.firmware_io.imus.xsens_mti.driver import XsensMti
 
-        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clocks.now_ns)]
+        sensors = [*sensors, XsensMti(used, imu, loop_period_s, clock.now_ns)]
     # What runs on a link of the rig has no guard, and must be the same every time.
     heartbeat = HeartbeatSender(settings.can) if link is None else None
-    return Assembly(used, drives, sensors, clocks.now_ns, heartbeat=heartbeat)
+    return Assembly(used, drives, sensors, clock.now_ns, heartbeat=heartbeat)
 
 
 def _devices(
-    settings: HardwareSettings, link: Link, period_s: float, now_ns: NowNs, sleep_until_ns: Callable[[int], None]
+    settings: HardwareSettings, link: Link, period_s: float, clock: Clock
 ) -> tuple[Sequence[Drive], Sequence[Sensor]]:
     match settings:
         case WheelBoardSettings(watchdog_s=watchdog_s, imu=imu):
             from segway_ecc.firmware_io.drives.wheel_board.driver import WheelBoard
 
-            return [WheelBoard(link, watchdog_s, period_s, now_ns, imu=imu)], []
+            return [WheelBoard(link, watchdog_s, period_s, clock.now_ns, imu=imu)], []
         case VescSettings():
             from segway_ecc.firmware_io.drives.vesc.driver import Vesc
 
-            return [Vesc(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
+            return [Vesc(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")], []
         case OdriveSettings():
             from segway_ecc.firmware_io.drives.odrive.driver import Odrive
 
-            return [Odrive(link, name, settings, period_s, now_ns) for name in ("left", "right")], []
+            return [Odrive(link, name, settings, period_s, clock.now_ns) for name in ("left", "right")], []
         case Cia402Settings():
             from segway_ecc.firmware_io.drives.cia402.driver import Cia402Pair
 
-            return [Cia402Pair(link, settings, period_s, now_ns, sleep_until_ns)], []
+            return [Cia402Pair(link, settings, period_s, clock.now_ns, clock.sleep_until_ns)], []

@@ -4,11 +4,11 @@
 import math
 from dataclasses import dataclass
 
-from segway_ecc.firmware_io.build import Clocks, build_hardware
+from segway_ecc.firmware_io.build import build_hardware
+from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.firmware_io.hardware import Hardware, NoHardware
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.node.config import NoHardwareSection, RobotFile
-from segway_ecc.node.cycle.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
@@ -84,14 +84,9 @@ def build_robot(file: RobotFile, clock: Clock, link: Link | None = None) -> Robo
     hardware: Hardware = NoHardware()
     if not isinstance(file.hardware, NoHardwareSection):
         try:
-            hardware = build_hardware(file.hardware, model.step_size, clocks_of(clock), link)
+            hardware = build_hardware(file.hardware, model.step_size, clock, link)
         except ValueError as error:  # devices that cannot be on one bus
             raise ConfigurationError(f"hardware: {error}; give one of them other ids") from error
     wiring = wire(model, hardware, file.wiring)
     sit_down_values(file.station, wiring.set_names)  # so that a wrong name is reported before anything is opened
     return Robot(file, model, hardware, wiring, clock)
-
-
-def clocks_of(clock: Clock) -> Clocks:
-    """A clock of the node as the hardware layer takes it."""
-    return Clocks(clock.now_ns, clock.wall_ns, clock.sleep_until_ns)

@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.firmware_io.errors import ArmingRefusedError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from segway_ecc.deploy.support.commands import answer_of
-from segway_ecc.firmware_io.build import HardwareSettings, sleep_until_ns
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_interfaces import InterfaceState, read_interface_state
 from segway_ecc.firmware_io.links.serial_link import open_serial_port
 from segway_ecc.firmware_io.links.settings import SerialSettings
@@ -131,7 +132,7 @@ class Probes:
             for cycle in range(1, cycles + 1):
                 # Deadlines that have passed are skipped, as in the robot's loop: one delay is counted once.
                 deadline_ns += period_ns * max(1, math.ceil((time.monotonic_ns() - deadline_ns) / period_ns))
-                sleep_until_ns(deadline_ns)
+                RealClock().sleep_until_ns(deadline_ns)
                 lateness.add(time.monotonic_ns() - deadline_ns)
                 if cycle % progress_every == 0:
                     self._on_progress(cycle / cycles)

@@ -4,8 +4,8 @@
 import argparse
 import sys
 
+from segway_ecc.firmware_io.clock import NS_PER_S, RealClock
 from segway_ecc.node.cli.options import add_json, add_robot, print_json, robot_file
-from segway_ecc.node.cycle.clock import NS_PER_S, RealClock
 from segway_ecc.node.robot import build_robot
 
 

@@ -14,9 +14,9 @@ from typing import Final
 
 from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Workload, is_fit
 from segway_ecc.deploy.doctor.doctor import examine
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
 from segway_ecc.node.config import packaged_robots
-from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
 

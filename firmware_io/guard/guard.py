@@ -7,7 +7,8 @@ import logging
 from collections.abc import Iterator
 from typing import Final, Protocol
 
-from segway_ecc.firmware_io.build import Clocks, HardwareSettings
+from segway_ecc.firmware_io.build import HardwareSettings
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.cia402.stop import Cia402Stopper
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.odrive.stop import OdriveStopper
@@ -47,13 +48,13 @@ class Guard:
     not receive the node from its first stop frame on, so it listens on a link that never sends.
     """
 
-    def __init__(self, receiving: Link, sending: Link, beats: HeartbeatSource, watch: Watch, clocks: Clocks) -> None:
+    def __init__(self, receiving: Link, sending: Link, beats: HeartbeatSource, watch: Watch, clock: Clock) -> None:
         """Guard what `watch` watches."""
         self._receiving = receiving
         self._sending = sending
         self._beats = beats
         self._watch = watch
-        self._clocks = clocks
+        self._clock = clock
         self._is_bus_lost = False
         self._reported: Intervention | None = None
         self._is_stopped = False
@@ -72,18 +73,18 @@ class Guard:
             for part in (self._beats, self._receiving, self._sending):
                 exits.callback(part.close)
                 part.open()
-            self._watch.excuse(self._clocks.now_ns())
+            self._watch.excuse(self._clock.now_ns())
             _logger.info("guard on %s", self._receiving.description)
             while not self._is_stopped:
                 self.step()
-                self._clocks.sleep_until_ns(self._clocks.now_ns() + PASS_NS)
+                self._clock.sleep_until_ns(self._clock.now_ns() + PASS_NS)
 
     def step(self) -> None:
         """One pass: listen, judge, stop what must be stopped."""
         for is_on in self._beats.take_heartbeats():
-            self._watch.beat(self._clocks.now_ns(), is_on=is_on)
+            self._watch.beat(self._clock.now_ns(), is_on=is_on)
         frames = self._listen()
-        now_ns = self._clocks.now_ns()
+        now_ns = self._clock.now_ns()
         if frames is None:
             self._watch.excuse(now_ns)
             return

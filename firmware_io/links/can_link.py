@@ -5,7 +5,6 @@ import errno
 import functools
 import select
 import socket
-import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple, Protocol
 
@@ -94,11 +93,6 @@ def wire_parts(frame: Frame) -> tuple[int, int, bytes]:
     if frame.is_remote:
         return word | REMOTE, len(frame.data) or MAX_DATA, b""
     return word, len(frame.data), frame.data
-
-
-def wall_ns() -> int:
-    """The wall clock, ns: what SocketCAN stamps received frames with."""
-    return time.clock_gettime_ns(time.CLOCK_REALTIME)
 
 
 class CanBus(NamedTuple):

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+from segway_ecc.firmware_io.clock import wall_ns
 from segway_ecc.firmware_io.links.can_interfaces import check_socketcan, resolve
 from segway_ecc.firmware_io.links.can_link import (
     ERROR,
@@ -33,7 +34,6 @@ from segway_ecc.firmware_io.links.can_link import (
     PortError,
     port_error,
     readiness,
-    wall_ns,
     wire_parts,
 )
 from segway_ecc.firmware_io.links.link import Frame, LinkCounters, NowNs

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.hil.bench.contestants import (
     NAMESPACE,
     BenchSite,
@@ -24,7 +25,6 @@ from segway_ecc.hil.bench.contestants import (
 from segway_ecc.hil.bench.rig import Bus, Conditions, make_rig
 from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
 from segway_ecc.hil.process_usage import Memory
-from segway_ecc.node.cycle.clock import NS_PER_S
 
 RATES_HZ: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)
 SEARCHED: Final = (Contestant.OURS, Contestant.USER, Contestant.C)

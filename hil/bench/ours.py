@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import ClassVar, Final
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.cli.main import main
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.verbs import run
 
 COLUMNS: Final = ("deadline", "start", "cpu", "bus", "model", "ros", "cycle")

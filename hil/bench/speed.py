@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.bench.rig import own_cache, virtual_interface
@@ -26,7 +27,6 @@ from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import SUBMODEL_CART
 from segway_ecc.hil.endurance.endurance import drive
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.compile import compile_c
 from segway_ecc.node.native.library import NativeModel

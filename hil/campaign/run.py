@@ -31,7 +31,7 @@ from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
-from segway_ecc.node.robot import build_robot, clocks_of
+from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 
@@ -178,7 +178,7 @@ class _ScenarioBench:
             if name.startswith(PLANT):
                 simulated.plant.write(name.removeprefix(PLANT), value)
         simulated.plant = DisturbedPlant(simulated.plant, injections)
-        link = self._bus if wires is None else make_link(hardware, clocks_of(rig), self._bus, wires.host.open)
+        link = self._bus if wires is None else make_link(hardware, rig, self._bus, wires.host.open)
         self._robot = build_robot(file, clock, link)
         self.drive = DriveWatch(simulated, injections)
         line = None if wires is None else DisturbedLine(wires, injections, simulated.tick_ns)

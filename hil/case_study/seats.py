@@ -16,10 +16,10 @@ from typing import Final, NamedTuple, Protocol
 import msgspec
 
 import segway_ecc.node.models
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Study, Trajectory, thesis_cells
 from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.processes import command, own_ros_domain
-from segway_ecc.node.cycle.clock import NS_PER_S
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog

@@ -13,17 +13,17 @@ import msgspec
 
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.build import can_link, make_link, takes_serial, with_port
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.case_study.can import read_truth, resample
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
 from segway_ecc.node.config import NoHardwareSection, RobotFile
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.real_time import real_time_priority
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.robot import build_robot, clocks_of
+from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import ACTIVE
 from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, single_segment
 
@@ -104,8 +104,7 @@ class Failover:
 
     def _drive(self, cause: str) -> "_Drive":
         clock = RealClock()
-        clocks = clocks_of(clock)
-        bus = FaultyLink(can_link(self._hardware.can, clocks))
+        bus = FaultyLink(can_link(self._hardware.can, clock))
 
         def break_bus() -> None:
             if cause == INTERFACE_DOWN:
@@ -113,7 +112,7 @@ class Failover:
             else:
                 bus.fault = LinkFault(cause)
 
-        drive = _Drive(self._file, clock, make_link(self._hardware, clocks, bus), break_bus)
+        drive = _Drive(self._file, clock, make_link(self._hardware, clock, bus), break_bus)
         drive.run()
         return drive
 

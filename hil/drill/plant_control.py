@@ -15,11 +15,11 @@ import os
 from collections.abc import Callable
 from typing import Final, Literal
 
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Model
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from segway_ecc.node.cycle.clock import Clock
+from segway_ecc.firmware_io.clock import Clock
 
 SEGMENTS: Final = 5
 """Parts of a run that are looked at on their own: how far apart they are is the spread of what is measured."""

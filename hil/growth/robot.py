@@ -16,10 +16,10 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.growth.cost import Cost, MeteredClock, cost_of
 from segway_ecc.hil.process_usage import cpu_s
 from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder

@@ -13,9 +13,9 @@ from typing import Final
 
 import msgspec
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.latency.setpoints import Timed, publish_all
 from segway_ecc.node.cli.options import add_robot, real_time, robot_file
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.robot import build_robot

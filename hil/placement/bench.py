@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 
 import msgspec
 
-from segway_ecc.firmware_io.build import Clocks, HardwareSettings
+from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.guard.guard import PASS_NS, Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.links.link import Link
@@ -103,8 +103,7 @@ class LockstepGuard:
         self.watch = Watch(stopper_of(settings), rig.now_ns())
         self.next_ns = 0
         ears, voice = rig.bus.attach("guard's ears"), rig.bus.attach("guard's voice")
-        clocks = Clocks(rig.now_ns, rig.wall_ns, rig.sleep_until_ns)
-        self._guard = Guard(ears, voice, NoHeartbeats(), self.watch, clocks)
+        self._guard = Guard(ears, voice, NoHeartbeats(), self.watch, rig)
 
     def act(self) -> None:
         """One pass."""

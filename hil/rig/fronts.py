@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.can_ports import make_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
-from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.status import DiagnosticStatus
 

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Sequence
 
 from segway_ecc.firmware_io.build import HardwareSettings, serial_of
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
@@ -23,7 +24,6 @@ from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import NoHardwareSection, RobotFile
-from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model
 

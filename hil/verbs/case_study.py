@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSeat
 from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat, RosSeat, SeatRunner, conduct, has_compiler
 from segway_ecc.hil.case_study.study import Seat, Study, table
@@ -18,8 +19,6 @@ from segway_ecc.hil.rig.simulation import simulated_bus
 from segway_ecc.hil.verbs.proofs import check_counts, has_figures, print_found, writing_to
 from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.clock import RealClock
-from segway_ecc.node.robot import clocks_of
 from segway_ecc.node.ros.runtime import missing_packages
 
 
@@ -109,7 +108,7 @@ def _runners(seats: list[Seat], folder: Path, options: argparse.Namespace) -> li
 
 
 def _facts(folder: Path, robot: str) -> dict[str, str]:
-    bus = can_link(simulated_bus(load_robot(robot)), clocks_of(RealClock())).description
+    bus = can_link(simulated_bus(load_robot(robot)), RealClock()).description
     rclpy = "none"
     if not missing_packages():
         try:

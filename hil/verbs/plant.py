@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.drill import trace
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
 from segway_ecc.hil.pseudo_terminal import PtyPort
@@ -32,10 +33,8 @@ from segway_ecc.node.cli.options import (
     stopped_by_signals,
 )
 from segway_ecc.node.config import RobotFile
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
-from segway_ecc.node.robot import clocks_of
 
 _logger = logging.getLogger(__name__)
 
@@ -57,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
     file, clock = robot_file(options), RealClock()
-    link = DisturbedLink(can_link(simulated_bus(file), clocks_of(clock)))
+    link = DisturbedLink(can_link(simulated_bus(file), clock))
     with messages(), contextlib.ExitStack() as stack:
         plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
         stack.enter_context(stopped_by_signals(plant.stop))

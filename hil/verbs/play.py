@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.play.channel import LoopEnd, channel
 from segway_ecc.hil.play.stage import FORCE, PlantControls, PlayStage
 from segway_ecc.hil.processes import Command, command
 from segway_ecc.hil.rig.simulation import simulated_plant
 from segway_ecc.node.cli.options import add_namespace, add_robot, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Stage
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages_to

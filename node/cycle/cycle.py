@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
-from segway_ecc.node.cycle.clock import Clock
 from segway_ecc.node.cycle.interfaces import (
     PHASES,
     CycleRecord,

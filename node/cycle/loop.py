@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Final
 
-from segway_ecc.node.cycle.clock import NS_PER_S, Clock
+from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import Stage
 from segway_ecc.node.cycle.report import DiagnosticReport

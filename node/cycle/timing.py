@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.firmware_io.clock import NS_PER_S
 
 _SUB_BITS: Final = 5
 _SUB_BUCKETS: Final = 1 << _SUB_BITS

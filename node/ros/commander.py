@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from segway_ecc.node.cycle.clock import NS_PER_S
+from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.cycle.setpoints import REST
 from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError

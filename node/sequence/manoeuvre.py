@@ -13,7 +13,7 @@ from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
-from segway_ecc.node.cycle.clock import NS_PER_S, Clock
+from segway_ecc.firmware_io.clock import NS_PER_S, Clock
 from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS

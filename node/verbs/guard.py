@@ -6,6 +6,7 @@ import gc
 from typing import Final
 
 from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.guard.guard import Guard, describe, stopper_of
 from segway_ecc.firmware_io.guard.watch import LIMIT_NS, Watch
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener
@@ -20,10 +21,8 @@ from segway_ecc.node.cli.options import (
     stopped_by_signals,
 )
 from segway_ecc.node.config import NoHardwareSection
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
-from segway_ecc.node.robot import clocks_of
 
 _LIMITS_S: Final = (0.01, 0.2)
 
@@ -45,10 +44,10 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"robot '{file.name}' is on no CAN bus: there is nothing to guard")
     if not _LIMITS_S[0] <= options.limit <= _LIMITS_S[1]:
         raise ConfigurationError(f"--limit must be from {_LIMITS_S[0]:g} to {_LIMITS_S[1]:g} s")
-    can, clocks = file.hardware.can, clocks_of(clock)
+    can = file.hardware.can
     watch = Watch(stopper_of(file.hardware), clock.now_ns(), round(options.limit * 1e9))
-    listening = can_link(can, clocks)
-    guard = Guard(listening, can_link(can, clocks), HeartbeatListener(can), watch, clocks)
+    listening = can_link(can, clock)
+    guard = Guard(listening, can_link(can, clock), HeartbeatListener(can), watch, clock)
     gc.collect()
     gc.freeze()
     with messages(), stopped_by_signals(guard.stop), real_time():

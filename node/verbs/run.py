@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,
@@ -23,7 +24,6 @@ from segway_ecc.node.cli.options import (
     stopped_by_signals,
 )
 from segway_ecc.node.config import read_text
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.service import service_of

@@ -4,7 +4,6 @@
 import pytest
 
 from segway_ecc.firmware_io.build import (
-    Clocks,
     HardwareSettings,
     can_link,
     make_link,
@@ -13,6 +12,7 @@ from segway_ecc.firmware_io.build import (
     takes_serial,
     with_port,
 )
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
@@ -21,6 +21,11 @@ from segway_ecc.firmware_io.links.serial_link import Port
 from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
+
+
+class StoppedClock(RealClock):
+    now_ns = staticmethod(lambda: 0)
+
 
 CAN = CanSettings(interface="virtual", channel="bench", bitrate=250_000)
 SERIAL = SerialSettings(port="/dev/bench", baudrate=115_200, lost_after_s=0.03, dwell_s=2.0)
@@ -41,11 +46,11 @@ CIA402 = Cia402Settings(
 
 def test_without_a_serial_line_the_bus_is_the_link() -> None:
     bus = SimulatedBus(250_000, lambda: 0).attach("node")
-    assert make_link(BOARD, Clocks(), bus) is bus
-    assert make_link(CIA402, Clocks(), bus) is bus
-    named = make_link(BOARD, Clocks())
-    assert type(named) is type(can_link(CAN, Clocks()))
-    assert named.description == can_link(CAN, Clocks()).description
+    assert make_link(BOARD, RealClock(), bus) is bus
+    assert make_link(CIA402, RealClock(), bus) is bus
+    named = make_link(BOARD, RealClock())
+    assert type(named) is type(can_link(CAN, RealClock()))
+    assert named.description == can_link(CAN, RealClock()).description
 
 
 def test_a_bus_and_a_port_can_be_given_instead_of_those_that_are_named() -> None:
@@ -57,7 +62,7 @@ def test_a_bus_and_a_port_can_be_given_instead_of_those_that_are_named() -> None
         return wires.host
 
     bus = SimulatedBus(250_000, lambda: 0).attach("node")
-    link = make_link(VESC, Clocks(now_ns=lambda: 0), bus, open_port)
+    link = make_link(VESC, StoppedClock(), bus, open_port)
     assert isinstance(link, RedundantLink)
     assert link.lines[0] is bus
     assert link.lines[1].description == "serial /dev/bench at 115200 bit/s"
@@ -66,9 +71,9 @@ def test_a_bus_and_a_port_can_be_given_instead_of_those_that_are_named() -> None
 
 
 def test_the_bus_that_is_named_is_used_where_none_is_given() -> None:
-    link = make_link(VESC, Clocks())
+    link = make_link(VESC, RealClock())
     assert isinstance(link, RedundantLink)
-    assert link.lines[0].description == can_link(CAN, Clocks()).description
+    assert link.lines[0].description == can_link(CAN, RealClock()).description
 
 
 @pytest.mark.parametrize(("settings", "takes"), [(BOARD, True), (VESC, True), (CIA402, False)])

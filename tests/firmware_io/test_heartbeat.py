@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
-from segway_ecc.firmware_io.build import Clocks, build_hardware
+from segway_ecc.firmware_io.build import build_hardware
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.heartbeat import GuardRunsError, HeartbeatListener, HeartbeatSender, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
@@ -166,8 +167,7 @@ class Beats:
 
 def test_heartbeat_after_each_exchange_with_commands_carries_armed_state() -> None:
     rig, beats = LockstepRig(500_000), Beats()
-    clocks = Clocks(rig.now_ns, rig.wall_ns, rig.sleep_until_ns)
-    built = build_hardware(WheelBoardSettings(), 0.01, clocks, rig.bus.attach("node"))
+    built = build_hardware(WheelBoardSettings(), 0.01, rig, rig.bus.attach("node"))
     assert isinstance(built, Assembly)
     assert built._heartbeat is None
     robot = Assembly(rig.bus.attach("robot"), built._drives, now_ns=rig.now_ns, heartbeat=beats)
@@ -186,7 +186,7 @@ def test_heartbeat_after_each_exchange_with_commands_carries_armed_state() -> No
 
 
 def test_robot_on_its_own_bus_sends_heartbeats_to_the_guard_of_that_bus(listener: HeartbeatListener) -> None:
-    robot = build_hardware(WheelBoardSettings(can=CAN), 0.01, Clocks())
+    robot = build_hardware(WheelBoardSettings(can=CAN), 0.01, RealClock())
     robot.open()
     robot.exchange(ZERO)
     robot.close()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from segway_ecc.firmware_io.assembly import Assembly
-from segway_ecc.firmware_io.build import Clocks, HardwareSettings
+from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.guard.guard import Guard, stopper_of
 from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
@@ -65,7 +65,6 @@ class Guarded:
         self.settings: HardwareSettings = file.hardware
         self.rig = LockstepRig(simulated_bus(file).bitrate)
         self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
-        self.clocks = Clocks(self.rig.now_ns, self.rig.wall_ns, self.rig.sleep_until_ns)
         node = self.rig.bus.attach("node")
         self.bus = FaultyLink(node if wrap is None else wrap(node))
         built = build_robot(file, self.rig, self.bus).hardware
@@ -85,7 +84,7 @@ class Guarded:
 
     def new_guard(self, ears: Link) -> Guard:
         self.watch = Watch(stopper_of(self.settings), self.rig.now_ns())
-        return Guard(ears, self.voice, self.beats, self.watch, self.clocks)
+        return Guard(ears, self.voice, self.beats, self.watch, self.rig)
 
     def _observe(self, _wall_ns: int, _outputs: object) -> None:
         self.moments.append((self.rig.now_ns(), tuple(self.plant.inputs)))

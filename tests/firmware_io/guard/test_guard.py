@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.firmware_io.build import Clocks
 from segway_ecc.firmware_io.drives.stopper import Meaning, Observation
 from segway_ecc.firmware_io.errors import BusNotFoundError, LinkLostError
 from segway_ecc.firmware_io.guard.guard import Guard, describe
@@ -69,12 +68,17 @@ class Bench:
         self.watch = Watch(Board(), 0)
         self.slept: list[int] = []
         self.passes = 5
-        clocks = Clocks(lambda: self.now_ms * MS, lambda: 0, self._sleep)
-        self.guard = Guard(self.ears, self.voice, self.beats, self.watch, clocks)
+        self.guard = Guard(self.ears, self.voice, self.beats, self.watch, self)
 
-    def _sleep(self, until_ns: int) -> None:
-        self.slept.append(until_ns - self.now_ms * MS)
-        self.now_ms = until_ns // MS
+    def now_ns(self) -> int:
+        return self.now_ms * MS
+
+    def wall_ns(self) -> int:
+        return 0
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.slept.append(deadline_ns - self.now_ms * MS)
+        self.now_ms = deadline_ns // MS
         if len(self.slept) == self.passes:
             self.guard.stop("enough")
         assert len(self.slept) <= self.passes, "it goes on though it was stopped"

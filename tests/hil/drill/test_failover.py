@@ -22,7 +22,7 @@ from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.robot import build_robot, clocks_of
+from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import ACTIVE, Mode
 from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player
 
@@ -72,7 +72,7 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int
     plant = simulated_robot(file, rig.bus.attach("plant"), wires.device)
     rig.attach(plant)
     bus = FaultyLink(rig.bus.attach("node"))
-    link = make_link(hardware, clocks_of(rig), bus, wires.host.open)
+    link = make_link(hardware, rig, bus, wires.host.open)
     assert isinstance(link, RedundantLink)
     robot = build_robot(file, rig, link)
     stage = ManoeuvreStage(Player(MANOEUVRE), list(robot.wiring.published), rig)

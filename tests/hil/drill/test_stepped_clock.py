@@ -8,9 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from segway_ecc.firmware_io.links.can_link import wall_ns
+from segway_ecc.firmware_io.clock import RealClock, wall_ns
 from segway_ecc.hil.drill.stepped_clock import AHEAD, BACK, install
-from segway_ecc.node.cycle.clock import RealClock
 
 HOUR_NS = 3600 * 10**9
 SLACK_NS = 600 * 10**9

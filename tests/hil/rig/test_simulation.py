@@ -4,7 +4,8 @@ from collections.abc import Callable
 import pytest
 from msgspec import structs
 
-from segway_ecc.firmware_io.build import Clocks, can_link
+from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
@@ -51,7 +52,7 @@ def test_a_plant_that_is_not_there_is_named() -> None:
 def test_devices_can_be_asked_by_remote_frame_whatever_stands_in_front_of_their_bus(
     front: Callable[[Link], Link],
 ) -> None:
-    bus = can_link(CAN, Clocks())
+    bus = can_link(CAN, RealClock())
     assert isinstance(bus, CanLink)
     assert not bus.receives_remote
     simulated_robot(load_robot("cart-can"), front(bus))

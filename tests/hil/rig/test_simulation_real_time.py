@@ -8,14 +8,13 @@ from can.interfaces import virtual
 from msgspec import structs
 
 from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelCommand, encode
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.rig.simulation import RealTimePlant, simulated_bus, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
-from segway_ecc.node.cycle.clock import Clock
-from segway_ecc.node.robot import clocks_of
 
 MS = 1_000_000
 START_NS = 777 * MS
@@ -58,7 +57,7 @@ class Watch:
 
 def made(file: RobotFile, clock: Clock) -> RealTimePlant:
     """The plant of a robot file on the robot's own bus."""
-    link = can_link(simulated_bus(file), clocks_of(clock))
+    link = can_link(simulated_bus(file), clock)
     return RealTimePlant(simulated_robot(file, link), clock)
 
 

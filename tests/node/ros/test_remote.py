@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from msgspec.structs import replace
 
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.clock import RealClock
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.errors import RosUnavailableError

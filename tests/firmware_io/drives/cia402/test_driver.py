@@ -102,12 +102,13 @@ def test_missing_library_is_reported_with_its_install_command(memory: Any, monke
 WITHOUT_LIBRARY = """
 import sys
 sys.modules["canopen"] = None
-from segway_ecc.firmware_io.build import Clocks, build_hardware
+from segway_ecc.firmware_io.build import build_hardware
+from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.node.config import load_robot
 settings = load_robot("cart-cia402").hardware
 try:
-    build_hardware(settings, 0.01, Clocks())
+    build_hardware(settings, 0.01, RealClock())
 except HardwareError as error:
     print(error)
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Time, injected: the same cycle runs on the robot's clock and on a simulated one."""
+"""Time, injected: the same code runs on the robot's clock and on a simulated one."""
 
 import time
 from typing import Final, Protocol
@@ -20,15 +20,17 @@ class Clock(Protocol):
         """Wait until the monotonic clock reads `deadline_ns`; return at once if it has passed."""
 
 
+def wall_ns() -> int:
+    """CLOCK_REALTIME, ns: what SocketCAN stamps received frames with."""
+    return time.clock_gettime_ns(time.CLOCK_REALTIME)
+
+
 class RealClock:
     """The machine's clock."""
 
     # CLOCK_MONOTONIC; asked for some thirty times in a cycle, so without a function in Python.
     now_ns = staticmethod(time.monotonic_ns)
-
-    def wall_ns(self) -> int:
-        """CLOCK_REALTIME."""
-        return time.clock_gettime_ns(time.CLOCK_REALTIME)
+    wall_ns = staticmethod(wall_ns)
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Sleep; the standard library itself waits for an absolute deadline."""
