@@ -29,9 +29,8 @@ ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 """,
     "robot/shaker.py": '''"""Both motors ahead, always: so that it shows when they are off."""
 
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 
 class Shaker(SectionedModel):

@@ -38,9 +38,8 @@ _MODEL: Final = '''"""A robot that stands still."""
 
 import time
 
-from segway_ecc.node.model.methods import Method
-from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
+from segway_ecc.node.model.model import Variable
+from segway_ecc.node.model.sectioned import Method, SectionedModel
 
 
 class Model(SectionedModel):

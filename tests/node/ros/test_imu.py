@@ -15,8 +15,8 @@ Ask = Callable[..., Any]
 Start = Callable[..., "subprocess.Popen[str]"]
 
 MODEL = '''
+from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel
-from segway_ecc.node.model.variables import Variable
 
 
 class Leaning(SectionedModel):
