@@ -98,7 +98,7 @@ class PlantControls:
 
 
 class Posture:
-    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_phases`.
+    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_law`.
 
     Attributes:
         can_change: Whether the robot is one that stands up and sits down.

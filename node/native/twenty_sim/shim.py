@@ -239,7 +239,7 @@ def _partial(parts: Parts, description: Description, ports: Ports) -> list[str]:
 def _integrator(parts: Parts, method: str, states: int) -> str:
     """One step of a method, in the order of operations of 20-sim's own, so that the last bit is the same.
 
-    The formulas are those of node/model/methods.py; each begins with the rates at the end of the step before.
+    The formulas are those of node/model/sectioned.py; each begins with the rates at the end of the step before.
     """
     if method not in METHODS:
         raise ModelError(f"the method {method} is not among the files and not ours to supply: copy xxinteg.c too")
