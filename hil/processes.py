@@ -18,7 +18,6 @@ from segway_ecc.hil.errors import RigError
 _END_S: Final = 10.0
 _LAST_LINES: Final = 5
 _DOMAINS: Final = 101
-_OUR_COMMAND: Final = "segway_ecc.node.cli.main"
 
 
 class ProcessFailedError(RigError):
@@ -155,7 +154,7 @@ def command(
     messages: Path,
     environment: Mapping[str, str] | None = None,
     *,
-    module: str = _OUR_COMMAND,
+    module: str = "segway_ecc.node.cli.main",
     listens: bool = False,
 ) -> contextlib.AbstractContextManager[Command]:
     """One `segway-ecc` command, or a module around it, with these arguments; see `program`."""

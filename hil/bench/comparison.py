@@ -5,6 +5,7 @@ At given rates, and up to the highest rate that each holds: no cycle late, no de
 """
 
 import contextlib
+import itertools
 import statistics
 import tempfile
 from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ from segway_ecc.hil.bench.contestants import (
     run_contestant,
 )
 from segway_ecc.hil.bench.rig import Bus, Conditions, make_rig
-from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of, read_samples
+from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of
 from segway_ecc.hil.process_usage import Memory
 
 RATES_HZ: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)
@@ -91,16 +92,14 @@ def compare(
             for repeat in range(repeats):
                 for one in reversed(who) if repeat % 2 else who:
                     setup.report(f"{one} at {rate_hz:g} Hz, {duration_s:g} s ({repeat + 1} of {repeats})")
-                    ran = run_contestant(one, place, duration_s)
-                    kept = ran.samples.rename(ran.samples.with_suffix(f".{repeat}"))
-                    runs[one].append(replace(ran, samples=kept))
+                    runs[one].append(run_contestant(one, place, duration_s))
         setup.report(f"the plant: {seen}")
         return {one: _result(ran, period_ns) for one, ran in runs.items()}
 
 
 def _result(runs: Sequence[ProgramRun], period_ns: int) -> ProgramResult:
     warm_up = round(_WARM_UP_S * NS_PER_S / period_ns)
-    cycles = cycles_of([read_samples(run.samples) for run in runs], period_ns, warm_up)
+    cycles = cycles_of([run.samples for run in runs], period_ns, warm_up)
     reports = [run.report for run in runs if run.report is not None]
     if reports:
         # The phases as our loop counts them itself, of the last run; what only ours has, under its own name.
@@ -143,12 +142,8 @@ class SustainedRates:
         return self._up_to(lambda cycles: not cycles.lost)
 
     def _up_to(self, is_good: Callable[[Cycles], bool]) -> float:
-        highest = 0.0
-        for rate_hz, cycles in sorted(self.tried.items()):
-            if rate_hz in self.faults or not is_good(cycles):
-                break
-            highest = rate_hz
-        return highest
+        held = itertools.takewhile(lambda hz: hz not in self.faults and is_good(self.tried[hz]), sorted(self.tried))
+        return max(held, default=0.0)
 
 
 def search(
@@ -169,10 +164,8 @@ def search(
             found[one].tried[rate_hz] = result.cycles
             if result.fault is not None:
                 found[one].faults[rate_hz] = result.fault
-            if (
-                result.fault is not None
-                or max(result.cycles.late, result.cycles.lost) > _HOPELESS * result.cycles.count
-            ):
+            failed = max(result.cycles.late, result.cycles.lost) > _HOPELESS * result.cycles.count
+            if failed or result.fault is not None:
                 left.remove(one)
         if not left:
             break

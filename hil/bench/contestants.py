@@ -21,6 +21,7 @@ import msgspec
 from segway_ecc.firmware_io.heartbeat import HeartbeatListener, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.bench.rig import BenchPrograms, Bus, Conditions
+from segway_ecc.hil.bench.samples import Samples, read_samples
 from segway_ecc.hil.process_usage import Memory, cpu_s, memory, tree
 from segway_ecc.hil.processes import last_lines, module_words, program
 from segway_ecc.node.cycle.report import MODE_SUFFIX
@@ -76,7 +77,6 @@ class ProgramRun:
     """One run of one program.
 
     Attributes:
-        samples: The file with its samples.
         start_s: From its start to its first command to the motors; None where it has none.
         share: CPU time of the process and its children for each second; 1 is a whole core.
         memory: What they held shortly before the end.
@@ -84,7 +84,7 @@ class ProgramRun:
         fault: Why our loop was no longer armed at its end; None where it was. One that has given up does less.
     """
 
-    samples: Path
+    samples: Samples
     start_s: float | None
     share: float
     memory: Memory
@@ -124,7 +124,7 @@ def run_contestant(who: Contestant, place: BenchSite, duration_s: float) -> Prog
     if report is not None:
         mode = next(values for name, values in report["diagnostics"].items() if name.endswith(MODE_SUFFIX))
         fault = None if mode["mode"] == Mode.ARMED else str(mode["reason"])
-    return ProgramRun(samples, start_s, share, held, report, fault)
+    return ProgramRun(read_samples(samples), start_s, share, held, report, fault)
 
 
 @contextlib.contextmanager

@@ -18,7 +18,8 @@ _CLOCKS: Final = 3
 _COARSE_NS: Final = 1_000_000
 _NS_PER_S: Final = 1e9
 _PERCENTILES: Final = (50.0, 99.0, 99.9, 100.0)
-_Samples = npt.NDArray[np.int64]
+Samples = npt.NDArray[np.int64]
+"""A row for each cycle, with the columns of `COLUMNS`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class Cycles:
         return not self.late and not self.lost
 
 
-def read_samples(path: Path) -> _Samples:
+def read_samples(path: Path) -> Samples:
     """Read the samples that a program wrote.
 
     Raises:
@@ -83,7 +84,7 @@ def spread(durations_ns: npt.NDArray[np.int64]) -> Spread:
     return Spread(float(durations_ns.mean()) / _NS_PER_S, *(float(rank) for rank in ranks))
 
 
-def cycles_of(runs: list[_Samples], period_ns: int, warm_up: int) -> Cycles:
+def cycles_of(runs: list[Samples], period_ns: int, warm_up: int) -> Cycles:
     """What one or more runs of a program come to.
 
     Args:

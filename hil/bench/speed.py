@@ -79,19 +79,20 @@ def lock_step() -> list[LockStep]:
     seat, manoeuvre = LockstepCanSeat(None, _CART), single_segment(2.0, 2.0, _DRIVEN_S)
     segway = load_robot(_SEGWAY)
     return [
-        _timed(_CART, lambda: seat.run("bench", manoeuvre)),
-        _timed(_SEGWAY, lambda: drive(segway, 0, _DRIVEN_S, 0.0)),
+        _lock_step(_CART, lambda: seat.run("bench", manoeuvre)),
+        _lock_step(_SEGWAY, lambda: drive(segway, 0, _DRIVEN_S, 0.0)),
     ]
 
 
-def _timed(robot: str, run: Callable[[], object]) -> LockStep:
-    durations = []
-    for _ in range(_REPETITIONS):
-        began_s = time.perf_counter()
-        run()
-        durations.append(time.perf_counter() - began_s)
+def _lock_step(robot: str, run: Callable[[], object]) -> LockStep:
     rate_hz = 1e9 / build_robot(load_robot(robot), RealClock()).period_ns
-    return LockStep(robot, rate_hz, _DRIVEN_S, statistics.median(durations))
+    return LockStep(robot, rate_hz, _DRIVEN_S, statistics.median(_took_s(run) for _ in range(_REPETITIONS)))
+
+
+def _took_s(run: Callable[[], object]) -> float:
+    began_s = time.perf_counter()
+    run()
+    return time.perf_counter() - began_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +100,7 @@ class CampaignSpeed:
     """A part of the campaign, evenly chosen.
 
     Attributes:
-        runs: Runs that were counted.
-        of: Runs of the whole campaign.
+        runs: Runs that were counted, of all of them.
         jobs: Processes at a time.
         took_s: How long those counted took.
     """
@@ -129,16 +129,10 @@ def campaign_speed() -> CampaignSpeed:
 
 def model_step() -> dict[str, float]:
     """Durations, s: of loading it the first time and from the cache, and of a step either way (medians)."""
+    source = Path(SUBMODEL_CART.source)
     with own_cache():
-        first_s, _ = _timed_load()
-        again_s, model = _timed_load()
-        return {"load_first_s": first_s, "load_from_cache_s": again_s, **step_cost(model)}
-
-
-def _timed_load() -> tuple[float, NativeModel]:
-    began_s = time.perf_counter()
-    model = load_native(Path(SUBMODEL_CART.source))
-    return time.perf_counter() - began_s, model
+        first_s, again_s = (_took_s(lambda: load_native(source)) for _ in range(2))
+        return {"load_first_s": first_s, "load_from_cache_s": again_s, **step_cost(load_native(source))}
 
 
 def step_cost(model: NativeModel) -> dict[str, float]:

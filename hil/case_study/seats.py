@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
@@ -127,17 +128,14 @@ class OfflineSeat:
         """Step the cart through a manoeuvre; see `SeatRunner.run`."""
         model = load_model(self._cart.source)
         names = [v.name for v in model.outputs]
-        indices = [names.index(output) for output in _OUTPUTS]
+        odometry = itemgetter(*(names.index(output) for output in _OUTPUTS))
         period_ns = round(model.step_size * NS_PER_S)
-        y = model.initialize(())
-        points: list[Odometry] = []
+        found = [odometry(model.initialize(()))]
         for segment in manoeuvre.segments:
             model.write(self._cart.linear, segment.linear)
             model.write(self._cart.angular, segment.angular)
-            for _ in range(round(segment.duration / model.step_size)):
-                points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
-                y = model.step(())
-        points.append(Odometry(len(points) * period_ns, *(y[index] for index in indices)))
+            found += [odometry(model.step(())) for _ in range(round(segment.duration / model.step_size))]
+        points = [Odometry(cycle * period_ns, *y) for cycle, y in enumerate(found)]
         with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
             for point in points:
                 log.odometry("/odom", *point)

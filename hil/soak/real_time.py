@@ -11,7 +11,6 @@ import itertools
 import os
 import sys
 import time
-from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -58,18 +57,13 @@ class RealTimeResult(msgspec.Struct, frozen=True):
     modes: dict[str, int]
 
 
-def soak(run: RealTimeSoak, watching: Watching, folder: Path, on_progress: OnSeconds) -> RealTimeResult:
+def soak(run: RealTimeSoak, watching: Watching, on_progress: OnSeconds) -> RealTimeResult:
     """Run a robot for some time, and look at its processes every few seconds.
-
-    Args:
-        run: What is run.
-        watching: Takes what is seen.
-        folder: For the log and the messages; `watching` looks at the log there.
-        on_progress: Called with every look.
 
     Raises:
         ProcessFailedError: One of the processes ended with an error.
     """
+    folder = watching.folder
     line = ["--channel", f"soak_{os.getpid()}", "--interface", "local"]
     namespace = f"/soak_{os.getpid()}"
     alone = own_ros_domain()  # what DDS keeps of the neighbours' participants is not the robot's growth

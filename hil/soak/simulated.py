@@ -70,13 +70,13 @@ class ProcessSample(msgspec.Struct):
     is_over: bool = False
 
 
-def soak(job: SimulatedSoak, watching: Watching, folder: Path, on_progress: OnSeconds) -> ProcessSample:
+def soak(job: SimulatedSoak, watching: Watching, on_progress: OnSeconds) -> ProcessSample:
     """Drive a robot in lock step, and look at its processes every ten simulated seconds; returns how it ended.
 
     Raises:
         ProcessFailedError: The process ended with an error.
     """
-    with command([], folder / "simulated.txt", module="segway_ecc.hil.soak.simulated", listens=True) as driving:
+    with command([], watching.folder / "simulated.txt", module=__name__, listens=True) as driving:
         sample = _ask(driving, msgspec.json.encode(job).decode())
         while not sample.is_over:
             process = driving.process.pid

@@ -2,6 +2,7 @@
 """Watches processes while they run, keeps what they take as series, and judges whether it grew."""
 
 import contextlib
+import itertools
 import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -59,7 +60,7 @@ class Watching:
 
     Attributes:
         series: What was seen, in the order in which it was seen first.
-        folder: That of the log.
+        folder: That of the log, and of the messages of those who are watched.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -186,10 +187,6 @@ def judge(series: Series) -> Verdict:
 
 def theil_sen(times: Sequence[float], values: Sequence[float]) -> float:
     """The median of the slopes between all pairs (Theil 1950, Sen 1968); 0 where there are none."""
-    slopes = [
-        (values[j] - values[i]) / (times[j] - times[i])
-        for i in range(len(times))
-        for j in range(i + 1, len(times))
-        if times[j] > times[i]
-    ]
+    pairs = itertools.combinations(zip(times, values, strict=True), 2)
+    slopes = [(later - value) / (then - at) for (at, value), (then, later) in pairs if then > at]
     return statistics.median(slopes) if slopes else 0.0

@@ -78,10 +78,8 @@ def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFau
         raise ConfigurationError(f"robot '{file.name}' is all model: it has no drives to be cut off from")
     if serial_of(file.hardware) is not None:
         raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
-    can_serial, no_interface = (
-        "serial" in file.hardware.__struct_fields__,
-        interface.why_not_down(options.channel or ""),
-    )
+    can_serial = "serial" in file.hardware.__struct_fields__
+    no_interface = interface.why_not_down(options.channel or "")
     if options.interface != "socketcan" or options.channel is None:
         no_interface = "it needs a network interface: --interface socketcan --channel vcan0"
     faults = [FAULTS[name] for name in options.fault or FAULTS]

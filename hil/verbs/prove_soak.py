@@ -120,14 +120,14 @@ def _row(verdict: Verdict) -> tuple[str, ...]:
 
 def _simulated(robot: str, duration_s: float, watching: Watching, on_progress: OnProgress) -> dict[str, Any]:
     job = simulated.SimulatedSoak(robot, duration_s, _FRAME_LOSS, str(watching.folder / "soak.mcap"))
-    ended = simulated.soak(job, watching, watching.folder, lambda s: on_progress(round(s), round(duration_s)))
+    ended = simulated.soak(job, watching, lambda s: on_progress(round(s), round(duration_s)))
     return {"duration_s": ended.time_s, "cycles": ended.cycles, "failure": ended.trip}
 
 
 def _real_time(robot: str, duration_s: float, watching: Watching, on_progress: OnProgress) -> dict[str, Any]:
     ros = not missing_packages()
     run = real_time.RealTimeSoak(robot, duration_s, min(duration_s / _SAMPLES * 3.0, _MOST_EVERY_S), ros=ros)
-    ran = real_time.soak(run, watching, watching.folder, lambda s: on_progress(round(s), round(duration_s)))
+    ran = real_time.soak(run, watching, lambda s: on_progress(round(s), round(duration_s)))
     driven = sum(count for mode, count in ran.modes.items() if mode.startswith("ARMED"))
     failure = ""  # a fault that was cleared is none: here it is growth that counts
     if ros and driven <= _DRIVEN * sum(ran.modes.values()):

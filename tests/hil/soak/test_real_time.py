@@ -18,7 +18,7 @@ pytestmark = pytest.mark.real_time
 @pytest.mark.timeout(180)
 def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
     watching, told = Watching(tmp_path), list[float]()
-    ran = soak(RealTimeSoak("cart-can", 14.0, 0.5, ros=True), watching, tmp_path, told.append)
+    ran = soak(RealTimeSoak("cart-can", 14.0, 0.5, ros=True), watching, told.append)
     assert {s.process for s in watching.series} == {"node", "plant", "station", "recorder", "ros", "log"}
     assert ran.node["cycles"] == 1400
     assert any(mode.startswith("ARMED") for mode in ran.modes)
@@ -29,7 +29,7 @@ def test_every_process_is_watched_and_the_robot_driven(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 def test_without_ros_nobody_drives(tmp_path: Path) -> None:
     watching = Watching(tmp_path)
-    ran = soak(RealTimeSoak("cart-can", 5.0, 0.5, ros=False), watching, tmp_path, lambda _: None)
+    ran = soak(RealTimeSoak("cart-can", 5.0, 0.5, ros=False), watching, lambda _: None)
     assert ran.modes == {}
     assert {s.process for s in watching.series} >= {"node", "plant", "log"}
     json.dumps(ran.node)

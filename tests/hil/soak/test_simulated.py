@@ -15,7 +15,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord
 @pytest.mark.timeout(180)
 def test_every_ten_simulated_seconds_all_is_looked_at(tmp_path: Path) -> None:
     watching, told = Watching(tmp_path), list[float]()
-    said = soak(SimulatedSoak("cart-can", 31.0, 0.01, str(tmp_path / "soak.mcap")), watching, tmp_path, told.append)
+    said = soak(SimulatedSoak("cart-can", 31.0, 0.01, str(tmp_path / "soak.mcap")), watching, told.append)
     assert (said.trip, said.cycles) == ("", 3100)
     assert told == pytest.approx([10.0, 20.0, 30.0], abs=0.011)
     by_name = {(s.process, s.quantity): s.values for s in watching.series}
@@ -31,7 +31,6 @@ def test_a_robot_that_is_not_there_is_reported(tmp_path: Path) -> None:
         soak(
             SimulatedSoak("no-such-robot", 30.0, 0.0, str(tmp_path / "soak.mcap")),
             Watching(tmp_path),
-            tmp_path,
             lambda _: None,
         )
 

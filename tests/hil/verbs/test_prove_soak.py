@@ -37,17 +37,13 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the runs find, and what they were asked."""
     script: dict[str, Any] = {"slope": 0.0, "trip": "", "modes": ARMED, "asked": []}
 
-    def lock_step(
-        job: simulated.SimulatedSoak, watching: Watching, _folder: Path, on_progress: Any
-    ) -> simulated.ProcessSample:
+    def lock_step(job: simulated.SimulatedSoak, watching: Watching, on_progress: Any) -> simulated.ProcessSample:
         script["asked"].append((job.robot, job.duration_s))
         fill(watching, script["slope"])
         on_progress(job.duration_s)
         return simulated.ProcessSample(job.duration_s, trip=script["trip"], cycles=720, is_over=True)
 
-    def in_real_time(
-        run: real_time.RealTimeSoak, watching: Watching, _folder: Path, on_progress: Any
-    ) -> real_time.RealTimeResult:
+    def in_real_time(run: real_time.RealTimeSoak, watching: Watching, on_progress: Any) -> real_time.RealTimeResult:
         script["asked"].append((run.robot, run.duration_s, run.ros))
         fill(watching, 0.0)
         on_progress(run.duration_s)
