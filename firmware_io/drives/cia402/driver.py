@@ -2,7 +2,7 @@
 """Two CiA 402 drives, one a wheel, as one `Drive`: they share SYNC, the host's heartbeat and their enabling."""
 
 import importlib.util
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final
 
 from segway_ecc.firmware_io.devices import SUPPLY_VOLTAGE, FrameKey, Readings, with_one_more
@@ -108,12 +108,21 @@ class Cia402Pair(PhasedDrive):
     def command(self, commands: Sequence[float]) -> None:
         """Send this cycle's frames, with the wheels' torques, N m, where both drives follow; else with zero."""
         self._link.send(self._heartbeat)
-        if self._enabling.phase is Phase.ENABLING and all(wheel.follows for wheel in self._wheels):
+        follow = all(wheel.follows for wheel in self._wheels)
+        if follow:
             self._enabling.confirm()
-        for frame in self._command_frames(commands):
-            self._link.send(frame)
+        phase = self._enabling.phase
+        # One drive that no longer follows must not leave the other turning the robot.
+        torques = commands if phase is Phase.ENABLED and follow else (0.0, 0.0)
+        for wheel, torque in zip(self._wheels, torques, strict=True):
+            controlword = Controlword.DISABLE_VOLTAGE
+            if phase is Phase.ENABLING:
+                controlword = wheel.next_controlword()
+            elif phase is Phase.ENABLED and wheel.follows:
+                controlword = Controlword.ENABLE_OPERATION
+            self._link.send(wheel.pack(controlword, torque))
         self._link.send(_SYNC)
-        if self._enabling.phase is Phase.OFF:
+        if phase is Phase.OFF:
             self._restore()
 
     def disable(self) -> None:
@@ -139,21 +148,6 @@ class Cia402Pair(PhasedDrive):
     def health(self) -> Mapping[str, str]:
         """What each drive reports, and what was refused of it."""
         return {f"{wheel.side}.{name}": text for wheel in self._wheels for name, text in wheel.health.items()}
-
-    def _command_frames(self, commands: Sequence[float]) -> Iterator[Frame]:
-        match self._enabling.phase:
-            case Phase.ENABLED:
-                # One drive that no longer follows must not leave the other turning the robot.
-                torques = commands if all(wheel.follows for wheel in self._wheels) else (0.0, 0.0)
-                for wheel, torque in zip(self._wheels, torques, strict=True):
-                    on = Controlword.ENABLE_OPERATION if wheel.follows else Controlword.DISABLE_VOLTAGE
-                    yield wheel.pack(on, torque)
-            case Phase.ENABLING:
-                for wheel in self._wheels:
-                    yield wheel.pack(wheel.next_controlword())
-            case Phase.OFF:
-                for wheel in self._wheels:
-                    yield wheel.pack(Controlword.DISABLE_VOLTAGE)
 
     def _restore(self) -> None:
         """Set up again a drive that has restarted, a request a cycle, and start one whose communication waits."""

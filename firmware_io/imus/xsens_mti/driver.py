@@ -78,7 +78,9 @@ class XsensMti:
         self._fresh = Freshness(dict.fromkeys(_NEEDED, stale_after_ns(settings.period_s, loop_period_s)), now_ns)
         self._counter = GroupCounter(round(settings.period_s * 1e9))
         self._refused: Counter[Refusal] = Counter()
-        self._vectors = dict.fromkeys((Message.RATE_OF_TURN, Message.ACCELERATION), Vector(0.0, 0.0, 0.0))
+        self._vectors: dict[Message, Vector] = dict.fromkeys(
+            (Message.RATE_OF_TURN, Message.ACCELERATION), (0.0, 0.0, 0.0)
+        )
         self._newest: dict[Message, float] = {}
         self._error: int | None = None
         self._warnings = 0
