@@ -43,11 +43,13 @@ class BoundedLog:
 
     Attributes:
         dropped: Messages that were not kept since the last file was opened.
+        damaged: Messages that the ring held and that were none of this robot's loop.
     """
 
     def __init__(self, settings: RecorderSettings, report: Callable[[str], None]) -> None:
         """Open the first file; `report` takes what people should know."""
-        self.dropped = 0
+        self.dropped = self.damaged = 0
+        self._codec = CycleCodec(settings.layout)
         self._settings = settings
         self._path = self._file = Path(settings.path)
         self._quota = settings.bounds
@@ -59,6 +61,20 @@ class BoundedLog:
             self._next()
         except RecordingError as error:
             self._lose(error)
+
+    def keep_messages(self, ring: RingReader) -> int:
+        """Log messages that have arrived, 512 at most; returns how many they were."""
+        taken = 0
+        for message in itertools.islice(ring.take_messages(), _MANY):
+            taken += 1
+            try:
+                bodies = self._codec.bodies(*message)
+            except RecordingError:
+                self.damaged += 1
+                continue
+            for kind, body in bodies:
+                self.write(kind, body)
+        return taken
 
     def write(self, kind: int, body: bytes) -> None:
         """Log one message."""
@@ -146,40 +162,20 @@ def write_log(source: int, memory: int) -> None:
     """
     with os.fdopen(source, "rb", closefd=False) as stream:
         settings = msgspec.json.decode(stream.readline(), type=RecorderSettings)
-    codec = CycleCodec(settings.layout)
     ring = RingReader(memory)
     log = BoundedLog(settings, _report)
-    damaged, pause_s = 0, _SHORT_PAUSE_S
+    pause_s = _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
     while not (select.select([source], [], [], pause_s)[0] and not os.read(source, 1)):
-        taken, lost = _keep_all(log, codec, ring)
-        damaged += lost
-        pause_s = _SHORT_PAUSE_S if taken == _MANY else _PAUSE_S
+        pause_s = _SHORT_PAUSE_S if log.keep_messages(ring) == _MANY else _PAUSE_S
         log.flush()
     looks_for_nothing = 0
     while looks_for_nothing < _LOOKS:
-        taken, lost = _keep_all(log, codec, ring)
-        damaged += lost
-        looks_for_nothing += taken == 0
-    damaged += ring.damaged
+        looks_for_nothing += log.keep_messages(ring) == 0
+    damaged = log.damaged + ring.damaged
     if damaged:
         _report(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
     log.close()
-
-
-def _keep_all(log: BoundedLog, codec: CycleCodec, ring: RingReader) -> tuple[int, int]:
-    """Log messages that have arrived, `_MANY` at most; returns how many they were, and how many of them damaged."""
-    taken = damaged = 0
-    for message in itertools.islice(ring.take_messages(), _MANY):
-        taken += 1
-        try:
-            bodies = codec.bodies(*message)
-        except RecordingError:
-            damaged += 1
-            continue
-        for kind, body in bodies:
-            log.write(kind, body)
-    return taken, damaged
 
 
 def _report(text: str) -> None:

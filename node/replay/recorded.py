@@ -129,8 +129,8 @@ class RecordedRun:
             self.is_cut = not file.is_whole
 
 
-class RecordedHardware:
-    """Measures and answers as recorded; see `Hardware`. What it is sent is compared elsewhere.
+class RecordedRobot(NoStage):
+    """Hardware, stage and clock of a run in one, which answer as recorded; what is sent is compared elsewhere.
 
     Attributes:
         record: The cycle that is being replayed; None before the first.
@@ -190,44 +190,24 @@ class RecordedHardware:
     def disarm(self) -> None:
         """Nothing to disarm."""
 
-    def close(self) -> None:
-        """Nothing to close."""
+    def take_inbox(self) -> Inbox:
+        """What arrived in this cycle."""
+        return (self.record.inbox if self.record is not None else None) or Inbox()
+
+    def now_ns(self) -> int:
+        """When the cycle started. Nothing else that a cycle reads of a clock decides."""
+        return 0 if self.record is None else self.record.start_ns
+
+    def wall_ns(self) -> int:
+        """The stamp of the cycle."""
+        return 0 if self.record is None else self.record.stamp_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Time passes with the record."""
 
     def _next_reasons(self, call: str) -> tuple[str, ...] | None:
         """What the hardware had against a call; None where the next answer is to another one."""
         return self._answers.popleft().reasons if self._answers and self._answers[0].call == call else None
-
-
-class RecordedStage(NoStage):
-    """Hands over what had arrived; see `Stage`."""
-
-    def __init__(self, hardware: RecordedHardware) -> None:
-        """Hand over what arrived in the hardware's cycle."""
-        self._hardware = hardware
-
-    def take_inbox(self) -> Inbox:
-        """What arrived in this cycle."""
-        record = self._hardware.record
-        return record.inbox or Inbox() if record is not None else Inbox()
-
-
-class RecordedClock:
-    """Stands at the start of each cycle as recorded; see `Clock`. Nothing else that a cycle reads of it decides."""
-
-    def __init__(self, hardware: RecordedHardware) -> None:
-        """Stand where the hardware's cycle started."""
-        self._hardware = hardware
-
-    def now_ns(self) -> int:
-        """When the cycle started."""
-        return 0 if self._hardware.record is None else self._hardware.record.start_ns
-
-    def wall_ns(self) -> int:
-        """The stamp of the cycle."""
-        return 0 if self._hardware.record is None else self._hardware.record.stamp_ns
-
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Time passes with the record."""
 
 
 def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:

@@ -18,7 +18,7 @@ from segway_ecc.node.model.model import Model
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.robot_provenance import model_hash
-from segway_ecc.node.replay.recorded import RecordedClock, RecordedHardware, RecordedRun, RecordedStage
+from segway_ecc.node.replay.recorded import RecordedRobot, RecordedRun
 from segway_ecc.node.robot import Robot
 
 _BEFORE: Final = 5
@@ -87,20 +87,20 @@ def replay(
         ModelError: The model cannot be loaded.
     """
     run = RecordedRun(path)
-    hardware = RecordedHardware(run.layout)
+    recorded = RecordedRobot(run.layout)
     folders = (run.path.resolve().parent, Path())
     source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
     section = replace(run.robot.model, source=source)
     loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
     file = replace(run.robot, model=section)
-    robot = Robot(file, loaded, hardware, wire(loaded, hardware, file.wiring), RecordedClock(hardware))
+    robot = Robot(file, loaded, recorded, wire(loaded, recorded, file.wiring), recorded)
     outcome = Outcome(is_other_model=run.model_hash != model_hash(source))
     keeper = _Keeper()
-    cycle = robot.cycle(RecordedStage(hardware), keeper)
+    cycle = robot.cycle(recorded, keeper)
     last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
     first_ns, after = 0, 0
     for count, record in enumerate(run.cycles()):
-        hardware.pass_to(record)
+        recorded.pass_to(record)
         if outcome.difference is not None:
             after += 1
             if after > _AFTER:

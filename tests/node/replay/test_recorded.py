@@ -15,7 +15,7 @@ from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, Request, Stampe
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.recording.layout import layout_of
-from segway_ecc.node.replay.recorded import RecordedHardware
+from segway_ecc.node.replay.recorded import RecordedRobot
 from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import Robot, build_robot
 from segway_ecc.node.safety.modes import Action, Mode
@@ -99,7 +99,7 @@ def test_late_cycles_and_what_drives_report_come_out_the_same(path: Path, run: R
 
 def test_the_model_starts_from_the_snapshot_that_it_started_from() -> None:
     robot, _, _ = scripted()
-    hardware = RecordedHardware(layout_of(robot))
+    hardware = RecordedRobot(layout_of(robot))
     first, second = Sensors((1.0,) * 5), Sensors((2.0,) * 5)
     zeros = (0.0, 0.0)
     record = CycleRecord(0, 0, Mode.DISARMED, 0, second, Setpoint(0.0, 0.0), (), (), zeros, (), (), initial=first)
