@@ -141,11 +141,8 @@ class Freshness(Generic[Kind]):
     def age(self, kind: Kind, stale_ns: int | None = None, now_ns: int | None = None) -> tuple[float, bool]:
         """Age of the newest frame of a kind, s, infinite where none has arrived, and whether it is fresh enough.
 
-        Args:
-            kind: Which.
-            stale_ns: The age above which it is not, ns, for what the frame carries beside its quicker values; where
-                left out, the one that was given for the kind.
-            now_ns: The time, for who asks for several kinds at once.
+        The limit is `stale_ns` for what the frame carries beside its quicker values, else the one of the kind; `now_ns`
+        is the time, for who asks for several kinds at once.
         """
         received_ns = self._received_ns.get(kind)
         if received_ns is None or self.newest_ns is None:

@@ -69,11 +69,9 @@ class RingWriter:
         self._number = _FIRST
 
     def put(self, kind: int, message: bytes | bytearray) -> bool:
-        """Hand over a message; False where there is no room for it.
+        """Hand over a message of up to `room` bytes; False where there is no room for it.
 
-        Args:
-            kind: What the message is, any byte but `FREE` and `CONTINUED`.
-            message: It; `room` is how long it may be.
+        Its kind is any byte but `FREE` and `CONTINUED`.
         """
         begin, ring, slots = self._begin, self._ring, self._slots
         length = len(message)

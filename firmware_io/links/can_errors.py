@@ -48,11 +48,9 @@ class BusError(NamedTuple):
 
 
 def decode_error(classes: int, data: bytes) -> BusError:
-    """Read an error frame; never raises.
+    """Read an error frame from its identifier, without flags, and its bytes, of which missing ones count as zero.
 
-    Args:
-        classes: Its identifier, without flags.
-        data: Its bytes; those that are missing count as zero.
+    Never raises.
     """
     filled = data.ljust(_LENGTH, b"\0")
     is_of_controller = bool(classes & _CONTROLLER)

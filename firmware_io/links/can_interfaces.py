@@ -77,11 +77,7 @@ def resolve(interface: str, channel: str) -> tuple[str, str]:
 
 
 def check_socketcan(channel: str, bitrate: int) -> None:
-    """Find out whether a CAN network interface can be used.
-
-    Args:
-        channel: Its name.
-        bitrate: What it should be set to, bit/s, for the command that is proposed.
+    """Find out whether the CAN network interface `channel` can be used; `bitrate`, bit/s, is what to propose for it.
 
     Raises:
         BusNotFoundError: It is missing or down.

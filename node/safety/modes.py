@@ -79,12 +79,7 @@ class Modes:
         self.history: deque[Transition] = deque(maxlen=_TRANSITIONS_KEPT)
 
     def ask(self, action: Action, failures: Sequence[str] = ()) -> Answer:
-        """Carry out a request, or refuse it with the reason.
-
-        Args:
-            action: What is asked.
-            failures: What keeps it from arming; only looked at for `Action.ARM`.
-        """
+        """Carry out a request, or refuse it with the reason; to arm, those are the `failures`."""
         match action:
             case Action.ARM:
                 return self._arm(failures)

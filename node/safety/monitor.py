@@ -10,7 +10,7 @@ from segway_ecc.node.safety.deadlines import DeadlineWatch, RateMeter
 from segway_ecc.node.safety.plausibility import FollowingError, Frozen, RangeCheck, VelocityAgreement, YawAgreement
 from segway_ecc.node.safety.pre_arm import PreArmCheck, PreArmMeasurements, pre_arm_checks
 from segway_ecc.node.safety.settings import SafetySettings
-from segway_ecc.node.safety.tilt import StillWatch, TiltWatch, imu_vectors
+from segway_ecc.node.safety.tilt import StillWatch, TiltWatch
 
 _SIDES: Final = ("left", "right")
 _GYRO: Final = tuple(f"imu.angular_velocity_{axis}" for axis in "xyz")
@@ -53,7 +53,7 @@ class SafetyMonitor:
         self._start_ns: int | None = None
         self._rate = RateMeter(period_ns)
         still = settings.checklist
-        self._still = StillWatch(still.still_rate, still.still_acceleration) if still and has_imu else None
+        self._still = StillWatch(self._imu, still.still_rate, still.still_acceleration) if still and has_imu else None
 
     def look(
         self,
@@ -91,11 +91,8 @@ class SafetyMonitor:
             if missed is not None:
                 faults.append(missed)
         self._rate.mark(start_ns)
-        if self._still is not None and view.has(self._imu):
-            gyro, accelerometer = imu_vectors(values, self._imu)
-            self._still.look(gyro, accelerometer, view.periods)
-        elif self._still is not None:
-            self._still.interrupt()
+        if self._still is not None:
+            self._still.look(view)
         self.faults = faults
         return faults
 

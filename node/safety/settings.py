@@ -6,13 +6,14 @@ from typing import Annotated, Final
 
 import msgspec
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+from segway_ecc.firmware_io.value import Positive, Section
+
 Angle = Annotated[float, msgspec.Meta(gt=0.0, le=1.5)]
 Span = Annotated[float, msgspec.Meta(ge=0.01, le=10.0)]
 Count = Annotated[int, msgspec.Meta(ge=1, le=10_000)]
 
 
-class YawConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class YawConsistency(Section, frozen=True, kw_only=True):
     """How well the wheels and the gyro must agree on how fast the robot turns.
 
     Attributes:
@@ -28,7 +29,7 @@ class YawConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     for_s: Span = 0.2
 
 
-class VelocityConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class VelocityConsistency(Section, frozen=True, kw_only=True):
     """How well a wheel's angle and its velocity must agree.
 
     Attributes:
@@ -40,7 +41,7 @@ class VelocityConsistency(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     for_s: Span = 0.1
 
 
-class FollowingErrorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FollowingErrorSettings(Section, frozen=True, kw_only=True):
     """How closely the robot must follow its set-points, by what its wheels do.
 
     Its velocity must lie between the smallest and the largest set-point of the last `settle_s`, give or take a window.
@@ -70,7 +71,7 @@ class FollowingErrorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_u
             raise ValueError("give linear_window (m/s), angular_window (rad/s) or both")
 
 
-class SupplyWindow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SupplyWindow(Section, frozen=True, kw_only=True):
     """Between which voltages the supply must be, V."""
 
     min_v: Positive
@@ -82,7 +83,7 @@ class SupplyWindow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             raise ValueError(f"min_v {self.min_v:g} is not below max_v {self.max_v:g}")
 
 
-class LateCyclesLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class LateCyclesLimit(Section, frozen=True, kw_only=True):
     """How many missed deadlines make a broken run.
 
     A deadline is missed where its cycle was skipped, or started more than half a period late.
@@ -96,7 +97,7 @@ class LateCyclesLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     window_s: Annotated[float, msgspec.Meta(ge=0.01, le=60.0)] = 1.0
 
 
-class ChecklistSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ChecklistSettings(Section, frozen=True, kw_only=True):
     """What must hold before the robot arms.
 
     Attributes:
@@ -116,7 +117,7 @@ class ChecklistSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     wheel_velocity: Positive = 0.5
 
 
-class SafetySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SafetySettings(Section, frozen=True, kw_only=True):
     """What is watched; what is None is not.
 
     Attributes:
@@ -149,7 +150,7 @@ NOTHING_WATCHED: Final = SafetySettings(frozen_after_s=None)
 """Of a robot whose file has no such section."""
 
 
-class StationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class StationSettings(Section, frozen=True, kw_only=True):
     """What the robot does by itself when the base station that watches over it falls silent.
 
     Attributes:

@@ -35,12 +35,9 @@ class TiltEstimate:
         self._is_known = False
 
     def update(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
-        """Take a sample.
+        """Take a sample, so many periods after the last: angular velocity, rad/s, and specific force, m/s2.
 
-        Args:
-            gyro: Angular velocity, rad/s.
-            accelerometer: Specific force, m/s2; +g upward at rest.
-            periods: Passed since the last one.
+        At rest the force is +g upward.
         """
         ax, ay, az = accelerometer
         felt = hypot(ax, ay, az)
@@ -99,22 +96,25 @@ class TiltWatch(Check):
 class StillWatch:
     """For how many periods an IMU has been still."""
 
-    def __init__(self, rate_limit: float, acceleration_limit: float) -> None:
-        """Call still what turns no faster, rad/s, and whose acceleration is no further from gravity, m/s2."""
+    def __init__(self, imu: Sequence[int], rate_limit: float, acceleration_limit: float) -> None:
+        """Call still what turns no faster, rad/s, and whose acceleration is no further from gravity, m/s2.
+
+        The IMU's values are at the same places as for `TiltWatch`.
+        """
         self.periods = 0
+        self._imu: tuple[int, ...] = tuple(imu)
         self._rate_limit = rate_limit
         self._acceleration_limit = acceleration_limit
 
-    def look(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
-        """Take a sample, so many periods after the last."""
-        (gx, gy, gz), (ax, ay, az) = gyro, accelerometer
+    def look(self, view: View) -> None:
+        """Take a sample; without one, begin anew."""
+        if not view.has(self._imu):
+            self.periods = 0
+            return
+        (gx, gy, gz), (ax, ay, az) = imu_vectors(view.values, self._imu)
         turns = hypot(gx, gy, gz) > self._rate_limit
         moves = abs(hypot(ax, ay, az) - GRAVITY) > self._acceleration_limit
-        self.periods = 0 if turns or moves else self.periods + periods
-
-    def interrupt(self) -> None:
-        """Begin anew: no sample was to be had."""
-        self.periods = 0
+        self.periods = 0 if turns or moves else self.periods + view.periods
 
 
 def imu_vectors(values: Sequence[float], imu: tuple[int, ...]) -> tuple[Vector, Vector]:

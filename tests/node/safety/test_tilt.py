@@ -198,41 +198,45 @@ def test_a_watch_makes_up_for_skipped_periods() -> None:
     assert checked.estimate.tilt == pytest.approx(0.05, abs=1e-3)
 
 
+def sample(gyro: tuple[float, float, float], accelerometer: tuple[float, float, float], periods: int) -> View:
+    return View((*gyro, *accelerometer), (True,) * 6, periods)
+
+
 def test_an_imu_is_still_for_as_long_as_it_neither_turns_nor_moves() -> None:
-    still = StillWatch(0.1, 0.5)
+    still = StillWatch(range(6), 0.1, 0.5)
     assert still.periods == 0
-    still.look((0.06, 0.08, 0.0), UPRIGHT, 1)
-    still.look((0.0, 0.0, 0.1), (0.0, 0.0, G + 0.49), 2)
-    still.look((0.0, 0.0, 0.0), (0.0, 0.0, G - 0.49), 1)
-    still.look((0.0, 0.0, 0.0), (G, 0.0, 0.0), 1)
+    still.look(sample((0.06, 0.08, 0.0), UPRIGHT, 1))
+    still.look(sample((0.0, 0.0, 0.1), (0.0, 0.0, G + 0.49), 2))
+    still.look(sample((0.0, 0.0, 0.0), (0.0, 0.0, G - 0.49), 1))
+    still.look(sample((0.0, 0.0, 0.0), (G, 0.0, 0.0), 1))
     assert still.periods == 5
 
 
 @pytest.mark.parametrize("gyro", [(0.11, 0.0, 0.0), (0.0, 0.0, -0.11), (0.07, 0.07, 0.07)])
 def test_what_turns_is_not_still(gyro: tuple[float, float, float]) -> None:
-    still = StillWatch(0.1, 0.5)
-    still.look((0.0, 0.0, 0.0), UPRIGHT, 1)
-    still.look(gyro, UPRIGHT, 1)
+    still = StillWatch(range(6), 0.1, 0.5)
+    still.look(sample((0.0, 0.0, 0.0), UPRIGHT, 1))
+    still.look(sample(gyro, UPRIGHT, 1))
     assert still.periods == 0
 
 
 @pytest.mark.parametrize("z", [G - 0.51, G + 0.51, 0.0])
 def test_what_is_pushed_is_not_still(z: float) -> None:
-    still = StillWatch(0.1, 0.5)
-    still.look((0.0, 0.0, 0.0), UPRIGHT, 1)
-    still.look((0.0, 0.0, 0.0), (0.0, 0.0, z), 1)
+    still = StillWatch(range(6), 0.1, 0.5)
+    still.look(sample((0.0, 0.0, 0.0), UPRIGHT, 1))
+    still.look(sample((0.0, 0.0, 0.0), (0.0, 0.0, z), 1))
     assert still.periods == 0
 
 
 def test_without_a_sample_it_begins_anew() -> None:
-    still = StillWatch(0.1, 0.5)
-    still.look((0.0, 0.0, 0.0), UPRIGHT, 7)
-    still.interrupt()
+    still = StillWatch(range(6), 0.1, 0.5)
+    still.look(sample((0.0, 0.0, 0.0), UPRIGHT, 7))
+    still.look(View((0.0,) * 6, (True,) * 5 + (False,), 1))
     assert still.periods == 0
 
 
 def test_what_turns_or_moves_by_just_as_much_as_is_allowed_is_still() -> None:
     """In free fall the acceleration is zero, which is exactly g from gravity."""
-    still = StillWatch(0.5, G)
-    still.look((0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 3)
+    still = StillWatch(range(6), 0.5, G)
+    still.look(sample((0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 3))
     assert still.periods == 3
