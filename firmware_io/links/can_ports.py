@@ -122,7 +122,16 @@ class SocketCanPort:
         self._dropped = 0
         self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         try:
-            _configure(self._socket)
+            self._socket.setblocking(False)  # noqa: FBT003 - the standard library's signature
+            try:
+                # Past the limit that the machine sets for everyone, where we may.
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
+            except PermissionError:
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+            self._socket.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
+            self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
             self._socket.bind((channel,))
         except OSError:
             self._socket.close()
@@ -170,19 +179,6 @@ class SocketCanPort:
                 self._counters.overflows += (dropped - self._dropped) & _COUNT_BITS
                 self._dropped = dropped
         return stamp_ns
-
-
-def _configure(sock: socket.socket) -> None:
-    sock.setblocking(False)  # noqa: FBT003 - the standard library's signature
-    try:
-        # Past the limit that the machine sets for everyone, where we may.
-        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
-    except PermissionError:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-    sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-    sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-    sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
-    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)
 
 
 class LocalPort:
