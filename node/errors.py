@@ -62,3 +62,9 @@ class RecordingError(NodeError):
     """A log cannot be written as asked."""
 
     exit_code = 9
+
+
+class SequenceError(NodeError):
+    """The robot refused a sequence, or what it published of it did not arrive whole."""
+
+    exit_code = 13

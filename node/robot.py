@@ -14,6 +14,7 @@ from segway_ecc.node.cycle.interfaces import Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.timing import TimeBase
+from segway_ecc.node.cycle.trajectory import TrajectoryFollower
 from segway_ecc.node.cycle.wiring import Wiring, wire
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.model.model import Model
@@ -39,18 +40,21 @@ class Robot:
     def cycle(self, stage: Stage, recorder: Recorder) -> Cycle:
         """The cycle of this robot in the world of `stage`, kept by `recorder`."""
         section, step = self.file.setpoint, self.model.step_size
+        largest = Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf)
+        horizon, time_base = round(section.horizon_s / step), TimeBase(self.period_ns)
         schedule = SetpointSchedule(
             timeout_cycles=round(section.timeout_s / step),
             tolerance_cycles=round(section.stamp_tolerance_s / step),
-            horizon_cycles=round(section.horizon_s / step),
-            largest=Setpoint(section.max_linear_velocity or math.inf, section.max_angular_velocity or math.inf),
+            horizon_cycles=horizon,
+            largest=largest,
         )
         return Cycle(
             model=self.model,
             hardware=self.hardware,
             wiring=self.wiring,
             schedule=schedule,
-            time_base=TimeBase(self.period_ns),
+            trajectories=TrajectoryFollower(time_base, largest, horizon),
+            time_base=time_base,
             clock=self.clock,
             stage=stage,
             recorder=recorder,

@@ -21,9 +21,10 @@ from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.cycle import Cycle
 from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, Report, Request, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop
-from segway_ecc.node.cycle.setpoints import Setpoint, SetpointSchedule
+from segway_ecc.node.cycle.setpoints import NO_LIMIT, Setpoint, SetpointSchedule
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.timing import TimeBase
+from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryFollower
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.model.model import Model
 from segway_ecc.node.safety.modes import Action, Answer
@@ -200,6 +201,10 @@ class ScriptedStage:
         """Let a set-point arrive in a cycle, for then or for a stamp, ns since the Unix epoch."""
         self._inboxes[cycle].setpoints.append(StampedSetpoint(setpoint, stamp_ns))
 
+    def send_trajectory(self, cycle: int, trajectory: Trajectory) -> None:
+        """Let a whole manoeuvre arrive in a cycle."""
+        self._inboxes[cycle].trajectories.append(trajectory)
+
     def send_request(self, cycle: int, action: Action) -> None:
         """Let a request arrive in a cycle."""
         self._inboxes[cycle].requests.append(Request(action, self.answers.append))
@@ -305,12 +310,14 @@ class Bench:
         self.recorder = KeepingRecorder(self.journal)
         self.hardware = hardware
         self.period_ns = round(model.step_size * NS_PER_S)
+        limits, time_base = setpoints or SetpointLimits(), TimeBase(self.period_ns)
         self.cycle = Cycle(
             model=model,
             hardware=hardware,
             wiring=wire(model, hardware, wiring),
-            schedule=SetpointSchedule(*(setpoints or SetpointLimits())),
-            time_base=TimeBase(self.period_ns),
+            schedule=SetpointSchedule(*limits),
+            trajectories=TrajectoryFollower(time_base, NO_LIMIT, limits.horizon),
+            time_base=time_base,
             clock=self.clock,
             stage=self.stage,
             recorder=self.recorder,

@@ -11,10 +11,11 @@ import msgspec
 from segway_ecc.deploy.station.control import Control, DeadMan, fitted
 from segway_ecc.deploy.station.fleet import EventLog, Fleet, Heartbeats, Robot
 from segway_ecc.deploy.station.requests import PostureRequest, Reply, Requests, RobotConnection, Stop, StopState
-from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage, SetpointReport
+from segway_ecc.deploy.station.robot_messages import ModeReport, RobotMessage
 from segway_ecc.deploy.station.sequences import SequencePlayback
 from segway_ecc.deploy.station.views import Act, Command, Drive, FleetView
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.trajectory import TrajectoryStatus
 from segway_ecc.node.safety.modes import Action
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry
 
@@ -119,8 +120,11 @@ class CommandHandler:
             tasks.stop.on_mode(message, at_ns)
             tasks.posture.on_mode(message)
             self._beats.on_mode(name, message, at_ns)
-        elif isinstance(message, SetpointReport) and tasks.playback is not None:
-            tasks.playback.on_setpoint(message, at_ns)
+        elif isinstance(message, TrajectoryStatus) and tasks.playback is not None:
+            was_over = tasks.playback.is_over
+            tasks.playback.on_status(message)
+            if tasks.playback.is_over and not was_over:
+                tasks.log_outcome(tasks.playback)
 
     def receive_responses(self, name: str) -> None:
         """Process the responses of a robot's services."""

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import Trajectory
 from segway_ecc.node.safety.modes import Action, Mode
 
 WITHIN_NS: Final = 2_000_000_000
@@ -47,8 +48,11 @@ class RobotConnection(Protocol):
     def responses(self) -> Iterable[ServiceResponse]:
         """The service responses that have arrived."""
 
-    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
-        """Send a set-point for now, or for a moment of the robot's time, ns since the Unix epoch."""
+    def drive(self, setpoint: Setpoint) -> None:
+        """Send a set-point for now."""
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """Send a whole manoeuvre, or an empty one to end it."""
 
     def stand(self, *, up: bool) -> None:
         """Request standing up, or sitting down."""

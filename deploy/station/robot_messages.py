@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
 from segway_ecc.node.cycle.report import MODE_SUFFIX
+from segway_ecc.node.cycle.trajectory import TrajectoryStatus
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Odometry
 
@@ -87,7 +88,7 @@ class Health:
     timing: Mapping[str, str]
 
 
-RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | Pitch | Supply | Health
+RobotMessage: TypeAlias = ModeReport | Odometry | SetpointReport | TrajectoryStatus | Pitch | Supply | Health
 
 
 def decode_mode(name: str, values: Mapping[str, str]) -> ModeReport | None:

@@ -24,7 +24,16 @@ from segway_ecc.deploy.station.robot_messages import (
     read_odometry,
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.ros.messages import RosObject, duration, message_type, set_stamp, stamp_ns
+from segway_ecc.node.cycle.trajectory import Trajectory
+from segway_ecc.node.ros.messages import RosObject, duration, message_type, stamp_ns
+from segway_ecc.node.ros.trajectories import (
+    STATUS_TOPIC,
+    STATUS_TYPE,
+    TRAJECTORY_TOPIC,
+    TRAJECTORY_TYPE,
+    read_status,
+    trajectory_message,
+)
 from segway_ecc.node.safety.modes import Action
 
 MODE_TOPIC: Final = "mode"
@@ -37,7 +46,6 @@ _NEWEST: Final = 1
 _ALL: Final = 10
 """Modes must not be missed; a robot that keeps to its rate publishes no more between two polls."""
 _SENT_DEPTH: Final = 10
-_AHEAD_DEPTH: Final = 500
 
 
 def robots_in(topics: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
@@ -68,6 +76,7 @@ class RosRobotConnection:
         self._node = node
         self._robot = robot
         self._mode = self._subscribe(MODE_TYPE, MODE_TOPIC, _ALL)
+        self._trajectory = self._subscribe(STATUS_TYPE, STATUS_TOPIC, _ALL)
         self._odometry = self._subscribe("nav_msgs/msg/Odometry", "odom", _NEWEST)
         decoders: Mapping[tuple[str, str], Callable[[RosObject], RobotMessage]] = {
             ("geometry_msgs/msg/TwistStamped", "setpoint"): lambda message: SetpointReport(
@@ -81,7 +90,7 @@ class RosRobotConnection:
         }
         self._others = [(self._subscribe(*of, _NEWEST), decode) for of, decode in decoders.items()]
         self._drive = self._publisher("geometry_msgs/msg/Twist", "cmd_vel", _SENT_DEPTH)
-        self._drive_stamped = self._publisher("geometry_msgs/msg/TwistStamped", "cmd_vel_stamped", _AHEAD_DEPTH)
+        self._follow = self._publisher(TRAJECTORY_TYPE, TRAJECTORY_TOPIC, _SENT_DEPTH)
         self._stand = self._publisher("std_msgs/msg/Float64", "set/stand", _SENT_DEPTH)
         self._beat = self._publisher("std_msgs/msg/Header", "station", _NEWEST)
         self._trigger = message_type("std_srvs/srv/Trigger")
@@ -100,12 +109,17 @@ class RosRobotConnection:
         }
 
     def received(self, *, everything: bool) -> Iterator[tuple[RobotMessage, int]]:
-        """What arrived on `mode`, and the newest of `everything` else; and when each did, ns since the Unix epoch."""
-        for _ in range(_ALL):
-            taken = self._mode.handle.take_message(self._mode.msg_type, False)  # noqa: FBT003 - rclpy's form: not raw
-            if taken is None:
-                break
-            yield from self._valid(decode_mode(taken[0].name, _values(taken[0])), taken)
+        """What arrived on `mode` and `trajectory_status`, the newest of `everything` else, and when (Unix, ns)."""
+        decoders: tuple[tuple[RosObject, Callable[[RosObject], RobotMessage | None]], ...] = (
+            (self._mode, lambda message: decode_mode(message.name, _values(message))),
+            (self._trajectory, read_status),
+        )
+        for subscription, decode in decoders:
+            for _ in range(_ALL):
+                taken = subscription.handle.take_message(subscription.msg_type, False)  # noqa: FBT003 - rclpy's form
+                if taken is None:
+                    break
+                yield from self._valid(decode(taken[0]), taken)
         if not everything:
             return
         taken = self._odometry.handle.take_message(self._odometry.msg_type, True)  # noqa: FBT003 - rclpy's form: raw
@@ -140,19 +154,19 @@ class RosRobotConnection:
                     break
                 yield ServiceResponse(action, header.request_id.sequence_number, response.success, response.message)
 
-    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
+    def drive(self, setpoint: Setpoint) -> None:
         """See `RobotConnection.drive`."""
-        publisher = self._drive if stamp_ns is None else self._drive_stamped
-        message = publisher.msg_type()
-        twist = message if stamp_ns is None else message.twist
-        if stamp_ns is not None:
-            set_stamp(message.header, stamp_ns)
-        twist.linear.x, twist.angular.z = setpoint
-        publisher.publish(message)
+        message = self._drive.msg_type()
+        message.linear.x, message.angular.z = setpoint
+        self._drive.publish(message)
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """See `RobotConnection.follow`."""
+        self._follow.publish(trajectory_message(trajectory))
 
     def flush(self, within_ns: int) -> None:
-        """Wait until the robot has acknowledged the set-points that were sent, ns at most for each topic."""
-        for publisher in (self._drive, self._drive_stamped):
+        """Wait until the robot has acknowledged what moves it, ns at most for each topic."""
+        for publisher in (self._drive, self._follow):
             publisher.wait_for_all_acked(duration(within_ns * 1e-9))
 
     def stand(self, *, up: bool) -> None:

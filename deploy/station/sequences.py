@@ -1,25 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""Plays a sequence to one robot through its stamped set-points. Pure: time is given."""
+"""Has one robot play a sequence, as one trajectory. Pure: time is given."""
 
 import enum
-from collections.abc import Iterable
 from typing import Final
 
 from segway_ecc.deploy.station.control import fitted
 from segway_ecc.deploy.station.requests import WITHIN_NS, Reply, RobotConnection
-from segway_ecc.deploy.station.robot_messages import SetpointReport
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import CANCEL, TOO_LATE, Trajectory, TrajectoryStatus
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, PlayState, TimedSetpoint
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, Odometry, Player, PlayState
 
 LONGEST_TEXT: Final = 65_536
 _LONGEST_NAME: Final = 80
 _SHORTEST_S: Final = 0.01
-"""Of a segment: thousands of shorter ones would have to be sent at once."""
-_FOLLOWS_NS: Final = 1_500_000_000
-"""Longer than it takes to detect a lost robot, which is the better reason."""
+"""Of a segment: a robot at 100 Hz would not follow a shorter one."""
+_AGAIN_NS: Final = 500_000_000
 
 
 @enum.unique
@@ -61,10 +59,7 @@ def read_sequence(text: str, name: str, limits: Setpoint) -> Manoeuvre:
 
 
 class SequencePlayback:
-    """A sequence that is played, or was.
-
-    It is confirmed by the first of its set-points that the robot brings into force.
-    """
+    """A sequence that is played, or was: it is sent whole, and confirmed by the robot before it begins."""
 
     def __init__(self, manoeuvre: Manoeuvre, name: str, reply: Reply, now_ns: int) -> None:
         self._player = Player(manoeuvre)
@@ -72,8 +67,10 @@ class SequencePlayback:
         self._reply: Reply | None = reply
         self._state = _State.WAITING
         self._reason = ""
-        self._followed_ns = now_ns
-        self._setpoint_ns = 0
+        self._since_ns = now_ns
+        self._lead_ns = LEAD_NS
+        self._sent: Trajectory | None = None
+        self._again_ns = now_ns
 
     @property
     def is_over(self) -> bool:
@@ -92,39 +89,46 @@ class SequencePlayback:
         """For the event log."""
         return f"sequence {self._name}: {self._state.value}" + (f": {self._reason}" if self._reason else "")
 
-    def on_setpoint(self, setpoint: SetpointReport, now_ns: int) -> None:
-        """Note which set-point is in force."""
-        start_ns = self._player.start_ns
-        if self.is_over or start_ns is None or setpoint.stamp_ns < start_ns or setpoint.stamp_ns == self._setpoint_ns:
+    def on_status(self, status: TrajectoryStatus) -> None:
+        """Receive what the robot reports of a trajectory."""
+        if self.is_over:
             return
-        self._setpoint_ns, self._followed_ns, self._state = setpoint.stamp_ns, now_ns, _State.RUNNING
-        self._answer(accepted=True, text=f"{self._name} is being played")
+        self._player.receive_status(status)
+        reason = self._player.status.reason if self._player.status is not None else ""
+        match self._player.state:
+            case PlayState.REFUSED if reason.startswith(TOO_LATE):
+                self._sent, self._lead_ns, self._again_ns = None, 2 * self._lead_ns, 0  # again, with more time
+            case PlayState.REFUSED:
+                self._end(_State.FAILED, f"the robot refused it: {reason}")
+            case PlayState.BROKEN_OFF:
+                self._end(_State.BROKEN_OFF, reason)
+            case PlayState.RUNNING if self._state is _State.WAITING:
+                self._state = _State.RUNNING
+                self._answer(accepted=True, text=f"{self._name} is being played")
 
     def step(self, connection: RobotConnection, odometry: Odometry | None, now_ns: int) -> None:
-        """Send what is due by the robot's own time."""
+        """Send it, again where no answer comes, until the robot confirms it; then follow the robot's time."""
         if self.is_over:
             return
-        progress = self._player.update(odometry) if odometry is not None else PlayState.RUNNING
-        if progress is PlayState.DONE and self._state is _State.RUNNING:
-            self._end(_State.DONE, "")
+        if self._state is _State.WAITING and now_ns - self._since_ns > WITHIN_NS:
+            self.break_off(connection, "the robot does not answer whether it takes it", failed=True)
             return
-        self._player.received.clear()
-        self._send(connection, self._player.due_setpoints())
-        patience_ns = _FOLLOWS_NS if self._state is _State.RUNNING else WITHIN_NS
-        if now_ns - self._followed_ns > patience_ns:
-            why = "the robot does not follow: none of the set-points came into force"
-            self.break_off(connection, why, failed=True)
+        if odometry is not None:
+            self._player.latest_ns = odometry.stamp_ns
+        if self._player.state is PlayState.DONE:
+            self._end(_State.DONE, "")
+        elif self._state is _State.WAITING and odometry is not None and now_ns >= self._again_ns:
+            self._sent = self._sent or self._player.trajectory(odometry.stamp_ns + self._lead_ns)
+            self._again_ns = now_ns + _AGAIN_NS
+            connection.follow(self._sent)
 
     def break_off(self, connection: RobotConnection, reason: str, *, failed: bool = False) -> None:
-        """End it: zeros replace all set-points that were sent ahead."""
+        """End it: an empty trajectory brings the robot to rest."""
         if self.is_over:
             return
-        self._send(connection, self._player.abandon())
+        if self._sent is not None:
+            connection.follow(CANCEL)
         self._end(_State.FAILED if failed else _State.BROKEN_OFF, reason)
-
-    def _send(self, connection: RobotConnection, setpoints: Iterable[TimedSetpoint]) -> None:
-        for timed in setpoints:
-            connection.drive(timed.setpoint, (self._player.start_ns or 0) + timed.offset_ns)
 
     def _end(self, state: _State, reason: str) -> None:
         self._state, self._reason = state, reason

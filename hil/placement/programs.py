@@ -4,6 +4,7 @@
 Each is reached over channels of its own, and time is given.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Protocol
 
@@ -13,7 +14,7 @@ from segway_ecc.hil.placement.network import Channel
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, NoStage, Report, Request, StampedSetpoint
 from segway_ecc.node.safety.modes import Action, Mode
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, schedule
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, schedule
 
 STATION: Final = "station"
 
@@ -57,15 +58,17 @@ class StampedSequence:
 
     def __init__(self, manoeuvre: Manoeuvre, start_stamp_ns: int) -> None:
         """Play from a time of the robot's on."""
-        self._player = Player(manoeuvre, start_ns=start_stamp_ns)
+        self._schedule = deque((start_stamp_ns + due.offset_ns, due.setpoint) for due in schedule(manoeuvre))
 
     def step(self, now_ns: int, reports: Sequence[NodeReport]) -> Sequence[Message]:
         """See `Program.step`."""
         del now_ns
-        for report in reports:
-            self._player.update(Odometry(report.stamp_ns, 0.0, 0.0, 0.0, 0.0, 0.0))
-        start_ns = self._player.start_ns or 0
-        return [StampedSetpoint(due.setpoint, start_ns + due.offset_ns) for due in self._player.due_setpoints()]
+        due: list[Message] = []
+        until_ns = reports[-1].stamp_ns + LEAD_NS if reports else 0
+        while self._schedule and self._schedule[0][0] <= until_ns:
+            stamp_ns, setpoint = self._schedule.popleft()
+            due.append(StampedSetpoint(setpoint, stamp_ns))
+        return due
 
 
 class Supervisor:

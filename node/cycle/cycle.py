@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
@@ -27,6 +29,7 @@ from segway_ecc.node.cycle.setpoints import REST, Setpoint, SetpointRefusal, Set
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.supervision import Supervision
 from segway_ecc.node.cycle.timing import Histogram, Tally, TimeBase
+from segway_ecc.node.cycle.trajectory import TrajectoryFollower
 from segway_ecc.node.cycle.wiring import Wiring
 from segway_ecc.node.errors import ModelFailedError
 from segway_ecc.node.model.model import Model
@@ -84,6 +87,7 @@ class Cycle:
     """The parts of a robot, run once per period in their fixed order.
 
     Attributes:
+        trajectories: The whole manoeuvre that is followed, if one is.
         time_base: The stamp of each cycle.
         sensors: The newest snapshot of the hardware; None before the first.
         events: What happened to the links and has not been logged yet; of more than 64 the oldest is discarded.
@@ -97,6 +101,7 @@ class Cycle:
         hardware: Hardware,
         wiring: Wiring,
         schedule: SetpointSchedule,
+        trajectories: TrajectoryFollower,
         time_base: TimeBase,
         clock: Clock,
         stage: Stage,
@@ -114,6 +119,7 @@ class Cycle:
         """
         self.arming = ArmingManager(hardware, schedule, arm_at_start=arm_at_start, checklist=self._pre_arm_checks)
         self.schedule = schedule
+        self.trajectories = trajectories
         self.time_base = time_base
         self.hardware = hardware
         self.sensors: Sensors | None = None
@@ -136,11 +142,14 @@ class Cycle:
         self._applied: StampedSetpoint | None = None
         self._followed: Setpoint | None = None
         self._initial: Sensors | None = None
+        self._start_ns = self._measured_ns = 0
+        self._sent_events: tuple[str, ...] = ()
         self._supervision = Supervision(station, wiring.set_names, self.arming, period_ns)
 
     def start(self) -> None:
         """Open the hardware and run the initial and static equations under what it measures first."""
         self.hardware.open()
+        self._measured_ns = self._clock.now_ns()
         self._initial = self.sensors = self.hardware.exchange(self._zero)
         self.events.extend(self._initial.events)
         self._initialize(self._initial)
@@ -152,10 +161,14 @@ class Cycle:
             ModelFailedError: The model's own equations raised.
         """
         now_ns, arming = self._clock.now_ns, self.arming
-        start_ns = now_ns()
+        start_ns = self._start_ns = now_ns()
         stamp_ns = self.time_base.stamp_ns(cycle)
         arming.modes.cycle, arming.answers = cycle, []
-        sensors = self.sensors = self._exchange(None if self._immediately else self._commands)
+        sensors = self._exchange(None if self._immediately else self._commands)
+        if self._sent_events:
+            sensors = replace(sensors, events=(*self._sent_events, *sensors.events))
+            self._sent_events = ()
+        self.sensors = sensors
         exchanged_ns = now_ns()
         inbox = self._stage.take_inbox()
         published = self._publish(cycle, stamp_ns, sensors, inbox, exchanged_ns)
@@ -185,6 +198,10 @@ class Cycle:
         self._initial = None
         end_ns = now_ns()
         self._tally.note((lateness_ns, *durations_ns, end_ns - actuated_ns, end_ns - start_ns))
+
+    def is_idle(self, cycle: int) -> bool:
+        """Whether no manoeuvre is being played, so that the stamps may follow the wall clock again."""
+        return self.schedule.is_idle(cycle) and not self.trajectories.is_active
 
     @property
     def histograms(self) -> dict[str, Histogram]:
@@ -219,10 +236,13 @@ class Cycle:
         except LinkLostError as error:
             self.arming.answers.append(HardwareAnswer(call, (str(error),)))
             self.arming.fail(str(error))
-            # Nothing was measured: no value is valid. The model goes on, and its inputs from sensors are 0.0; the robot
-            # is in FAULT and sends zero, and what is published as measured is NaN.
-            count = len(self._signal_names)
-            return Sensors((0.0,) * count, (math.inf,) * count, (False,) * count, (str(error),), ready=False, off=False)
+            # Nothing was measured: values keep what they were, older and invalid. The model goes on with them; the
+            # robot is in FAULT and sends zero, and what is published as measured is NaN.
+            last, start_ns = self.sensors or Sensors(), self._start_ns
+            elapsed_s, self._measured_ns = (start_ns - self._measured_ns) * 1e-9, start_ns
+            ages, valid = tuple(age + elapsed_s for age in last.ages), (False,) * len(last.valid)
+            return Sensors(last.values, ages, valid, (str(error),), ready=False, off=False)
+        self._measured_ns = self._start_ns
         self.events.extend(sensors.events)
         return sensors
 
@@ -248,36 +268,57 @@ class Cycle:
             now_ns - echo.received_ns if echo else 0,
             tuple(self._set_values),
             now_ns,
+            self.trajectories.status,
+            self.trajectories.refused,
         )
         self._stage.publish(report)
         return published
 
     def _decide(self, cycle: int, inbox: Inbox, sensors: Sensors) -> Setpoint:
         """Take what arrived, then the mode and the set-point of this cycle; `REST` where none is to be followed."""
-        arming, schedule = self.arming, self.schedule
-        for setpoint, for_ns in inbox.setpoints:
-            if arming.is_active:
-                schedule.add(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
-            else:
-                schedule.refuse(SetpointRefusal.NOT_ARMED)
-        for place, value in inbox.values:
-            if math.isfinite(value):
-                self._set_values[place] = value
-            else:
-                schedule.refuse(SetpointRefusal.NOT_FINITE)
+        arming, schedule, trajectories = self.arming, self.schedule, self.trajectories
+        self._receive(cycle, inbox)
         for request in inbox.requests:
             arming.act(request.action, request.answer)
         if not_finite(self._y) is not None and arming.modes.mode is Mode.DISARMED:
             # The fault was cleared; what is not finite stays so until the model starts anew.
             self._initialize(sensors)
         arming.arm_itself()
-        setpoint = schedule.due(cycle)
+        followed = trajectories.due(cycle)
+        setpoint = schedule.due(cycle) if followed is None else schedule.follow(followed, cycle)
         silent = schedule.is_silent(cycle) and setpoint != REST
         lost = self._supervision.look(cycle, self._set_values, self.events, has_heartbeat=bool(inbox.stations))
         arming.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
-        setpoint = setpoint if arming.modes.mode is Mode.ARMED else REST
+        # What is left of a manoeuvre that was broken off is not the one that was confirmed.
+        modes = arming.modes
+        if (lost or not arming.is_active) and trajectories.abort(f"the robot went to {modes.mode}: {modes.reason}"):
+            schedule.follow(REST, cycle)
+        setpoint = setpoint if modes.mode is Mode.ARMED else REST
         self._followed = setpoint if arming.is_active else None
         return setpoint
+
+    def _receive(self, cycle: int, inbox: Inbox) -> None:
+        """Take the set-points and values that arrived, or refuse them."""
+        is_active, schedule, trajectories = self.arming.is_active, self.schedule, self.trajectories
+        for trajectory in inbox.trajectories:
+            was_followed, before = trajectories.is_active, trajectories.status
+            refusal = trajectories.take(trajectory, cycle, is_armed=is_active)
+            if refusal is not None:
+                schedule.refuse(refusal)
+            elif was_followed and trajectories.status is not before:
+                schedule.follow(REST, cycle)
+        for setpoint, for_ns in inbox.setpoints:
+            if not is_active:
+                schedule.refuse(SetpointRefusal.NOT_ARMED)
+            elif trajectories.is_active:
+                schedule.refuse(SetpointRefusal.FOLLOWS_TRAJECTORY)
+            else:
+                schedule.add(setpoint, cycle if for_ns is None else self.time_base.cycle_of(for_ns), cycle)
+        for place, value in inbox.values:
+            if math.isfinite(value):
+                self._set_values[place] = value
+            else:
+                schedule.refuse(SetpointRefusal.NOT_FINITE)
 
     def _faults(self, sensors: Sensors) -> list[str]:
         too_old: list[str] = []
@@ -327,7 +368,8 @@ class Cycle:
             commands = self._limiter.apply(self._wiring.commands(self._y), self._commands)
         self._commands = commands
         if self._immediately:
-            self._exchange(commands, "send")  # of its snapshot only the events count: the next cycle measures anew
+            # Of its snapshot only the events count, which the next cycle's bears: that one measures anew.
+            self._sent_events = self._exchange(commands, "send").events
         return commands
 
 

@@ -9,6 +9,7 @@ import msgspec
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.setpoints import Setpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.safety.modes import Action, Answer, Mode
 
 
@@ -63,6 +64,7 @@ class Inbox(msgspec.Struct):
     written: list[Written] = []
     stations: list[Heartbeat] = []
     """The newest is the last."""
+    trajectories: list[Trajectory] = []
 
 
 class Report(msgspec.Struct, frozen=True, array_like=True):
@@ -83,6 +85,8 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
         heartbeat_age_ns: How long ago it was received, ns.
         set_values: What anybody may set, as it is in force, in the order of the wiring.
         at_ns: When it was made, monotonic, ns.
+        trajectory: The newest trajectory that was accepted, and what became of it.
+        refused_trajectory: The newest that was refused; None before the first.
     """
 
     stamp_ns: int
@@ -98,6 +102,8 @@ class Report(msgspec.Struct, frozen=True, array_like=True):
     heartbeat_age_ns: int = 0
     set_values: Sequence[float] = ()
     at_ns: int = 0
+    trajectory: TrajectoryStatus = TrajectoryStatus(0, TrajectoryState.NONE, "", 0, 0)
+    refused_trajectory: TrajectoryStatus | None = None
 
 
 class Stage(Protocol):

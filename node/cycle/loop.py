@@ -138,7 +138,7 @@ class Loop:
             counters.last_ns = deadline_ns + lateness_ns
             counters.started_ns = counters.started_ns or counters.last_ns
             counters.late += lateness_ns > self._late_ns
-            if self._cycle.schedule.is_idle(counters.cycles):
+            if self._cycle.is_idle(counters.cycles):
                 wall_ns, uncertain_ns = self._wall_at(deadline_ns)
                 if uncertain_ns < self._late_ns:
                     self._cycle.time_base.follow(counters.cycles, wall_ns)

@@ -32,6 +32,10 @@ class SetpointRefusal(enum.StrEnum):
     TOO_FAR_AHEAD = "too_far_ahead"
     QUEUE_FULL = "queue_full"
     NOT_ARMED = "not_armed"
+    FOLLOWS_TRAJECTORY = "follows_trajectory"
+    """It came while a whole trajectory was followed, which nothing but another one changes."""
+    MALFORMED = "malformed"
+    """A trajectory whose points make none."""
 
 
 class SetpointSchedule:
@@ -96,6 +100,13 @@ class SetpointSchedule:
             self._applied_at = now
             self.applied += 1
         return self._current
+
+    def follow(self, setpoint: Setpoint, now: int) -> Setpoint:
+        """Bring a trajectory's set-point of cycle `now` into force; what waited for its time is discarded."""
+        self._waiting.clear()
+        self.applied += setpoint != self._current
+        self._current, self._applied_at = setpoint, now
+        return setpoint
 
     def came_into_force(self, now: int) -> bool:
         """Whether the set-point in force is one of cycle `now`."""

@@ -42,6 +42,9 @@ PUBLISHED_SIGNALS: Final = (*ODOMETRY_SIGNALS, *JOINT_SIGNALS, *IMU_SIGNALS, SUP
 SET: Final = "set."
 """Begins the name of a value that anybody may set: `set.force` is the topic `set/force`."""
 
+VALID: Final = "valid."
+"""Begins the name of whether a measured signal is fresh: `valid.left.angle` is 1.0 where it is, else 0.0."""
+
 TOPIC: Final = "topic."
 """Begins the name of a topic that a variable is published on: `topic.energy` is the topic `energy`."""
 
@@ -54,6 +57,8 @@ class Origin(enum.IntEnum):
     SETPOINT = 1
     SET = 2
     OUTPUT = 3
+    VALIDITY = 4
+    """Whether a sensor's value is fresh enough to be used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +82,7 @@ class Wiring:
         set_names: Names of the values that anybody may set.
         set_values: What they are before anybody did.
         topics: Topics that variables are published on, each with the variable.
+        needs_validity: Whether an input of the model is the validity of a signal.
     """
 
     inputs: tuple[SignalSource, ...]
@@ -87,10 +93,12 @@ class Wiring:
     set_names: tuple[str, ...]
     set_values: tuple[float, ...]
     topics: Mapping[str, str]
+    needs_validity: bool
 
     def model_inputs(self, sensors: Sensors, setpoint: Setpoint, set_values: Sequence[float]) -> list[float]:
         """The model's inputs in port order."""
-        pools = (sensors.values, setpoint, set_values)
+        validity = tuple(map(float, sensors.valid)) if self.needs_validity else ()
+        pools = (sensors.values, setpoint, set_values, (), validity)
         return [pools[s.origin][s.index] for s in self.inputs]
 
     def state_writes(self, setpoint: Setpoint, set_values: Sequence[float]) -> list[tuple[str, float]]:
@@ -148,6 +156,7 @@ def wire(model: Model, hardware: Hardware, wiring: Mapping[str, str]) -> Wiring:
         set_names=tuple(signal.removeprefix(SET) for signal in set_from),
         set_values=tuple(set_from.values()),
         topics=topics,
+        needs_validity=any(source.origin is Origin.VALIDITY for source in inputs),
     )
 
 
@@ -159,16 +168,18 @@ def _from_outside(signal: str, set_signals: Sequence[str]) -> SignalSource | Non
 
 
 def _input(port: str, wiring: Mapping[str, str], hardware: Hardware, set_signals: Sequence[str]) -> SignalSource:
-    known = [*hardware.signals, *SETPOINT_SIGNALS, f"{SET}<name>"]
+    known = [*hardware.signals, *SETPOINT_SIGNALS, f"{SET}<name>", f"{VALID}<signal>"]
     if port not in wiring:
         raise ConfigurationError(f"wiring: model input '{port}' is wired to nothing; it can take {', '.join(known)}")
     signal = wiring[port]
     source = _from_outside(signal, set_signals)
     if source is not None:
         return source
-    if signal not in hardware.signals:
+    measured = signal.removeprefix(VALID)
+    if measured not in hardware.signals:
         raise UnknownNameError(f"signal for model input '{port}'", signal, known)
-    return SignalSource(Origin.SENSOR, list(hardware.signals).index(signal))
+    origin = Origin.SENSOR if signal == measured else Origin.VALIDITY
+    return SignalSource(origin, list(hardware.signals).index(measured))
 
 
 def _state(state: Variable, signal: str, set_signals: Sequence[str]) -> tuple[str, SignalSource]:

@@ -1,45 +1,56 @@
 # SPDX-License-Identifier: MIT
-"""The other end of the model node's topics: sends stamped set-points and receives the odometry."""
+"""The other end of the model node's topics: sends a manoeuvre whole, and receives what the robot publishes of it."""
 
 import importlib
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final
 
-from segway_ecc.firmware_io.clock import NS_PER_S
 from segway_ecc.node.cycle.report import MODE_SUFFIX
-from segway_ecc.node.cycle.setpoints import REST
-from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError
-from segway_ecc.node.ros.messages import RosObject, duration, message_type, set_stamp, stamp_ns
+from segway_ecc.node.cycle.trajectory import CANCEL, TOO_LATE, Trajectory
+from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError, SequenceError
+from segway_ecc.node.ros.messages import RosObject, message_type, stamp_ns
 from segway_ecc.node.ros.runtime import discovery_text
+from segway_ecc.node.ros.trajectories import (
+    STATUS_DEPTH,
+    STATUS_TOPIC,
+    STATUS_TYPE,
+    TRAJECTORY_TOPIC,
+    TRAJECTORY_TYPE,
+    read_status,
+    trajectory_message,
+)
 from segway_ecc.node.safety.modes import ACTIVE, Action, Mode
-from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Odometry, Player, PlayState, TimedSetpoint
+from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Odometry, Player, PlayState
 
 _DEPTH: Final = 10
 _ODOMETRY_DEPTH: Final = 1000
 """Odometry of ten seconds at 100 Hz may wait for us without loss."""
 _SPIN_S: Final = 0.1
-_REST_S: Final = 0.2
-_REST_AHEAD_NS: Final = 100_000_000
 _SILENCE_S: Final = 2.0
 _ANSWER_S: Final = 2.0
+_AGAIN_S: Final = 0.5
+"""Without an answer a trajectory is sent again after so long: that we see a robot does not mean that it sees us."""
+_LONGEST_LEAD_NS: Final = 8_000_000_000
 
 
 class Commander:
     """Plays manoeuvres to the model node in one namespace.
 
+    How long it waits is counted in time in which it could receive: where this process was stopped or starved, what
+    arrived meanwhile is looked at before anything is taken for lost.
+
     Attributes:
         mode: The robot's mode in its newest diagnostics; None before the first.
         reason: Why it is in that mode.
-        confirmed: Stamps of the cycles in which the robot brought a set-point into force.
     """
 
     def __init__(self, node: RosObject, robot_node: str, stopped: Callable[[], str | None]) -> None:
         """Use `node`, an rclpy node of the robot's namespace, to command the model node named `robot_node`.
 
         Args:
-            node: Publishes the set-points.
+            node: Publishes the trajectory.
             robot_node: Name of the model node.
             stopped: Polled often; returns the signal that is to end what goes on, or None. (An exception raised in a
                 signal handler would be lost where it hits rclpy's C++ code.)
@@ -47,36 +58,30 @@ class Commander:
         executors = importlib.import_module("rclpy.executors")
         self.mode: Mode | None = None
         self.reason = ""
-        self.confirmed: set[int] = set()
         self._stopped = stopped
         self._node = node
         self._executor = executors.SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self._twist_type = message_type("geometry_msgs/msg/TwistStamped")
-        self._publisher = node.create_publisher(self._twist_type, "cmd_vel_stamped", _ODOMETRY_DEPTH)
+        self._publisher = node.create_publisher(message_type(TRAJECTORY_TYPE), TRAJECTORY_TOPIC, _DEPTH)
         self._arm_type = message_type("std_srvs/srv/Trigger")
         self._arm = node.create_client(self._arm_type, f"{robot_node}/{Action.ARM}")
-        self._odometry: list[Odometry] = []
+        self._latest_ns = 0
+        self._has_status = False
         self._armed_ns = 0
         node.create_subscription(message_type("nav_msgs/msg/Odometry"), "odom", self._receive_odometry, _ODOMETRY_DEPTH)
-        node.create_subscription(
-            self._twist_type, "setpoint", lambda message: self.confirmed.add(stamp_ns(message.header)), _ODOMETRY_DEPTH
-        )
+        self._player: Player | None = None
+        node.create_subscription(message_type(STATUS_TYPE), STATUS_TOPIC, self._receive_status, STATUS_DEPTH)
         diagnostics_type = message_type("diagnostic_msgs/msg/DiagnosticArray")
         node.create_subscription(diagnostics_type, "diagnostics", self._receive_diagnostics, _DEPTH)
 
     def wait_for_robot(self, wait_s: float, *, arm: bool = False) -> None:
-        """Wait until the model node's topics are received and it has confirmed a set-point of ours.
-
-        That we see its subscription does not mean that it sees us: discovery goes each way on its own. So set-points of
-        zero are sent, for a moment ahead, until the robot confirms one. With `arm` it is armed, should it not be.
+        """Wait until the model node's topics are received, and it is armed; with `arm` it is, should it not be.
 
         Raises:
             NobodyListensError: Nobody did within `wait_s`, or the robot is not armed.
             AbandonedError: A signal came.
         """
-        deadline_s = time.monotonic() + wait_s
-        self._spin_until(lambda: self.mode is not None and bool(self._odometry), deadline_s, wait_s)
+        self._spin_until(lambda: self.mode is not None and self._has_status and bool(self._latest_ns), wait_s)
         if arm and self.mode not in ACTIVE:
             self._arm.wait_for_service(_ANSWER_S)
             answer = self._arm.call_async(self._arm_type.Request())
@@ -86,58 +91,95 @@ class Commander:
             if not answer.result().success:
                 raise NobodyListensError(f"the robot refuses to arm: {answer.result().message}")
             self.mode, self.reason = Mode.ARMED, answer.result().message
-            self._armed_ns = self._odometry[-1].stamp_ns
+            self._armed_ns = self._latest_ns
         elif self.mode not in ACTIVE:
             raise NobodyListensError(
                 f"the robot is {self.mode} ({self.reason}) and takes no set-points: arm it first, or add --arm"
             )
-        sent: list[int] = []
 
-        def is_confirmed() -> bool:
-            now_ns = self._odometry[-1].stamp_ns
-            if not sent or now_ns > sent[-1] + round(_REST_S * NS_PER_S):
-                sent.append(now_ns + self._on_grid(_REST_AHEAD_NS))
-                self._send(sent[-1], [TimedSetpoint(0, REST)])
-            return not self.confirmed.isdisjoint(sent)
+    def play(self, player: Player, on_progress: Callable[[float], None], wait_s: float) -> None:
+        """Send a manoeuvre, and watch how the robot plays it to its end.
 
-        self._spin_until(is_confirmed, deadline_s, wait_s)
-
-    def play(self, player: Player, on_progress: Callable[[float], None]) -> None:
-        """Play a manoeuvre to its end; `on_progress` is called with the fraction that has passed, 0 to 1.
+        Args:
+            player: The manoeuvre.
+            on_progress: Called with the fraction that has passed, 0 to 1.
+            wait_s: How long to wait for the robot to accept it, s.
 
         Raises:
-            RobotLostError: The model node fell silent, or is no longer armed.
-            AbandonedError: A signal came; set-points of zero were sent.
+            NobodyListensError: The robot did not answer within `wait_s`.
+            SequenceError: The robot refused it.
+            RobotLostError: The model node fell silent, or broke it off.
+            AbandonedError: A signal came; the manoeuvre was cancelled.
         """
-        player.lead_ns = self._on_grid(LEAD_NS)
-        del self._odometry[:-1]
-        progress, received_s = PlayState.RUNNING, time.monotonic()
-        while progress is PlayState.RUNNING:
-            if self._odometry:
-                received_s = time.monotonic()
-            for odometry in self._odometry:
-                progress = player.update(odometry)
-            self._odometry.clear()
-            self._send(player.start_ns, player.due_setpoints())
+        self._player = player
+        try:
+            self._offer(player, wait_s)
+            self._watch(player, on_progress)
+        except AbandonedError as error:
+            raise AbandonedError(f"{error}; {self._cancel(player)}") from None
+
+    def _offer(self, player: Player, wait_s: float) -> None:
+        """Send it until the robot answers, and anew, with more time, where it came too late to begin when it was to."""
+        lead_ns, waited_s, unanswered_s = LEAD_NS, 0.0, 0.0
+        trajectory = player.trajectory(self._latest_ns + lead_ns)
+        self._send(trajectory)
+        while player.state in (PlayState.WAITING, PlayState.REFUSED):
+            elapsed_s = self._spin()
+            waited_s, unanswered_s = waited_s + elapsed_s, unanswered_s + elapsed_s
+            if player.state is PlayState.REFUSED:
+                reason = player.status.reason if player.status is not None else ""
+                if not reason.startswith(TOO_LATE) or waited_s > wait_s:
+                    raise SequenceError(f"the robot refused the sequence: {reason}")
+                lead_ns = min(2 * lead_ns, _LONGEST_LEAD_NS)
+                trajectory, unanswered_s = player.trajectory(self._latest_ns + lead_ns), _AGAIN_S
+            elif waited_s > wait_s:
+                raise NobodyListensError(
+                    f"the model node did not answer on {STATUS_TOPIC} within {wait_s:g} s whether it takes the sequence"
+                )
+            if unanswered_s >= _AGAIN_S:
+                self._send(trajectory)  # the robot takes each stamp once
+                unanswered_s = 0.0
+
+    def _watch(self, player: Player, on_progress: Callable[[float], None]) -> None:
+        silent_s = 0.0
+        while player.state is PlayState.RUNNING:
+            before_ns = self._latest_ns
+            elapsed_s = self._spin()
+            silent_s = silent_s + elapsed_s if self._latest_ns == before_ns else 0.0
             on_progress(player.fraction)
-            if time.monotonic() - received_s > _SILENCE_S:
-                text = f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?"
-                raise RobotLostError(text)
             if self.mode not in ACTIVE:
                 raise RobotLostError(f"the robot went to {self.mode}: {self.reason}")
-            if self._stopped() is not None:
-                self._send(player.start_ns, player.abandon())
-                self._publisher.wait_for_all_acked(duration(_ANSWER_S))
-                raise AbandonedError(f"abandoned by {self._stopped()}; zero set-points were sent")
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-        # The last set-points are confirmed a cycle after they came into force.
-        deadline_s = time.monotonic() + _ANSWER_S
-        while player.unconfirmed(self.confirmed) and time.monotonic() < deadline_s:
-            self._executor.spin_once(timeout_sec=_SPIN_S)
+            if silent_s > _SILENCE_S:
+                text = f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?"
+                raise RobotLostError(text)
+        if player.state is not PlayState.DONE and player.status is not None:
+            raise RobotLostError(player.status.reason)
 
-    def _spin_until(self, done: Callable[[], bool], deadline_s: float, wait_s: float) -> None:
+    def _cancel(self, player: Player) -> str:
+        """Cancel the trajectory; what came of that, for a message."""
+        self._stopped = lambda: None
+        self._send(CANCEL)
+        waited_s = 0.0
+        while player.state is PlayState.RUNNING and waited_s < _ANSWER_S:
+            waited_s += self._spin()
+        return "the robot did not confirm the end" if player.state is PlayState.RUNNING else "the robot was stopped"
+
+    def _spin(self) -> float:
+        """Handle what arrives; return how long that took, s, in which this process could have handled more.
+
+        Raises:
+            AbandonedError: A signal came.
+        """
+        before_s = time.monotonic()
+        self._executor.spin_once(timeout_sec=_SPIN_S)
+        if self._stopped() is not None:
+            raise AbandonedError(f"abandoned by {self._stopped()}")
+        return min(time.monotonic() - before_s, _SPIN_S)
+
+    def _spin_until(self, done: Callable[[], bool], wait_s: float) -> None:
+        waited_s = 0.0
         while not done():
-            if time.monotonic() > deadline_s:
+            if waited_s > wait_s:
                 namespace, topic = self._node.get_namespace(), self._publisher.topic_name
                 nodes = [f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()]
                 others = sorted(set(nodes) - {self._node.get_fully_qualified_name()})
@@ -147,32 +189,28 @@ class Commander:
                     f"namespace {namespace}; {seen}. Start one with: segway-ecc run ROBOT, or name its own with "
                     "--namespace"
                 )
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-            if self._stopped() is not None:
-                raise AbandonedError(f"abandoned by {self._stopped()} while waiting for the robot")
+            try:
+                waited_s += self._spin()
+            except AbandonedError as error:
+                raise AbandonedError(f"{error} while waiting for the robot") from None
 
-    def _on_grid(self, duration_ns: int) -> int:
-        """A duration rounded up to the robot's periods, as far as they were seen."""
-        stamps = [odometry.stamp_ns for odometry in self._odometry[-2:]]
-        period_ns = stamps[-1] - stamps[0]
-        return -(-duration_ns // period_ns) * period_ns if period_ns else duration_ns
-
-    def _send(self, start_ns: int | None, setpoints: Iterable[TimedSetpoint]) -> None:
-        for offset_ns, setpoint in setpoints:
-            message = self._twist_type()
-            set_stamp(message.header, (start_ns or 0) + offset_ns)
-            message.twist.linear.x = setpoint.linear_velocity
-            message.twist.angular.z = setpoint.angular_velocity
-            self._publisher.publish(message)
+    def _send(self, trajectory: Trajectory) -> None:
+        self._publisher.publish(trajectory_message(trajectory))
 
     def _receive_odometry(self, message: RosObject) -> None:
         pose, twist = message.pose.pose, message.twist.twist
         heading = math.remainder(2.0 * math.atan2(pose.orientation.z, pose.orientation.w), math.tau)
-        self._odometry.append(
-            Odometry(
-                stamp_ns(message.header), pose.position.x, pose.position.y, heading, twist.linear.x, twist.angular.z
-            )
-        )
+        self._latest_ns = stamp_ns(message.header)
+        if self._player is not None:
+            numbers = pose.position.x, pose.position.y, heading, twist.linear.x, twist.angular.z
+            self._player.receive_odometry(Odometry(self._latest_ns, *numbers))
+
+    def _receive_status(self, message: RosObject) -> None:
+        status = read_status(message)
+        if status is not None:
+            self._has_status = True
+            if self._player is not None:
+                self._player.receive_status(status)
 
     def _receive_diagnostics(self, message: RosObject) -> None:
         if stamp_ns(message.header) <= self._armed_ns:

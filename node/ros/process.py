@@ -162,6 +162,11 @@ class Subscriptions:
             message = protocol.InboxMessage(setpoints[:_IN_ONE_MESSAGE], values[:_IN_ONE_MESSAGE], stations, requests)
             self.put(protocol.ToLoop.INBOX, message)
             setpoints, values, stations, requests = setpoints[_IN_ONE_MESSAGE:], values[_IN_ONE_MESSAGE:], [], []
+        for stamp_ns, points in inbox.trajectories:
+            for begin in range(0, len(points) or 1, _IN_ONE_MESSAGE):
+                part = points[begin : begin + _IN_ONE_MESSAGE]
+                is_last = begin + _IN_ONE_MESSAGE >= len(points)
+                self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, part, begin == 0, is_last))
 
     def put(self, kind: protocol.ToLoop, what: object) -> None:
         """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest."""

@@ -2,6 +2,7 @@
 """What passes between the loop and the ROS process: its settings as JSON, then MessagePack in two rings."""
 
 import enum
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import msgspec
@@ -9,12 +10,13 @@ import msgspec
 from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Heartbeat, Report, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.trajectory import TimedSetpoint
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.safety.modes import Action, Answer
 
 _NUMBER_BYTES: Final = 9
 """Of MessagePack, at most."""
-_REPORT_BYTES: Final = 1024
+_REPORT_BYTES: Final = 2304
 """All else of a report, and as much as it needs of diagnostics."""
 
 
@@ -40,6 +42,8 @@ class ToLoop(enum.IntEnum):
     WRITE = 2
     SUBSCRIBED = 3
     """Whether anybody subscribes to what is published of each cycle."""
+    TRAJECTORY = 4
+    """A part of a trajectory."""
 
 
 class NumberedRequest(NamedTuple):
@@ -56,6 +60,15 @@ class InboxMessage(NamedTuple):
     values: list[SetValue]
     stations: list[Heartbeat]
     requests: list[NumberedRequest]
+
+
+class TrajectoryPart(NamedTuple):
+    """Some points of a trajectory; the loop has it once the last part is there."""
+
+    stamp_ns: int
+    points: Sequence[TimedSetpoint]
+    is_first: bool
+    is_last: bool
 
 
 class NumberedAnswer(NamedTuple):
@@ -122,6 +135,7 @@ decode_status: Final = msgspec.msgpack.Decoder(DiagnosticStatus).decode
 decode_stamp: Final = msgspec.msgpack.Decoder(int).decode
 decode_answer: Final = msgspec.msgpack.Decoder(NumberedAnswer).decode
 decode_write_result: Final = msgspec.msgpack.Decoder(WriteResult).decode
+decode_trajectory: Final = msgspec.msgpack.Decoder(TrajectoryPart).decode
 decode_inbox: Final = msgspec.msgpack.Decoder(InboxMessage).decode
 decode_write_request: Final = msgspec.msgpack.Decoder(WriteRequest).decode
 decode_subscribed: Final = msgspec.msgpack.Decoder(bool).decode

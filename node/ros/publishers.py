@@ -9,9 +9,11 @@ from segway_ecc.node.config import RosSection
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.cycle.report import MODE_LEVELS, MODE_SUFFIX
 from segway_ecc.node.cycle.status import Level
+from segway_ecc.node.cycle.trajectory import TrajectoryState, TrajectoryStatus
 from segway_ecc.node.cycle.wiring import IMU_SIGNALS, JOINT_SIGNALS, ODOMETRY_SIGNALS, SUPPLY_SIGNAL
 from segway_ecc.node.ros.messages import NS_PER_S, STAMP, RosObject, Template, message_type, set_stamp
 from segway_ecc.node.ros.protocol import RosSettings
+from segway_ecc.node.ros.trajectories import STATUS_DEPTH, STATUS_TOPIC, STATUS_TYPE
 
 _DEPTH: Final = 10
 AHEAD_DEPTH: Final = 500
@@ -24,6 +26,7 @@ _STAND: Final = "stand"
 """The value that makes a robot stand up, or sit down."""
 _BATTERY_PERIOD_NS: Final = 500_000_000
 _MODE_PERIOD_NS: Final = 100_000_000
+_TRAJECTORY_LEVELS: Final = {TrajectoryState.ABORTED: Level.WARN, TrajectoryState.REFUSED: Level.ERROR}
 _NOT_MEASURED: Final = -1.0
 """Where a covariance begins with it, the message does not carry what it belongs to (sensor_msgs/Imu)."""
 
@@ -45,6 +48,7 @@ def make_topics(node: RosObject, settings: RosSettings) -> list[Topic]:
     return [
         make_mode_publisher(node, settings.robot, stand=stand),  # the first: a stop is confirmed by it
         _setpoint(node, settings.ros),
+        make_status_publisher(node, settings.robot),
         *make_publishers(node, settings.ros, settings.published),
         *(_number(node, topic.replace(".", "/"), "topics", place) for place, topic in enumerate(settings.topics)),
     ]
@@ -203,5 +207,35 @@ def _battery(node: RosObject, ros: RosSection, index: int) -> Topic:
         set_stamp(message.header, report.stamp_ns)
         message.voltage = volts
         publisher.publish(message)
+
+    return Topic(publisher, publish)
+
+
+def make_status_publisher(node: RosObject, robot_name: str) -> Topic:
+    """Publishes what became of a trajectory at once where that changed, and of the newest accepted each second.
+
+    Before the first it publishes that there is none, so that who sends one knows that the answer will arrive.
+    """
+    kind, pair = message_type(STATUS_TYPE), message_type("diagnostic_msgs/msg/KeyValue")
+    publisher = node.create_publisher(kind, STATUS_TOPIC, STATUS_DEPTH)
+    last: dict[str, TrajectoryStatus | None] = {"accepted": None, "refused": None}
+    last_turn = -1
+
+    def send(status: TrajectoryStatus) -> None:
+        values = [pair(key=key, value=str(value)) for key, value in status._asdict().items()]
+        text = f"{status.state}: {status.reason}" if status.reason else str(status.state)
+        level = bytes((_TRAJECTORY_LEVELS.get(status.state, Level.OK),))
+        name = f"{robot_name}: trajectory"
+        publisher.publish(kind(level=level, name=name, message=text, hardware_id=robot_name, values=values))
+
+    def publish(report: Report) -> None:
+        nonlocal last_turn
+        turn = report.stamp_ns // NS_PER_S
+        for which, status in (("accepted", report.trajectory), ("refused", report.refused_trajectory)):
+            is_due = status != last[which] or (which == "accepted" and turn != last_turn)
+            if status is not None and is_due:
+                send(status)
+            last[which] = status
+        last_turn = turn
 
     return Topic(publisher, publish)

@@ -14,6 +14,7 @@ import msgspec
 
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Written
 from segway_ecc.node.cycle.status import DiagnosticStatus
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory
 from segway_ecc.node.errors import ModelError, RosUnavailableError
 from segway_ecc.node.helper import end_helper, send_task, start_helper
 from segway_ecc.node.model.model import Model
@@ -23,9 +24,11 @@ from segway_ecc.node.ros.protocol import (
     FromLoop,
     RosSettings,
     ToLoop,
+    TrajectoryPart,
     WriteRequest,
     decode_inbox,
     decode_subscribed,
+    decode_trajectory,
     decode_write_request,
     encoder,
 )
@@ -116,6 +119,7 @@ class RemoteStage:
         self._bridge = bridge
         self._buffer = bytearray()
         self._is_gone = False
+        self._points: list[TimedSetpoint] = []
         self.wants_reports = True
         wiring = robot.wiring
         settings = RosSettings(
@@ -150,6 +154,8 @@ class RemoteStage:
                         self._write(decode_write_request(body), inbox)
                     case ToLoop.SUBSCRIBED:
                         self.wants_reports = decode_subscribed(body)
+                    case ToLoop.TRAJECTORY:
+                        self._collect(decode_trajectory(body), inbox)
                     case _:
                         message = decode_inbox(body)
                         inbox.setpoints += message.setpoints
@@ -194,6 +200,14 @@ class RemoteStage:
         self._bridge.close()
         if self.dropped and not self._is_gone:
             _logger.warning("%d messages to or from ROS did not get through: its process did not keep up", self.dropped)
+
+    def _collect(self, part: TrajectoryPart, inbox: Inbox) -> None:
+        """Keep the parts of a trajectory until the last is there; one whose parts ended early is replaced whole."""
+        if part.is_first:
+            self._points = []
+        self._points += part.points
+        if part.is_last:
+            inbox.trajectories.append(Trajectory(part.stamp_ns, tuple(self._points)))
 
     def _write(self, request: WriteRequest, inbox: Inbox) -> None:
         refusal = None

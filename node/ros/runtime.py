@@ -30,6 +30,7 @@ _MODULES: Final = (
     "std_msgs.msg",
     "std_srvs.srv",
     "diagnostic_msgs.msg",
+    "trajectory_msgs.msg",
 )
 _GENERATORS: Final = "rosidl_generator_py.generate_py_impl"
 """Makes Python of message definitions, for which a package that every message needs imports parsers: 6 MB, 50 ms."""

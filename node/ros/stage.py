@@ -17,6 +17,7 @@ from segway_ecc.node.ros.messages import RosObject, diagnostic_array, message_ty
 from segway_ecc.node.ros.protocol import RosSettings
 from segway_ecc.node.ros.publishers import AHEAD_DEPTH, Topic, make_topics
 from segway_ecc.node.ros.runtime import mismatches
+from segway_ecc.node.ros.trajectories import TRAJECTORY_TOPIC, TRAJECTORY_TYPE, read_trajectory
 from segway_ecc.node.safety.modes import Action, Answer
 
 _TAKEN_AT_ONCE: Final = 100
@@ -131,8 +132,13 @@ class RosStage:
         def take_heartbeat(inbox: Inbox, message: RosObject) -> None:
             inbox.stations.append(Heartbeat(message.frame_id[:LONGEST_NAME], stamp_ns(message)))
 
+        def take_trajectory(inbox: Inbox, message: RosObject) -> None:
+            inbox.trajectories.append(read_trajectory(message))
+
         self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
         self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
+        # A newer one takes the place of an older: one is taken at once, so that many of them delay nothing.
+        self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, 1, take_trajectory, at_once=1)
         for place, name in enumerate(set_names):
             self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, partial(take_value, place))
         # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.

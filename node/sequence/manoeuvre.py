@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""A manoeuvre: segments of constant set-points, when each has to be sent, and what plays them.
+"""A manoeuvre: segments of constant set-points, and what plays them.
 
 The player follows the robot only through what the robot publishes, and knows no ROS.
 """
 
 import enum
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
 
 from segway_ecc.firmware_io.clock import NS_PER_S, Clock
-from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, NoStage, Report
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.cycle.wiring import ODOMETRY_SIGNALS
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError
@@ -25,6 +27,7 @@ RENEW_NS: Final = 100_000_000
 """A set-point that stays the same is sent again this often, well within a robot's time-out."""
 
 LEAD_NS: Final = 500_000_000
+"""How far ahead of the robot's time a trajectory is to begin; far more than any delay on the way."""
 
 LONGEST_S: Final = 86_400.0
 """Length of the longest segment, s."""
@@ -53,13 +56,6 @@ class Manoeuvre(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     def duration_ns(self) -> int:
         """Length of the whole manoeuvre, ns."""
         return sum(_ns(segment.duration) for segment in self.segments)
-
-
-class TimedSetpoint(NamedTuple):
-    """A set-point and when it is for, ns since the start of the manoeuvre."""
-
-    offset_ns: int
-    setpoint: Setpoint
 
 
 def load_manoeuvre(path: str) -> Manoeuvre:
@@ -91,8 +87,17 @@ def single_segment(linear: float, angular: float, duration: float) -> Manoeuvre:
     return Manoeuvre(segments=segments)
 
 
+def points(manoeuvre: Manoeuvre) -> tuple[TimedSetpoint, ...]:
+    """The manoeuvre as the points of a trajectory: each segment's set-point at its start, rest at the end."""
+    found, start_ns = [], 0
+    for segment in manoeuvre.segments:
+        found.append(TimedSetpoint(start_ns, Setpoint(segment.linear, segment.angular)))
+        start_ns += _ns(segment.duration)
+    return (*found, TimedSetpoint(start_ns, REST))
+
+
 def schedule(manoeuvre: Manoeuvre) -> Iterator[TimedSetpoint]:
-    """Every set-point to send, in order: each segment's set-point at its start and renewed, rest at the end."""
+    """Every set-point to send one by one: each segment's set-point at its start and renewed, rest at the end."""
     start_ns = 0
     for segment in manoeuvre.segments:
         end_ns = start_ns + _ns(segment.duration)
@@ -118,95 +123,117 @@ class Odometry(NamedTuple):
 class PlayState(enum.Enum):
     """How far the manoeuvre has come."""
 
+    WAITING = enum.auto()
+    """The robot has not accepted it yet."""
     RUNNING = enum.auto()
     DONE = enum.auto()
+    BROKEN_OFF = enum.auto()
+    REFUSED = enum.auto()
 
 
 @dataclass(slots=True)
 class Player:
-    """Turns the robot's stamps into set-points to send, and keeps the odometry received meanwhile.
+    """A manoeuvre that travels whole: the trajectory to send, and what the robot reports of it.
 
-    Time is the robot's own: the manoeuvre starts a lead after the first stamp seen, and every set-point is stamped
-    relative to that start. So durations are counted in model time, and delays on the way change nothing.
+    The robot plays it from its own clock. So durations are counted in model time, and nothing that happens on the way
+    once it is accepted, or to whoever sent it, changes it.
 
     Attributes:
-        lead_ns: How far ahead of the robot's time set-points are stamped; far more than any delay on the way.
-        start_ns: Stamp of the start; None until the first odometry.
-        received: The robot's odometry from the start to the end of the manoeuvre.
+        manoeuvre: What is played.
+        status: What the robot reported of it; None before it did.
+        latest_ns: The robot's newest stamp, ns since the Unix epoch.
     """
 
     manoeuvre: Manoeuvre
-    lead_ns: int = LEAD_NS
-    start_ns: int | None = None
-    received: list[Odometry] = field(default_factory=list)
-    _pending: Iterator[TimedSetpoint] = field(init=False)
-    _next: TimedSetpoint | None = field(init=False)
-    _sent_ahead: list[TimedSetpoint] = field(default_factory=list)
-    _latest_ns: int = 0
+    status: TrajectoryStatus | None = None
+    latest_ns: int = 0
+    _stamp_ns: int | None = None
+    _odometry: list[Odometry] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        self._pending = schedule(self.manoeuvre)
-        self._next = next(self._pending)
+    def trajectory(self, stamp_ns: int) -> Trajectory:
+        """What to send, to begin at a stamp of the robot's; what was sent before is replaced by it."""
+        self._stamp_ns, self.status = stamp_ns, None
+        return Trajectory(stamp_ns, points(self.manoeuvre))
+
+    def receive_status(self, status: TrajectoryStatus) -> None:
+        """Receive what the robot reports of a trajectory, whoever's it is."""
+        if status.stamp_ns == self._stamp_ns:
+            self.status = status
+        elif (
+            self.status is not None and self.state is PlayState.RUNNING and status.state is not TrajectoryState.REFUSED
+        ):
+            reason = "another trajectory took its place"
+            self.status = self.status._replace(state=TrajectoryState.ABORTED, reason=reason)
+
+    def receive_odometry(self, odometry: Odometry) -> None:
+        """Receive the robot's newest odometry."""
+        self.latest_ns = odometry.stamp_ns
+        self._odometry.append(odometry)
+
+    @property
+    def state(self) -> PlayState:
+        """How far it has come; it is done once the robot has confirmed that, and its last odometry is here."""
+        match self.status and self.status.state:
+            case None:
+                return PlayState.WAITING
+            case TrajectoryState.REFUSED:
+                return PlayState.REFUSED
+            case TrajectoryState.ABORTED:
+                return PlayState.BROKEN_OFF
+            case TrajectoryState.DONE if self.has_reached_end:
+                return PlayState.DONE
+        return PlayState.RUNNING
+
+    @property
+    def start_ns(self) -> int | None:
+        """Stamp of the start; None until the robot has accepted it."""
+        return self.status.start_ns or None if self.status is not None else None
 
     @property
     def end_ns(self) -> int | None:
-        """Stamp of the end; None until the first odometry."""
-        return None if self.start_ns is None else self.start_ns + self.manoeuvre.duration_ns
+        """Stamp of the end; None until the robot has accepted it."""
+        return self.status.end_ns or None if self.status is not None else None
+
+    @property
+    def has_reached_end(self) -> bool:
+        """Whether the robot's time is that of the end, or later."""
+        return self.end_ns is not None and self.end_ns <= self.latest_ns
+
+    @property
+    def received(self) -> list[Odometry]:
+        """The robot's odometry from the start to the end of the manoeuvre."""
+        start_ns, end_ns = self.start_ns, self.end_ns
+        if start_ns is None or end_ns is None:
+            return []
+        return [each for each in self._odometry if start_ns <= each.stamp_ns <= end_ns]
+
+    @property
+    def missing(self) -> int:
+        """Of how many of the robot's cycles, from start to end, no odometry arrived; 1 where hardly any did."""
+        stamps = [odometry.stamp_ns for odometry in self.received]
+        period_ns = min((after - before for before, after in pairwise(stamps)), default=0)
+        if not period_ns or self.start_ns is None or self.end_ns is None:
+            return 1
+        return (self.end_ns - self.start_ns) // period_ns + 1 - len(stamps)
 
     @property
     def fraction(self) -> float:
         """How much of the manoeuvre has passed, 0 to 1."""
         if self.start_ns is None:
             return 0.0
-        return min(max((self._latest_ns - self.start_ns) / self.manoeuvre.duration_ns, 0.0), 1.0)
-
-    def update(self, odometry: Odometry) -> PlayState:
-        """Receive the robot's newest odometry."""
-        self._latest_ns = odometry.stamp_ns
-        if self.start_ns is None:
-            self.start_ns = odometry.stamp_ns + self.lead_ns
-        end_ns = self.start_ns + self.manoeuvre.duration_ns
-        if self.start_ns <= odometry.stamp_ns <= end_ns:
-            self.received.append(odometry)
-        return PlayState.DONE if odometry.stamp_ns >= end_ns else PlayState.RUNNING
-
-    def due_setpoints(self) -> list[TimedSetpoint]:
-        """The set-points to send now; their offsets are from `start_ns`."""
-        if self.start_ns is None:
-            return []
-        due = []
-        while self._next is not None and self.start_ns + self._next.offset_ns <= self._latest_ns + self.lead_ns:
-            due.append(self._next)
-            self._next = next(self._pending, None)
-        now_ns = self._latest_ns - self.start_ns
-        self._sent_ahead = [s for s in self._sent_ahead if s.offset_ns >= now_ns] + due
-        return due
-
-    def unconfirmed(self, confirmed: Collection[int]) -> int:
-        """How many set-points the robot did not bring into force in their own cycle, by the stamps it confirmed."""
-        if self.start_ns is None:
-            return 0
-        return sum(self.start_ns + timed.offset_ns not in confirmed for timed in schedule(self.manoeuvre))
-
-    def abandon(self) -> list[TimedSetpoint]:
-        """What to send to stop now: rest at once, and in place of everything that was sent ahead."""
-        if self.start_ns is None:
-            return []
-        self._next = None
-        now_ns = self._latest_ns - self.start_ns
-        return [TimedSetpoint(now_ns, REST), *(TimedSetpoint(s.offset_ns, REST) for s in self._sent_ahead)]
+        return min(max((self.latest_ns - self.start_ns) / self.manoeuvre.duration_ns, 0.0), 1.0)
 
 
 class ManoeuvreStage(NoStage):
     """Sequence control without ROS: a stage that plays a manoeuvre once the robot is armed, and then ends; see `Stage`.
 
     Attributes:
-        is_broken_off: Whether the robot disarmed before the end.
+        is_broken_off: Whether the robot refused it, or disarmed before the end.
         started_wall_ns: The wall clock in the cycle that has the stamp of the start; None until then. The stamps
             count model time: where deadlines were skipped before the start, they are behind the wall clock.
     """
 
-    def __init__(self, player: Player, signals: Sequence[str], clock: Clock) -> None:
+    def __init__(self, player: Player, signals: Sequence[str], clock: Clock, lead_ns: int = LEAD_NS) -> None:
         """Play to a robot that publishes `signals`; those of the odometry that it lacks count as zero."""
         self.player = player
         self._indices = [signals.index(name) if name in signals else None for name in ODOMETRY_SIGNALS]
@@ -214,26 +241,36 @@ class ManoeuvreStage(NoStage):
         self.is_broken_off = False
         self.started_wall_ns: int | None = None
         self._clock = clock
+        self._lead_ns = lead_ns
+        self._is_sent = False
 
     def take_inbox(self) -> Inbox:
-        """The set-points that are to be sent now."""
+        """The trajectory, once."""
         inbox = Inbox()
-        start_ns = self.player.start_ns or 0
-        inbox.setpoints += [StampedSetpoint(s.setpoint, start_ns + s.offset_ns) for s in self.player.due_setpoints()]
+        if self.player.latest_ns and not self._is_sent:
+            self._is_sent = True
+            inbox.trajectories.append(self.player.trajectory(self.player.latest_ns + self._lead_ns))
         return inbox
 
     def publish(self, report: Report) -> None:
-        """Pass the robot's odometry to the player."""
-        if report.mode not in ACTIVE:
-            if self.player.start_ns is not None:
-                self.over = "the robot left the sequence"
-                self.is_broken_off = True
-        else:
+        """Pass the robot's odometry, and what became of the trajectory, to the player."""
+        player = self.player
+        for status in filter(None, (report.trajectory, report.refused_trajectory)):
+            player.receive_status(status)
+        if player.state is PlayState.REFUSED and player.status is not None:
+            self._break_off(f"the robot refused the sequence: {player.status.reason}")
+        elif report.mode in ACTIVE and player.state is not PlayState.BROKEN_OFF:
             values = [0.0 if index is None else report.values[index] for index in self._indices]
-            if self.player.update(Odometry(report.stamp_ns, *values)) is PlayState.DONE:
+            player.receive_odometry(Odometry(report.stamp_ns, *values))
+            if player.has_reached_end:
                 self.over = "the sequence is over"
-            if self.started_wall_ns is None and self.player.received:
+            if self.started_wall_ns is None and player.start_ns and player.start_ns <= report.stamp_ns:
                 self.started_wall_ns = self._clock.wall_ns()
+        elif self._is_sent:
+            self._break_off("the robot left the sequence")
+
+    def _break_off(self, reason: str) -> None:
+        self.over, self.is_broken_off = reason, True
 
 
 def _ns(seconds: float) -> int:

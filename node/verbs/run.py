@@ -27,13 +27,14 @@ from segway_ecc.node.config import read_text
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage, Recorder, Stage
 from segway_ecc.node.cycle.loop import Loop
 from segway_ecc.node.cycle.service import service_of
-from segway_ecc.node.errors import ConfigurationError, RobotLostError
+from segway_ecc.node.errors import ConfigurationError, RobotLostError, SequenceError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.log_quota import MB, LogQuota
 from segway_ecc.node.recording.recorder import ProcessRecorder
 from segway_ecc.node.recording.robot_provenance import provenance_of
 from segway_ecc.node.robot import Robot, build_robot
+from segway_ecc.node.safety.modes import ACTIVE
 from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Player, load_manoeuvre
 
 if TYPE_CHECKING:  # a robot without ROS starts without it
@@ -90,6 +91,8 @@ def run(options: argparse.Namespace) -> int:
         _logger.info("stopped: %s", loop.stop_reason)
     _report(loop, stage, as_json=options.json)
     if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
+        if loop.modes.mode in ACTIVE:
+            raise SequenceError(str(stage.over))
         raise RobotLostError(f"the robot went to {loop.modes.mode}: {loop.modes.reason}")
     return 0
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals, write_csv
-from segway_ecc.node.errors import ConfigurationError, NodeError
+from segway_ecc.node.errors import ConfigurationError, SequenceError
 from segway_ecc.node.ros.commander import Commander
 from segway_ecc.node.ros.runtime import connections, ros_node
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, load_manoeuvre, single_segment
@@ -46,14 +46,16 @@ def run(options: argparse.Namespace) -> int:
     ):
         commander = Commander(node, options.node, lambda: stop[0] if stop else None)
         commander.wait_for_robot(options.wait, arm=options.arm)
-        commander.play(player, _progress())
+        commander.play(player, _progress(), options.wait)
         graph = connections(node, node.get_namespace())
-        unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
+        if player.missing:
+            raise SequenceError(
+                f"the odometry of {player.missing} cycles was lost on the way, and {options.csv} was not written: this "
+                "machine is too busy; the robot's own log has all of them"
+            )
         write_csv(options.csv, Odometry._fields, player.received)
-    if unconfirmed:
-        sys.stderr.write(f"segway-ecc: the robot did not confirm {unconfirmed} set-points at their own time\n")
-    _report(player, [asdict(c) for c in graph], unconfirmed, as_json=options.json)
+    _report(player, [asdict(c) for c in graph], as_json=options.json)
     return 0
 
 
@@ -82,13 +84,13 @@ def _progress() -> Callable[[float], None]:
     return show
 
 
-def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as_json: bool) -> None:
+def _report(player: Player, graph: list[dict[str, str]], *, as_json: bool) -> None:
     last = next((odometry for odometry in reversed(player.received) if odometry.stamp_ns == player.end_ns), None)
     if last is None:
-        raise NodeError("the odometry of the last moment was lost on the way; is this machine overloaded?")
+        raise SequenceError("the odometry of the last cycle was lost on the way: this machine is too busy; try again")
     if as_json:
         stamps = {"start_ns": player.start_ns, "end_ns": player.end_ns}
-        print_json({**stamps, "end": last._asdict(), "unconfirmed": unconfirmed, "graph": graph})
+        print_json({**stamps, "end": last._asdict(), "graph": graph})
         return
     seconds = player.manoeuvre.duration_ns * 1e-9
     sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")

@@ -15,9 +15,10 @@ import pytest
 from segway_ecc.deploy.station.command_handler import CommandHandler, SubmittedCommand
 from segway_ecc.deploy.station.fleet import EventLog, Heartbeats
 from segway_ecc.deploy.station.requests import ServiceResponse
-from segway_ecc.deploy.station.robot_messages import ModeReport, SetpointReport
+from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act, Command, Drive, RobotView
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.safety.modes import Action, Mode
 from segway_ecc.node.sequence.manoeuvre import Odometry, single_segment
 from tests.ros_domains import next_domain
@@ -32,7 +33,7 @@ class RecordingConnection:
         self.ready = True
         self.calls: list[Action] = []
         self.driven: list[tuple[float, float]] = []
-        self.stamped: list[tuple[int, tuple[float, float]]] = []
+        self.followed: list[Trajectory] = []
         self.stands: list[bool] = []
         self.pending: list[ServiceResponse] = []
 
@@ -47,11 +48,20 @@ class RecordingConnection:
         responses, self.pending = self.pending, []
         return responses
 
-    def drive(self, setpoint: Setpoint, stamp_ns: int | None = None) -> None:
-        if stamp_ns is None:
-            self.driven.append((setpoint[0], setpoint[1]))
-        else:
-            self.stamped.append((stamp_ns, (setpoint[0], setpoint[1])))
+    def drive(self, setpoint: Setpoint) -> None:
+        self.driven.append((setpoint[0], setpoint[1]))
+
+    def follow(self, trajectory: Trajectory) -> None:
+        self.followed.append(trajectory)
+
+    def status(self, now_ns: int) -> TrajectoryStatus | None:
+        """What a robot would report of what was sent last."""
+        if not self.followed or not self.followed[-1].points:
+            return None
+        stamp_ns, points = self.followed[-1]
+        end_ns = stamp_ns + points[-1].offset_ns
+        state = TrajectoryState.DONE if now_ns >= end_ns else TrajectoryState.FOLLOWED
+        return TrajectoryStatus(stamp_ns, state, "", stamp_ns, end_ns)
 
     def stand(self, *, up: bool) -> None:
         self.stands.append(up)
@@ -102,9 +112,9 @@ class Bench:
             if alive:
                 self.handler.on_message("/a", self.handler.fleet.robots["/a"].mode, self.now * NS_PER_MS)
                 self.handler.on_message("/a", Odometry(self.now * NS_PER_MS, 0, 0, 0, 0, 0), self.now * NS_PER_MS)
-                for stamp, setpoint in list(self.connection.stamped):
-                    if stamp == self.now * NS_PER_MS:
-                        self.handler.on_message("/a", SetpointReport(stamp, *setpoint), self.now * NS_PER_MS)
+                status = self.connection.status(self.now * NS_PER_MS)
+                if status is not None:
+                    self.handler.on_message("/a", status, self.now * NS_PER_MS)
             self.handler.step(self.now * NS_PER_MS)
 
     def play(self, who: str) -> None:

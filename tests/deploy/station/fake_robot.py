@@ -21,6 +21,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from segway_ecc.node.ros.runtime import ros_node
 
@@ -71,6 +72,8 @@ class FakeRobot:
         self.odometry_out = node.create_publisher(Odometry, "odom", 10)
         self.odometry = Odometry()
         self.setpoint_out = node.create_publisher(TwistStamped, "setpoint", 500)
+        self.trajectory_out = node.create_publisher(DiagnosticStatus, "trajectory_status", 10)
+        self.trajectory, self.trajectory_reported = (0, 0), (0, "")
         self.pitch_out = node.create_publisher(Float64, "pitch", 10)
         self.battery_out = node.create_publisher(BatteryState, "battery_state", 10)
         self.diagnostics_out = node.create_publisher(DiagnosticArray, "diagnostics", 10)
@@ -78,7 +81,7 @@ class FakeRobot:
             node.create_subscription(kind, topic, never_called, depth)
             for kind, topic, depth in (
                 (Twist, "cmd_vel", 10),
-                (TwistStamped, "cmd_vel_stamped", 500),
+                (MultiDOFJointTrajectory, "cmd_trajectory", 10),
                 (Float64, "set/stand", 10),
                 (Header, "station", 1),
             )
@@ -102,15 +105,43 @@ class FakeRobot:
             self.received.append(["drive", at, message.linear.x, message.angular.z])
             heapq.heappush(self.waiting, (now_ns, message.linear.x, message.angular.z))
         elif index == 1:
-            stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-            self.received.append(["say", at, message.twist.linear.x, message.twist.angular.z])
-            heapq.heappush(self.waiting, (stamp, message.twist.linear.x, message.twist.angular.z))
+            self.take_trajectory(message, at, now_ns)
         elif index == 2:
             self.received.append(["stand", at, message.data])
             self.stand = message.data
         else:
             stamp = message.stamp.sec * NS_PER_S + message.stamp.nanosec
             self.beat, self.beat_ns = f"{message.frame_id} {stamp}", now_ns
+
+    def take_trajectory(self, message: Any, at: float, now_ns: int) -> None:
+        """Accept a trajectory as it is, each of its set-points renewed ten times a second."""
+        stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+        points = [
+            (
+                p.time_from_start.sec * NS_PER_S + p.time_from_start.nanosec,
+                p.velocities[0].linear.x,
+                p.velocities[0].angular.z,
+            )
+            for p in message.points
+        ]
+        self.received.append(["follow", at, *(number for point in points for number in point[1:])])
+        self.waiting.clear()
+        if not points:
+            heapq.heappush(self.waiting, (now_ns, 0.0, 0.0))
+            return
+        for (begin, linear, angular), (end, *_) in zip(points, [*points[1:], (points[-1][0] + 1,)], strict=True):
+            for offset in range(begin, end, NS_PER_S // 10):
+                heapq.heappush(self.waiting, (stamp + offset, linear, angular))
+        self.trajectory = (stamp, stamp + points[-1][0])
+
+    def publish_trajectory(self, now_ns: int) -> None:
+        start, end = self.trajectory
+        state = "none" if not start else "accepted" if now_ns < start else "done" if now_ns >= end else "followed"
+        if (start, state) != self.trajectory_reported:
+            self.trajectory_reported = (start, state)
+            values = {"stamp_ns": start, "state": state, "reason": "", "start_ns": start, "end_ns": end}
+            pairs_ = pairs({key: str(value) for key, value in values.items()})
+            self.trajectory_out.publish(DiagnosticStatus(level=b"\0", name=f"{self.name}: trajectory", values=pairs_))
 
     def serve(self) -> None:
         for action, service in self.services.items():
@@ -157,6 +188,7 @@ class FakeRobot:
         message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(0.25), math.cos(0.25)
         message.twist.twist.linear.x, message.twist.twist.angular.z = self.setpoint
         self.odometry_out.publish(message)
+        self.publish_trajectory(now_ns)
         self.pitch_out.publish(Float64(data=0.05))
         reported = (self.mode, self.reason, self.drives, self.stand)
         if reported != self.reported or now_ns - self.mode_ns >= 0.1 * NS_PER_S:

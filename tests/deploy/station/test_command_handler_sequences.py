@@ -8,6 +8,7 @@ import pytest
 
 from segway_ecc.deploy.station.robot_messages import ModeReport
 from segway_ecc.deploy.station.views import Act
+from segway_ecc.node.cycle.trajectory import CANCEL
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import single_segment
 
@@ -82,15 +83,13 @@ def test_ended_sequence_brings_robot_to_rest(
     bench: Any, texts: Callable[[], list[str]], end: Callable[[Any], None], reason: str
 ) -> None:
     bench.play("ann")
-    before = len(bench.connection.stamped)
+    before = len(bench.connection.followed)
     end(bench)
     assert bench.state == ("broken off", reason)
     assert texts().count(f"sequence one: broken off: {reason}") == 1
-    rests = bench.connection.stamped[before:]
-    assert any(setpoint == (0.0, 0.0) for _, setpoint in rests)
-    count = len(bench.connection.stamped)
+    assert bench.connection.followed[before:] == [CANCEL]
     bench.pass_time(bench.now + 500)
-    assert len(bench.connection.stamped) == count
+    assert bench.connection.followed[before:] == [CANCEL]
 
 
 def test_zeros_while_a_sequence_is_played_do_not_end_it(bench: Any) -> None:

@@ -3,10 +3,17 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.deploy.station.robot_messages import SetpointReport
 from segway_ecc.deploy.station.sequences import SequencePlayback, read_sequence
 from segway_ecc.deploy.station.views import SequenceView
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import (
+    CANCEL,
+    TOO_LATE,
+    TimedSetpoint,
+    Trajectory,
+    TrajectoryState,
+    TrajectoryStatus,
+)
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.sequence.manoeuvre import Odometry
 
@@ -27,58 +34,45 @@ def playing(replies: Any) -> SequencePlayback:
     return SequencePlayback(read_sequence(ONE, "one", LIMITS), "one", replies, 0)
 
 
-def play(
-    playing: SequencePlayback, connection: Any, until_ms: int, *, follows_until_ms: int = 99_999, start_ms: int = 0
-) -> None:
-    """Let time pass, the robot bringing each set-point into force at its time."""
-    for now in range(start_ms, until_ms, 50):
-        for stamp, setpoint in list(connection.stamped):
-            if stamp == START + now * MS and now < follows_until_ms:
-                playing.on_setpoint(SetpointReport(stamp, *setpoint), now * MS)
-        playing.step(connection, at(now), now * MS)
+def status(connection: Any, state: TrajectoryState, reason: str = "") -> TrajectoryStatus:
+    """What the robot reports of what was sent last."""
+    stamp_ns, points = connection.followed[-1]
+    return TrajectoryStatus(stamp_ns, state, reason, stamp_ns, stamp_ns + points[-1].offset_ns)
 
 
-def test_set_points_are_stamped_half_a_second_ahead_in_the_robots_time(
+def test_it_is_sent_whole_to_begin_half_a_second_ahead_and_again_until_the_robot_answers(
     playing: SequencePlayback, connection: Any
 ) -> None:
-    playing.step(connection, at(0), 0)
-    assert connection.stamped == [(START + 500 * MS, (1.0, 0.0))]
-    playing.step(connection, at(100), 100 * MS)
-    assert connection.stamped[1:] == [(START + 600 * MS, (1.0, 0.0))]
+    for now in range(0, 1150, 50):
+        playing.step(connection, at(now), now * MS)
+    points = (TimedSetpoint(0, Setpoint(1.0, 0.0)), TimedSetpoint(S, Setpoint(0.0, 0.0)))
+    assert connection.followed == [Trajectory(START + 500 * MS, points)] * 3
+    playing.on_status(status(connection, TrajectoryState.ACCEPTED))
+    playing.step(connection, at(1700), 1700 * MS)
+    assert len(connection.followed) == 3
 
 
 def test_it_is_played_to_its_end(playing: SequencePlayback, connection: Any, replies: Any) -> None:
     assert playing.view == SequenceView(name="one", fraction=0.0, state="waiting")
-    play(playing, connection, 500)
+    playing.step(connection, at(0), 0)
     assert not replies
-    play(playing, connection, 1001, start_ms=500)
+    playing.on_status(status(connection, TrajectoryState.ACCEPTED))
     assert replies == [(True, "one is being played")]
+    playing.step(connection, at(1000), S)
     assert playing.view == SequenceView(name="one", fraction=0.5, state="running")
-    play(playing, connection, 2000, start_ms=1050)
+    playing.on_status(status(connection, TrajectoryState.DONE))
+    assert playing.view.state == "running"
+    playing.step(connection, at(1500), 1500 * MS)
     assert playing.view == SequenceView(name="one", fraction=1.0, state="done")
     assert playing.outcome == "sequence one: done"
-    assert [setpoint for _, setpoint in connection.stamped] == 10 * [(1.0, 0.0)] + [(0.0, 0.0)]
     assert len(replies) == 1
 
 
-def test_a_robot_that_does_not_take_it_up_makes_it_fail(
-    playing: SequencePlayback, connection: Any, replies: Any
-) -> None:
-    play(playing, connection, 2051, follows_until_ms=0)
-    text = "the robot does not follow: none of the set-points came into force"
-    assert replies == [(False, f"sequence one: failed: {text}")]
-    assert playing.view.state == "failed"
-
-
-def test_a_robot_that_follows_no_more_makes_it_fail(replies: Any, connection: Any) -> None:
-    playing = SequencePlayback(
-        read_sequence(ONE.replace("duration: 1.0", "duration: 60"), "long", LIMITS), "", replies, 0
-    )
-    play(playing, connection, 2501, follows_until_ms=1001)
-    assert playing.view.state == "running"
-    play(playing, connection, 2601, follows_until_ms=1001, start_ms=2550)
-    assert playing.view.state == "failed"
-    assert connection.stamped[-1][1] == (0.0, 0.0)
+def test_a_robot_that_does_not_answer_makes_it_fail(playing: SequencePlayback, connection: Any, replies: Any) -> None:
+    for now in range(0, 2051, 50):
+        playing.step(connection, at(now), now * MS)
+    assert replies == [(False, "sequence one: failed: the robot does not answer whether it takes it")]
+    assert connection.followed[-1] == CANCEL
 
 
 def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: SequencePlayback, connection: Any, replies: Any) -> None:
@@ -86,30 +80,48 @@ def test_a_robot_that_gives_no_odometry_makes_it_fail(playing: SequencePlayback,
     assert playing.view.state == "waiting"
     playing.step(connection, None, 2 * S + 1)
     assert playing.view.state == "failed"
-    assert not connection.stamped
+    assert not connection.followed
     assert replies[0][0] is False
 
 
-def test_an_earlier_set_point_is_none_of_ours(playing: SequencePlayback, connection: Any, replies: Any) -> None:
-    playing.on_setpoint(SetpointReport(START, 1.0, 0.0), 0)
+def test_a_refusal_is_shown_with_the_robots_reason(playing: SequencePlayback, connection: Any, replies: Any) -> None:
     playing.step(connection, at(0), 0)
-    playing.on_setpoint(SetpointReport(START + 499 * MS, 1.0, 0.0), 0)
+    playing.on_status(status(connection, TrajectoryState.REFUSED, "it asks for 3 m/s; at most 1 m/s is allowed"))
+    text = "the robot refused it: it asks for 3 m/s; at most 1 m/s is allowed"
+    assert replies == [(False, f"sequence one: failed: {text}")]
+
+
+def test_one_that_came_too_late_is_sent_again_with_more_time(playing: SequencePlayback, connection: Any) -> None:
+    playing.step(connection, at(0), 0)
+    playing.on_status(status(connection, TrajectoryState.REFUSED, f"{TOO_LATE}: it was to begin 0.010 s before"))
+    playing.step(connection, at(50), 50 * MS)
+    assert [sent.stamp_ns for sent in connection.followed] == [START + 500 * MS, START + 1050 * MS]
+    assert playing.view.state == "waiting"
+
+
+def test_one_that_the_robot_breaks_off_has_its_reason(playing: SequencePlayback, connection: Any) -> None:
+    playing.step(connection, at(0), 0)
+    playing.on_status(status(connection, TrajectoryState.FOLLOWED))
+    playing.on_status(status(connection, TrajectoryState.ABORTED, "another trajectory took its place"))
+    assert playing.outcome == "sequence one: broken off: another trajectory took its place"
+
+
+def test_the_answer_to_another_trajectory_is_none_of_ours(
+    playing: SequencePlayback, connection: Any, replies: Any
+) -> None:
+    playing.step(connection, at(0), 0)
+    playing.on_status(status(connection, TrajectoryState.FOLLOWED)._replace(stamp_ns=START))
     assert not replies
 
 
-def test_breaking_off_replaces_what_was_sent_ahead(playing: SequencePlayback, connection: Any, replies: Any) -> None:
-    play(playing, connection, 701)
-    ahead = {stamp for stamp, _ in connection.stamped if stamp >= START + 700 * MS}
-    connection.stamped.clear()
+def test_breaking_off_cancels_once(playing: SequencePlayback, connection: Any, replies: Any) -> None:
+    playing.step(connection, at(0), 0)
+    playing.on_status(status(connection, TrajectoryState.FOLLOWED))
     playing.break_off(connection, "bob took control")
-    assert {stamp for stamp, _ in connection.stamped} == ahead | {START + 700 * MS}
-    assert all(setpoint == (0.0, 0.0) for _, setpoint in connection.stamped)
-    assert playing.view.state == "broken off"
-    assert playing.view.reason == "bob took control"
-    connection.stamped.clear()
     playing.step(connection, at(750), 750 * MS)
     playing.break_off(connection, "again")
-    assert not connection.stamped
+    assert connection.followed[1:] == [CANCEL]
+    assert (playing.view.state, playing.view.reason) == ("broken off", "bob took control")
     assert replies == [(True, "one is being played")]
 
 
@@ -117,7 +129,7 @@ def test_one_that_is_broken_off_before_it_began_has_failed(
     playing: SequencePlayback, connection: Any, replies: Any
 ) -> None:
     playing.break_off(connection, "ann pressed stop")
-    assert not connection.stamped
+    assert not connection.followed
     assert replies == [(False, "sequence one: broken off: ann pressed stop")]
 
 

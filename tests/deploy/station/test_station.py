@@ -152,8 +152,8 @@ def test_a_sequence_is_played_and_broken_off_when_its_operator_leaves(operated: 
     armed(operated)
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE)() == (True, "one is being played")
     operated.wait_for("/a", lambda robot: robot.sequence is not None and robot.sequence.state == "done")
-    output = [received[2] for received in robots.ask("/a", **HEARD) if received[0] == "say"]
-    assert output == 10 * [0.5] + [0.0]
+    (sent,) = [received[2:] for received in robots.ask("/a", **HEARD) if received[0] == "follow"]
+    assert sent == [0.5, 0.0, 0.0, 0.0]
     assert operated.submit("ann", Act.PLAY, text=SEQUENCE.replace("1.0", "60"))()[0]
     operated.station.leave("ann")
     ended = operated.wait_for("/a", lambda robot: robot.controller == "")

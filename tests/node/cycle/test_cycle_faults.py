@@ -194,12 +194,39 @@ def test_stop_is_latched_until_it_is_cleared(bench: Bench) -> None:
     assert bench.stage.answers[1] == Answer(accepted=False, message="clear the fault first: stop was pressed")
 
 
-def test_lost_link_is_recorded_as_a_snapshot_without_measurements(bench: Bench) -> None:
+def test_a_lost_link_keeps_the_last_values_which_grow_old_and_are_not_valid(bench: Bench) -> None:
+    bench.hardware.measured = Sensors((123.4,), (0.001,), (True,))
     bench.clock.events[3] = lambda: bench.hardware.raises.update(exchange=LinkLostError("the bus is gone"))
-    bench.loop.run(cycles=5)
-    assert bench.recorder.records[3].sensors == Sensors(
-        (0.0,), (math.inf,), (False,), ("the bus is gone",), ready=False, off=False
-    )
+    bench.loop.run(cycles=6)
+    before, *lost = (record.sensors for record in bench.recorder.records[2:])
+    period_s = bench.period_ns * 1e-9
+    assert before.values == (123.4,)
+    for missed, sensors in enumerate(lost, start=1):
+        assert sensors.values == (123.4,)
+        assert sensors.ages == pytest.approx((before.ages[0] + missed * period_s,))
+        assert (sensors.valid, sensors.faults) == ((False,), ("the bus is gone",))
+        assert not sensors.ready
+        assert not sensors.off
+
+
+def test_events_of_the_exchange_that_sends_are_in_the_record_of_the_next_cycle(
+    make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench(actuate_immediately=True)
+    exchange, count = bench.hardware.exchange, 0
+
+    def eventful(commands: Sequence[float] | None) -> Sensors:
+        nonlocal count
+        count += 1
+        return msgspec.structs.replace(exchange(commands), events=(f"event {count}",))
+
+    monkeypatch.setattr(bench.hardware, "exchange", eventful)
+    bench.loop.run(cycles=3)
+    assert [record.sensors.events for record in bench.recorder.records] == [
+        ("event 2",),
+        ("event 3", "event 4"),
+        ("event 5", "event 6"),
+    ]
 
 
 def test_a_link_lost_between_the_two_exchanges_of_a_cycle_is_a_fault_too(

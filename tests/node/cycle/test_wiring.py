@@ -30,7 +30,9 @@ WIRING = {
     "Right": "right.voltage",
     "X": "odometry.x",
 }
-INPUTS = "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity, set.<name>"
+INPUTS = (
+    "left.velocity, right.velocity, setpoint.linear_velocity, setpoint.angular_velocity, set.<name>, valid.<signal>"
+)
 OUTPUTS = (
     "left.voltage, right.voltage, odometry.x, odometry.y, odometry.heading, odometry.linear_velocity, "
     "odometry.angular_velocity, left.angle, right.angle, imu.angular_velocity_x, imu.angular_velocity_y, "
@@ -217,3 +219,18 @@ def test_wiring_that_cannot_work_is_refused(hardware: RecordingHardware, wiring:
     with pytest.raises(ConfigurationError) as caught:
         wire(Driver(), hardware, wiring)
     assert str(caught.value) == text
+
+
+def test_a_model_may_take_the_validity_of_a_signal_as_an_input(hardware: RecordingHardware) -> None:
+    wiring = wire(Driver(), hardware, WIRING | {"Wanted": "valid.left.velocity"})
+    taken = [
+        wiring.model_inputs(Sensors((7.0, 8.0), (0.0, 0.0), (is_valid, True)), Setpoint(0.0, 0.0), ())
+        for is_valid in (True, False)
+    ]
+    assert taken == [[8.0, 1.0], [8.0, 0.0]]
+    assert wiring.sensors == (1,)
+
+
+def test_the_validity_of_what_is_not_measured_is_refused(hardware: RecordingHardware) -> None:
+    with pytest.raises(UnknownNameError, match=r"valid\.tilt"):
+        wire(Driver(), hardware, WIRING | {"Wanted": "valid.tilt"})

@@ -179,7 +179,7 @@ def test_the_log_of_a_run_holds_the_numbers_of_the_run(tmp_path: Path) -> None:
     layout = layout_of(robot)
     keeper = Keeper(CycleLog(path, layout))
     stage = ManoeuvreStage(
-        Player(single_segment(2.0, 2.0, 0.2), lead_ns=50_000_000), list(robot.wiring.published), robot.clock
+        Player(single_segment(2.0, 2.0, 0.2)), list(robot.wiring.published), robot.clock, lead_ns=50_000_000
     )
     robot.loop(stage, keeper).run(30)
     types, messages = read(path)

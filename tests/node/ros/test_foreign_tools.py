@@ -21,6 +21,7 @@ RELIABLE = ["RELIABLE", "VOLATILE"]
 IN = {
     "cmd_vel": ["geometry_msgs/msg/Twist", *RELIABLE],
     "cmd_vel_stamped": ["geometry_msgs/msg/TwistStamped", *RELIABLE],
+    "cmd_trajectory": ["trajectory_msgs/msg/MultiDOFJointTrajectory", *RELIABLE],
     "station": ["std_msgs/msg/Header", "BEST_EFFORT", "VOLATILE"],
 }
 OUT = {
@@ -32,6 +33,7 @@ OUT = {
     "diagnostics": ["diagnostic_msgs/msg/DiagnosticArray", *RELIABLE],
     "setpoint": ["geometry_msgs/msg/TwistStamped", *RELIABLE],
     "mode": ["diagnostic_msgs/msg/DiagnosticStatus", *RELIABLE],
+    "trajectory_status": ["diagnostic_msgs/msg/DiagnosticStatus", *RELIABLE],
 }
 SERVICES = {f"model/{name}": ["std_srvs/srv/Trigger"] for name in ("arm", "disarm", "stop", "clear_fault")}
 

@@ -13,10 +13,19 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import Heartbeat, Inbox, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import (
+    LONGEST_REASON,
+    MOST_POINTS,
+    TimedSetpoint,
+    Trajectory,
+    TrajectoryState,
+    TrajectoryStatus,
+)
 from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, slots_for
 from segway_ecc.node.robot import Robot, build_robot
-from segway_ecc.node.ros.protocol import ToLoop, decode_report, encoder
+from segway_ecc.node.ros.process import Subscriptions
+from segway_ecc.node.ros.protocol import ToLoop, TrajectoryPart, decode_report, encoder
 from segway_ecc.node.ros.remote import INBOX_SLOTS, RemoteStage, RosBridge
 from segway_ecc.node.ros.stage import LONGEST_NAME
 from segway_ecc.node.safety.modes import Mode
@@ -90,7 +99,7 @@ def test_a_reason_of_any_length_is_published(stage: RemoteStage) -> None:
 
 
 def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Robot) -> None:
-    memory = open_ring(slots_for(5000))
+    memory = open_ring(slots_for(6000))
     stage._reports, process = RingWriter(memory), RingReader(memory)
     os.close(memory)
     character, number = "\U0001f916", 2**63 - 1  # of four bytes, and of nine
@@ -108,6 +117,8 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
         heartbeat_age_ns=number,
         set_values=[0.1] * len(robot.wiring.set_names),
         at_ns=number,
+        trajectory=TrajectoryStatus(number, TrajectoryState.FOLLOWED, character * LONGEST_REASON, number, number),
+        refused_trajectory=TrajectoryStatus(number, TrajectoryState.REFUSED, "x" * LONGEST_REASON, 0, 0),
     )
     stage.publish(longest)
     taken = process.take_message()
@@ -115,6 +126,34 @@ def test_the_longest_report_there_is_gets_through(stage: RemoteStage, robot: Rob
     assert stage.dropped == 0
     assert taken is not None
     assert decode_report(taken[1]) == replace(longest, reason=character * 900)
+
+
+@pytest.mark.parametrize("count", [0, 1, 50, 51, MOST_POINTS + 1])
+def test_a_trajectory_reaches_the_loop_whole_however_many_parts_it_has(
+    stage: RemoteStage, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory = open_ring(INBOX_SLOTS)
+    process, stage._inboxes = RingWriter(memory), RingReader(memory)
+    points = tuple(TimedSetpoint(2**40 + n, Setpoint(0.1 * n, -0.3)) for n in range(count))
+    inbox, found = Inbox(), Inbox()
+    inbox.trajectories.append(Trajectory(2**60, points))
+    # Where the ring is full the process waits, and the loop goes on: a cycle takes what fits.
+    monkeypatch.setattr("time.sleep", lambda _: found.trajectories.extend(stage.take_inbox().trajectories))
+    Subscriptions(process, 10_000_000).hand_over(inbox)
+    os.close(memory)
+    found.trajectories.extend(stage.take_inbox().trajectories)
+    assert found.trajectories == inbox.trajectories
+    assert stage.dropped == 0
+
+
+def test_of_a_trajectory_whose_parts_end_early_nothing_is_followed(stage: RemoteStage) -> None:
+    memory = open_ring(INBOX_SLOTS)
+    process, stage._inboxes = RingWriter(memory), RingReader(memory)
+    os.close(memory)
+    whole = TrajectoryPart(2, (TimedSetpoint(0, Setpoint(0.0, 0.0)),), is_first=True, is_last=True)
+    for part in (TrajectoryPart(1, whole.points, is_first=True, is_last=False), whole):
+        assert process.put(ToLoop.TRAJECTORY, encoder.encode(part))
+    assert stage.take_inbox().trajectories == [Trajectory(2, tuple(whole.points))]
 
 
 def test_the_process_reports_whether_there_are_subscribers(stage: RemoteStage) -> None:
@@ -128,7 +167,7 @@ def test_the_process_reports_whether_there_are_subscribers(stage: RemoteStage) -
     assert stage.dropped == 0
 
 
-@pytest.mark.parametrize("kind", [1, 2, 3, 99])
+@pytest.mark.parametrize("kind", [1, 2, 3, 4, 99])
 def test_what_makes_no_sense_is_passed_over_and_counted(stage: RemoteStage, kind: int) -> None:
     memory = open_ring(INBOX_SLOTS)
     process = RingWriter(memory)

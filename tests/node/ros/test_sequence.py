@@ -6,6 +6,7 @@ import json
 import re
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -89,11 +90,10 @@ def test_three_numbers_give_the_bits_of_the_offline_seat(
     assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
     assert result["end_ns"] - result["start_ns"] == NS_PER_S
     assert result["end"]["stamp_ns"] == result["end_ns"]
-    assert result["unconfirmed"] == 0
     assert {
         "publisher": "/three/sequence_control",
-        "topic": "/three/cmd_vel_stamped",
-        "type_name": "geometry_msgs/msg/TwistStamped",
+        "topic": "/three/cmd_trajectory",
+        "type_name": "trajectory_msgs/msg/MultiDOFJointTrajectory",
         "subscriber": "/three/model",
     } in result["graph"]
     assert_same_bits(received(tmp_path / "heard.csv"), expected)
@@ -124,7 +124,7 @@ def test_a_missing_model_node_is_reported_with_the_nodes_seen(start: Start, mess
     assert output(sequence) == ""
     assert sequence.returncode == 6
     (line,) = (messages / "nobody.txt").read_text().splitlines()
-    assert line.startswith("segway-ecc: no model node subscribed to /empty/cmd_vel_stamped")
+    assert line.startswith("segway-ecc: no model node subscribed to /empty/cmd_trajectory")
     assert "within 4 s in namespace /empty" in line
     assert re.search(r"; nodes seen: .*/\w+/model", line)
     assert "segway-ecc run ROBOT" in line
@@ -183,13 +183,12 @@ def test_an_interrupted_sequence_leaves_the_robot_at_rest(
 
     assert sequence.returncode == 1
     (line,) = (messages / f"interrupted.{number}.txt").read_text().splitlines()
-    assert line == f"segway-ecc: abandoned by {number.name}; zero set-points were sent"
+    assert line == f"segway-ecc: abandoned by {number.name}; the robot was stopped"
     rest = receive_until(foreign, "/shared/odom", lambda odom: abs(odom["linear"]) < 0.01)
-    # Long after the last set-point that was sent ahead.
     receive_until(foreign, "/shared/odom", lambda odom: odom["stamp_ns"] > rest["stamp_ns"] + NS_PER_S)
     received = foreign("receive", topic="/shared/setpoint")
     assert [(setpoint["linear"], setpoint["angular"]) for setpoint in received][-1] == (0.0, 0.0)
-    # Sent zero set-points, the robot stays armed; left alone, it would have gone to HOLD.
+    # Cancelled, the robot rests and stays armed.
     foreign("receive", topic="/shared/diagnostics")
     assert foreign("receive", topic="/shared/diagnostics")[-1]["cart: mode"]["mode"] == "ARMED"
 
@@ -216,3 +215,42 @@ def test_a_model_node_that_is_killed_ends_the_sequence(start: Start, messages: P
     assert sequence.returncode == 7
     (line,) = (messages / "killed.txt").read_text().splitlines()
     assert line == "segway-ecc: the model node has published no odometry for 2 s; is it still running?"
+
+
+@pytest.mark.usefixtures("armed")
+def test_a_manoeuvre_that_the_robot_refuses_ends_with_its_reason(start: Start, messages: Path) -> None:
+    sequence = start("refused.sequence", "sequence", "1e308", "0", "1", "--namespace", "/shared")
+    assert output(sequence) == ""
+    assert sequence.returncode == 13
+    (line,) = (messages / "refused.sequence.txt").read_text().splitlines()
+    assert line.startswith("segway-ecc: the robot refused the sequence: it asks for 1e+308 m/s; at most ")
+
+
+@pytest.mark.parametrize("stop_s", [0.8, 3.0])
+def test_a_player_that_is_stopped_meanwhile_changes_no_bit(
+    start: Start, foreign: Ask, offline: Callable[[Manoeuvre], Trajectory], stop_s: float
+) -> None:
+    expected = offline(Manoeuvre(segments=(Segment(linear=1.0, angular=0.5, duration=5.0),)))
+    space = f"/stopped{stop_s * 10:.0f}"
+    start(f"{space[1:]}.node", "run", "cart", "--ros", "--no-log", "--namespace", space)
+    sequence = start(space[1:], "sequence", "1", "0.5", "5", "--namespace", space, "--json")
+    receive_until(foreign, f"{space}/odom", lambda odom: odom["linear"] > 0.5)
+    sequence.send_signal(signal.SIGSTOP)
+    time.sleep(stop_s)
+    sequence.send_signal(signal.SIGCONT)
+    result = json.loads(output(sequence))
+    assert sequence.returncode == 0
+    assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
+
+
+def test_a_player_that_is_killed_meanwhile_changes_no_bit(
+    start: Start, foreign: Ask, offline: Callable[[Manoeuvre], Trajectory]
+) -> None:
+    expected = offline(Manoeuvre(segments=(Segment(linear=1.0, angular=0.5, duration=3.0),)))
+    start("orphan.node", "run", "cart", "--ros", "--no-log", "--namespace", "/orphan")
+    sequence = start("orphan", "sequence", "1", "0.5", "3", "--namespace", "/orphan")
+    receive_until(foreign, "/orphan/odom", lambda odom: odom["linear"] > 0.5)
+    sequence.kill()
+    output(sequence)
+    rest = receive_until(foreign, "/orphan/odom", lambda odom: abs(odom["x"] - expected.x[-1]) < 1e-12)
+    assert (rest["x"], rest["y"]) == (expected.x[-1], expected.y[-1])

@@ -4,11 +4,11 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.sequence.manoeuvre import (
     Manoeuvre,
     Segment,
-    TimedSetpoint,
     load_manoeuvre,
     schedule,
     single_segment,

@@ -2,110 +2,121 @@
 import pytest
 
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
-from segway_ecc.node.sequence.manoeuvre import LEAD_NS, Manoeuvre, Odometry, Player, PlayState, Segment, TimedSetpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory, TrajectoryState, TrajectoryStatus
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Player, PlayState, Segment
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000
-AHEAD, TURN = Setpoint(1.0, 0.0), Setpoint(0.0, -0.5)
-# 0.25 s ahead, then 0.3 s of turn: sent at 0, 100, 200, 250, 350, 450 and, rest, at 550 ms.
 MANOEUVRE = Manoeuvre(segments=(Segment(linear=1.0, duration=0.25), Segment(angular=-0.5, duration=0.3)))
-EXPECTED = [(0, AHEAD), (100, AHEAD), (200, AHEAD), (250, TURN), (350, TURN), (450, TURN), (550, REST)]
-LEAD = 150
+ACCEPTED = TrajectoryStatus(EPOCH, TrajectoryState.ACCEPTED, "", EPOCH, EPOCH + 550 * MS)
 
 
 @pytest.fixture
 def player() -> Player:
-    return Player(MANOEUVRE, lead_ns=LEAD * MS)
+    player = Player(MANOEUVRE)
+    player.trajectory(EPOCH)
+    return player
 
 
 def at(ms: int) -> Odometry:
-    """The robot, `ms` after the first stamp seen."""
+    """The robot, `ms` after the start."""
     return Odometry(EPOCH + ms * MS, float(ms), 0.0, 0.0, 0.0, 0.0)
 
 
-def offsets(sent: list[TimedSetpoint]) -> list[float]:
-    return [one.offset_ns / MS for one in sent]
+def test_the_trajectory_holds_the_whole_manoeuvre_and_ends_at_rest() -> None:
+    assert Player(MANOEUVRE).trajectory(EPOCH) == Trajectory(
+        EPOCH,
+        (
+            TimedSetpoint(0, Setpoint(1.0, 0.0)),
+            TimedSetpoint(250 * MS, Setpoint(0.0, -0.5)),
+            TimedSetpoint(550 * MS, REST),
+        ),
+    )
 
 
-def test_without_odometry_nothing_is_sent_or_known(player: Player) -> None:
-    assert player.due_setpoints() == []
+def test_before_the_robot_answers_nothing_is_known(player: Player) -> None:
+    player.receive_odometry(at(100))
     assert (player.start_ns, player.end_ns, player.fraction) == (None, None, 0.0)
-    assert player.unconfirmed(()) == 0
-    assert player.abandon() == []
+    assert (player.state, player.received) == (PlayState.WAITING, [])
 
 
-def test_the_manoeuvre_starts_a_lead_after_the_first_stamp_and_ends_after_its_length(player: Player) -> None:
-    player.update(at(0))
-    player.update(at(10))
-    assert player.start_ns == EPOCH + LEAD * MS
-    assert player.end_ns == EPOCH + (LEAD + 550) * MS
-    assert Player(MANOEUVRE).lead_ns == LEAD_NS == 500 * MS
+def test_it_is_done_when_the_robot_confirms_the_end_and_its_last_odometry_is_there(player: Player) -> None:
+    states = []
+    player.receive_status(ACCEPTED)
+    states.append(player.state)
+    player.receive_status(ACCEPTED._replace(state=TrajectoryState.DONE))
+    states.append(player.state)
+    player.receive_odometry(at(549))
+    states.append(player.state)
+    player.receive_odometry(at(550))
+    states.append(player.state)
+    assert states == [PlayState.RUNNING, PlayState.RUNNING, PlayState.RUNNING, PlayState.DONE]
 
 
-def test_every_set_point_is_sent_once_and_a_lead_ahead(player: Player) -> None:
-    sent: list[tuple[int, TimedSetpoint]] = []
-    for ms in range(0, 1000, 10):
-        player.update(at(ms))
-        sent += [(ms, one) for one in player.due_setpoints()]
-    assert [(one.offset_ns // MS, one.setpoint) for _, one in sent] == EXPECTED
-    # Received at `ms`, the robot is at `ms - LEAD` of the manoeuvre; what is for `ms` or earlier is sent now.
-    assert [ms for ms, _ in sent] == [0, 100, 200, 250, 350, 450, 550]
+def test_the_last_odometry_alone_is_no_confirmation(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    player.receive_odometry(at(560))
+    assert player.has_reached_end
+    assert player.state is PlayState.RUNNING
 
 
-def test_after_a_gap_everything_due_is_sent_at_once(player: Player) -> None:
-    player.update(at(0))
-    assert offsets(player.due_setpoints()) == [0]
-    player.update(at(260))
-    assert offsets(player.due_setpoints()) == [100, 200, 250]
-    assert player.due_setpoints() == []
+def test_odometry_is_kept_from_start_to_end_also_where_it_came_before_the_answer(player: Player) -> None:
+    for ms in (-10, 0, 10):
+        player.receive_odometry(at(ms))
+    player.receive_status(ACCEPTED)
+    for ms in (300, 550, 560):
+        player.receive_odometry(at(ms))
+    assert player.received == [at(0), at(10), at(300), at(550)]
 
 
-def test_it_is_done_when_the_robot_reaches_the_end(player: Player) -> None:
-    assert [player.update(at(ms)) for ms in (0, LEAD, LEAD + 549)] == [PlayState.RUNNING] * 3
-    assert [player.update(at(ms)) for ms in (LEAD + 550, LEAD + 560)] == [PlayState.DONE] * 2
+def test_odometry_that_was_lost_on_the_way_is_counted(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    assert player.missing == 1
+    for ms in range(0, 551, 10):
+        if ms not in {0, 200, 210, 550}:
+            player.receive_odometry(at(ms))
+    assert player.missing == 4
 
 
-def test_odometry_is_kept_from_start_to_end_both_included(player: Player) -> None:
-    for ms in (0, LEAD - 1, LEAD, LEAD + 300, LEAD + 550, LEAD + 551):
-        player.update(at(ms))
-    assert player.received == [at(LEAD), at(LEAD + 300), at(LEAD + 550)]
+def test_odometry_that_is_whole_lacks_nothing(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    for ms in range(-20, 581, 10):
+        player.receive_odometry(at(ms))
+    assert player.missing == 0
 
 
 def test_the_fraction_is_that_of_the_manoeuvre(player: Player) -> None:
+    player.receive_status(ACCEPTED)
     fractions = []
-    for ms in (0, LEAD, LEAD + 275, LEAD + 550, LEAD + 9999):
-        player.update(at(ms))
+    for ms in (-10, 0, 275, 550, 9999):
+        player.receive_odometry(at(ms))
         fractions.append(player.fraction)
     assert fractions == [0.0, 0.0, 0.5, 1.0, 1.0]
 
 
-def test_what_the_robot_did_not_bring_into_force_in_its_own_cycle_is_counted(player: Player) -> None:
-    player.update(at(0))
-    start = EPOCH + LEAD * MS
-    due = {start + ms * MS for ms, _ in EXPECTED}
-    assert player.unconfirmed(()) == 7
-    assert player.unconfirmed(due) == 0
-    assert player.unconfirmed(due - {start + 250 * MS} | {start + 260 * MS}) == 1
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [(TrajectoryState.REFUSED, PlayState.REFUSED), (TrajectoryState.ABORTED, PlayState.BROKEN_OFF)],
+)
+def test_a_refusal_and_an_abort_are_reported(player: Player, state: TrajectoryState, expected: PlayState) -> None:
+    player.receive_status(ACCEPTED._replace(state=state, reason="why"))
+    assert player.state is expected
+    assert player.status is not None
+    assert player.status.reason == "why"
 
 
-def test_abandoning_sends_rest_now_and_in_place_of_all_that_was_sent_ahead(player: Player) -> None:
-    player.update(at(0))
-    player.due_setpoints()
-    player.update(at(270))  # at 120 ms of the manoeuvre
-    assert offsets(player.due_setpoints()) == [100, 200, 250]
-    assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (120, 100, 200, 250)]
+def test_the_answer_to_another_trajectory_is_not_taken_for_ours(player: Player) -> None:
+    for state in TrajectoryState:
+        player.receive_status(ACCEPTED._replace(stamp_ns=EPOCH - 1, state=state))
+    assert player.state is PlayState.WAITING
 
 
-def test_past_set_points_are_not_sent_again_on_abandoning(player: Player) -> None:
-    for ms in (0, 270, 380):  # at 230 ms of the manoeuvre at last
-        player.update(at(ms))
-        player.due_setpoints()
-    assert player.abandon() == [TimedSetpoint(ms * MS, REST) for ms in (230, 250, 350)]
-
-
-def test_after_abandoning_nothing_more_is_sent(player: Player) -> None:
-    player.update(at(0))
-    player.due_setpoints()
-    player.abandon()
-    player.update(at(400))
-    assert player.due_setpoints() == []
+def test_another_trajectory_that_takes_its_place_breaks_it_off(player: Player) -> None:
+    player.receive_status(ACCEPTED)
+    states = []
+    for state in (TrajectoryState.REFUSED, TrajectoryState.ACCEPTED):
+        player.receive_status(ACCEPTED._replace(stamp_ns=EPOCH + 5, state=state))
+        states.append(player.state)
+    assert states == [PlayState.RUNNING, PlayState.BROKEN_OFF]
+    assert player.status is not None
+    assert player.status.reason == "another trajectory took its place"

@@ -3,8 +3,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from segway_ecc.node.cycle.interfaces import Inbox, Report, StampedSetpoint
+from segway_ecc.node.cycle.interfaces import Inbox, Report
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory, TrajectoryState, TrajectoryStatus
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import ManoeuvreStage, Odometry, Player, single_segment
 from segway_ecc.testing import WALL_START_NS, ScriptedClock
@@ -22,11 +23,16 @@ def clock() -> ScriptedClock:
 
 @pytest.fixture
 def stage(clock: ScriptedClock) -> ManoeuvreStage:
-    return ManoeuvreStage(Player(single_segment(1.0, 0.5, 0.15), lead_ns=50 * MS), SIGNALS, clock)
+    return ManoeuvreStage(Player(single_segment(1.0, 0.5, 0.15)), SIGNALS, clock, lead_ns=50 * MS)
+
+
+TRAJECTORY = Trajectory(EPOCH + 50 * MS, (TimedSetpoint(0, AHEAD), TimedSetpoint(150 * MS, REST)))
+ACCEPTED = TrajectoryStatus(EPOCH + 50 * MS, TrajectoryState.ACCEPTED, "", EPOCH + 50 * MS, EPOCH + 200 * MS)
 
 
 def report(ms: int, mode: Mode = Mode.ARMED, values: Sequence[float] = (0.0,) * 5) -> Report:
-    return Report(EPOCH + ms * MS, mode, values, None)
+    """The robot, which accepts what it is asked at once."""
+    return Report(EPOCH + ms * MS, mode, values, None, trajectory=ACCEPTED)
 
 
 @pytest.mark.parametrize("mode", [Mode.DISARMED, Mode.FAULT])
@@ -39,23 +45,20 @@ def test_it_waits_until_the_robot_is_armed(stage: ManoeuvreStage, mode: Mode) ->
 
 
 @pytest.mark.parametrize("mode", [Mode.ARMED, Mode.HOLD])
-def test_it_plays_with_stamps_in_the_robot_s_time_and_then_is_over(stage: ManoeuvreStage, mode: Mode) -> None:
-    taken: list[StampedSetpoint] = []
+def test_it_sends_the_manoeuvre_whole_and_once_and_then_is_over(stage: ManoeuvreStage, mode: Mode) -> None:
+    taken: list[Trajectory] = []
     over: list[int] = []
     for ms in range(0, 240, 10):
         inbox = stage.take_inbox()
-        assert inbox.requests == []
-        taken += inbox.setpoints
+        assert (inbox.requests, inbox.setpoints) == ([], [])
+        taken += inbox.trajectories
         stage.publish(report(ms, mode))
         if stage.over is not None:
             over.append(ms)
-    assert taken == [
-        StampedSetpoint(AHEAD, EPOCH + 50 * MS),
-        StampedSetpoint(AHEAD, EPOCH + 150 * MS),
-        StampedSetpoint(REST, EPOCH + 200 * MS),
-    ]
+    assert taken == [TRAJECTORY]
     assert over == [200, 210, 220, 230]
     assert stage.over == "the sequence is over"
+    assert not stage.is_broken_off
 
 
 def test_the_start_is_reported_on_the_wall_clock_which_skipped_deadlines_leave_behind(
@@ -65,6 +68,7 @@ def test_the_start_is_reported_on_the_wall_clock_which_skipped_deadlines_leave_b
     for ms in range(0, 100, 10):
         # Three deadlines are skipped before the start, which the stamps do not count.
         clock.spend((40 if ms == 20 else 10) * MS)
+        stage.take_inbox()
         stage.publish(report(ms))
         starts.append(stage.started_wall_ns)
     assert starts == [None] * 5 + [WALL_START_NS + 90 * MS] * 5
@@ -74,5 +78,22 @@ def test_what_is_published_reaches_the_player_in_its_order_and_what_is_not_count
     stage: ManoeuvreStage,
 ) -> None:
     stage.publish(report(0))
+    stage.take_inbox()
     stage.publish(report(50, values=(2.0, 9.0, 1.0, 3.0, 4.0)))
     assert stage.player.received == [Odometry(EPOCH + 50 * MS, 1.0, 2.0, 3.0, 4.0, 0.0)]
+
+
+def test_a_robot_that_leaves_armed_breaks_the_sequence_off(stage: ManoeuvreStage) -> None:
+    stage.publish(report(0))
+    stage.take_inbox()
+    stage.publish(report(10, Mode.FAULT))
+    assert (stage.over, stage.is_broken_off) == ("the robot left the sequence", True)
+
+
+def test_a_refusal_ends_it_with_the_robot_s_reason(stage: ManoeuvreStage) -> None:
+    stage.publish(report(0))
+    stage.take_inbox()
+    refused = ACCEPTED._replace(state=TrajectoryState.REFUSED, reason="it asks for 1 m/s; at most 0.5 m/s is allowed")
+    stage.publish(Report(EPOCH, Mode.ARMED, (0.0,) * 5, None, refused_trajectory=refused))
+    assert stage.over == "the robot refused the sequence: it asks for 1 m/s; at most 0.5 m/s is allowed"
+    assert stage.is_broken_off
