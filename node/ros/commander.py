@@ -32,6 +32,8 @@ _SILENCE_S: Final = 2.0
 _ANSWER_S: Final = 2.0
 _AGAIN_S: Final = 0.5
 """Without an answer a trajectory is sent again after so long: that we see a robot does not mean that it sees us."""
+_CONFIRMED_WITHIN_NS: Final = 5_000_000_000
+"""Of the robot's time: it repeats what became of a sequence each second."""
 _LONGEST_LEAD_NS: Final = 8_000_000_000
 
 
@@ -107,7 +109,7 @@ class Commander:
 
         Raises:
             NobodyListensError: The robot did not answer within `wait_s`.
-            SequenceError: The robot refused it.
+            SequenceError: The robot refused it, or did not confirm its end.
             RobotLostError: The model node fell silent, or broke it off.
             AbandonedError: A signal came; the manoeuvre was cancelled.
         """
@@ -152,6 +154,8 @@ class Commander:
             if silent_s > _SILENCE_S:
                 text = f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?"
                 raise RobotLostError(text)
+            if player.end_ns is not None and self._latest_ns > player.end_ns + _CONFIRMED_WITHIN_NS:
+                raise SequenceError("the robot did not confirm that it played the sequence to its end")
         if player.state is not PlayState.DONE and player.status is not None:
             raise RobotLostError(player.status.reason)
 
