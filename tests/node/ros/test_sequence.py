@@ -3,6 +3,7 @@
 
 import csv
 import json
+import os
 import re
 import signal
 import subprocess
@@ -15,6 +16,8 @@ import pytest
 
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.case_study.study import Trajectory
+from segway_ecc.hil.process_usage import children
+from segway_ecc.node.replay.recorded import RecordedRun
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
 pytestmark = pytest.mark.ros
@@ -243,14 +246,32 @@ def test_a_player_that_is_stopped_meanwhile_changes_no_bit(
     assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
 
 
-def test_a_player_that_is_killed_meanwhile_changes_no_bit(
-    start: Start, foreign: Ask, offline: Callable[[Manoeuvre], Trajectory]
+@pytest.mark.parametrize("killed", ["player", "ros process"])
+def test_whatever_is_killed_meanwhile_changes_no_bit(
+    start: Start, foreign: Ask, tmp_path: Path, offline: Callable[[Manoeuvre], Trajectory], killed: str
 ) -> None:
     expected = offline(Manoeuvre(segments=(Segment(linear=1.0, angular=0.5, duration=3.0),)))
-    start("orphan.node", "run", "cart", "--ros", "--no-log", "--namespace", "/orphan")
-    sequence = start("orphan", "sequence", "1", "0.5", "3", "--namespace", "/orphan")
-    receive_until(foreign, "/orphan/odom", lambda odom: odom["linear"] > 0.5)
-    sequence.kill()
+    space, log = f"/{killed.replace(' ', '_')}", tmp_path / "run.mcap"
+    node = start(f"{space[1:]}.node", "run", "cart", "--ros", "--log", str(log), "--namespace", space)
+    sequence = start(space[1:], "sequence", "1", "0.5", "3", "--namespace", space)
+    receive_until(foreign, f"{space}/odom", lambda odom: odom["linear"] > 0.5)
+    (ros_process,) = (pid for pid, words in children(node.pid).items() if "segway_ecc.node.ros.process" in words)
+    os.kill(sequence.pid if killed == "player" else ros_process, signal.SIGKILL)
     output(sequence)
-    rest = receive_until(foreign, "/orphan/odom", lambda odom: abs(odom["x"] - expected.x[-1]) < 1e-12)
-    assert (rest["x"], rest["y"]) == (expected.x[-1], expected.y[-1])
+    assert sequence.returncode == (-signal.SIGKILL if killed == "player" else 7)
+    end = (expected.x[-1], expected.y[-1])
+    deadline_s = time.monotonic() + ENDS_WITHIN_S
+    while end not in (way := recorded_way(log)):
+        assert time.monotonic() < deadline_s, "the robot does not get where it was to go"
+        time.sleep(0.5)
+    last = way.index(end) + 1
+    assert way[last - len(expected.x) : last] == list(zip(expected.x, expected.y, strict=True))
+    node.send_signal(signal.SIGINT)
+    output(node)
+
+
+def recorded_way(log: Path) -> list[tuple[float, float]]:
+    """Where the robot was in each cycle of a log that may not be finished."""
+    run = RecordedRun(log)
+    x, y = (run.layout.published.index(name) for name in ("odometry.x", "odometry.y"))
+    return [(record.published[x], record.published[y]) for record in run.cycles()]
