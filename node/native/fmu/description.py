@@ -168,8 +168,7 @@ def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterat
     if left_out:
         yield f"parameters that are not real numbers keep their values and are not shown: {', '.join(left_out)}"
     if twenty_sim is None:
-        if not facts.variable_steps and facts.step_size not in (None, step):
-            asked = facts.step_size
+        if not facts.variable_steps and (asked := facts.step_size) not in (None, step):
             yield f"the FMU asks for steps of {asked} s and is given {step} s, which it does not promise to take"
         return
     if twenty_sim.globals:

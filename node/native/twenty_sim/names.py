@@ -15,7 +15,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.twenty_sim.files import SourceFile, code_of, comment_at
@@ -161,8 +161,7 @@ _COPY: Final = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Port:
+class Port(NamedTuple):
     """One port: the variable of the code that it is copied to or from, and its label."""
 
     place: str
