@@ -111,7 +111,7 @@ class ScriptedStage(NoStage):
         return Inbox(setpoints=[StampedSetpoint(self.setpoint, None)], values=values)
 
 
-class _Keeper(NoRecorder):
+class _PhaseRecorder(NoRecorder):
     """Keeps the phase of each cycle; the world is over once the robot has given up, if that is asked for."""
 
     def __init__(self, place: int, kept: list[float], world: ScriptedStage | None) -> None:
@@ -119,9 +119,8 @@ class _Keeper(NoRecorder):
 
     def write(self, record: CycleRecord) -> None:
         """Keep the phase of a cycle."""
-        phase = record.y[self._place]
-        self._kept.append(phase)
-        if self._world is not None and phase == Phase.GIVEN_UP:
+        self._kept.append(record.y[self._place])
+        if self._world is not None and self._kept[-1] == Phase.GIVEN_UP:
             self._world.over = "the robot gave up"
 
 
@@ -184,10 +183,9 @@ class Balance:
         period_ns = self.robot.period_ns
         events = {time: functools.partial(event, self) for time, event in (script or {}).items()}
         self.world = ScriptedStage(events, period_ns)
-        phase = [v.name for v in self.robot.model.outputs].index("Phase")
-        self.loop: Loop = self.robot.loop(
-            self.world, _Keeper(phase, self.phases, self.world if until_given_up else None)
-        )
+        place = [v.name for v in self.robot.model.outputs].index("Phase")
+        recorder = _PhaseRecorder(place, self.phases, self.world if until_given_up else None)
+        self.loop: Loop = self.robot.loop(self.world, recorder)
         with contextlib.closing(self._end):
             self.loop.run(round(duration * 1e9 / period_ns))
         return self.truth

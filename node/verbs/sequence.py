@@ -3,7 +3,6 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
@@ -46,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     ):
         commander = Commander(node, options.node, lambda: stop[0] if stop else None)
         commander.wait_for_robot(options.wait, arm=options.arm)
-        commander.play(player, _progress())
+        commander.play(player, _show_progress)
         graph = connections(node, node.get_namespace())
         unconfirmed = player.unconfirmed(commander.confirmed)
     if options.csv is not None:
@@ -69,17 +68,12 @@ def _manoeuvre(what: list[str]) -> Manoeuvre:
     return single_segment(linear, angular, duration)
 
 
-def _progress() -> Callable[[float], None]:
-    if not sys.stderr.isatty():
-        return lambda _fraction: None
-
-    def show(fraction: float) -> None:
+def _show_progress(fraction: float) -> None:
+    if sys.stderr.isatty():
         done = round(fraction * _BAR)
         end = "\n" if fraction >= 1.0 else ""
         sys.stderr.write(f"\r[{'#' * done}{'.' * (_BAR - done)}] {fraction:4.0%}{end}")
         sys.stderr.flush()
-
-    return show
 
 
 def _report(player: Player, graph: list[dict[str, str]], unconfirmed: int, *, as_json: bool) -> None:

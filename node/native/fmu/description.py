@@ -88,8 +88,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
     groups = (inputs, outputs, parameters, states)
-    references = tuple(tuple(variable.reference for variable in variables) for variables in groups)
-    return FmuLayout(description, references, followers)
+    return FmuLayout(description, tuple(tuple(v.reference for v in group) for group in groups), followers)
 
 
 def _states(facts: Facts, twenty_sim: TwentySim | None) -> list[FmuVariable]:

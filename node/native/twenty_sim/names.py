@@ -14,7 +14,6 @@ import itertools
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
@@ -26,24 +25,15 @@ _QUOTED: Final = re.compile(r'"((?:\\.|[^"\\])*)"')
 TOKEN_KINDS: Final = {"input": "INPUT", "output": "OUTPUT", "parameter": "PARAMETER", "state": "STATE"}
 
 
-@dataclass(frozen=True, slots=True)
-class Label:
+class Label(NamedTuple):
     """A name and its unit; either may be empty where it is not known."""
 
     name: str = ""
     unit: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """The content of the XML files.
-
-    Attributes:
-        file: The file that holds it, for messages.
-        tokens: The text of each token.
-        labels: Names and units per kind, in order.
-        warnings: Files that cannot be read.
-    """
+class Table(NamedTuple):
+    """The content of the XML files, of which `file` is named in messages: tokens by name, and labels by kind."""
 
     file: str
     tokens: Mapping[str, str]
@@ -168,8 +158,7 @@ class Port(NamedTuple):
     label: Label
 
 
-@dataclass(frozen=True, slots=True)
-class Ports:
+class Ports(NamedTuple):
     """The ports, and what a user should know of how they were found."""
 
     inputs: tuple[Port, ...]

@@ -119,7 +119,6 @@ def _read_data(parts: Parts) -> dict[str, bytes]:
 
 
 def _has_hook(parts: Parts) -> bool:
-    """Return whether the model's file has initial equations at whose head our call can stand."""
     initial = parts.functions.get("CalculateInitial")
     return initial is not None and initial.name in parts.model.functions
 
