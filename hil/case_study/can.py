@@ -106,8 +106,7 @@ class LockstepCanSeat:
         points: list[Odometry] = []
         rig.attach(plant, lambda wall_ns, outputs: points.append(Odometry(wall_ns, *truth(outputs))))
         robot = build_robot(file, rig, robot_link)
-        player = Player(manoeuvre)
-        stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
+        stage = ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published), rig)
         recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
         with contextlib.closing(plant_link):
             plant_link.open()

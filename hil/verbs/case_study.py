@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
     parser.add_argument("--robot", default=ROBOT, help="the robot of the can seat (default: %(default)s)")
     parser.add_argument(
-        "--channel",
-        help="CAN interface of the can seat (default: the first there is, or a simulated bus)",
+        "--channel", help="CAN interface of the can seat (default: the first there is, or a simulated bus)"
     )
     parser.add_argument("--plant-channel", metavar="CHANNEL", help="CAN interface of its plant (default: the same)")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
