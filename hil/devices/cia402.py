@@ -9,8 +9,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import DriveState, Emergency
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._canopen_objects import Key, ObjectEntry
-from segway_ecc.hil.devices._canopen_slave import CanopenSlave
+from segway_ecc.hil.devices._canopen_slave import CanopenSlave, Key, ObjectEntry
 from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000

@@ -12,8 +12,7 @@ from typing import IO
 
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.firmware_io.clock import RealClock
-from segway_ecc.hil.drill import trace
-from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
+from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl, trace_writer
 from segway_ecc.hil.pseudo_terminal import PtyPort
 from segway_ecc.hil.rig.simulation import (
     Observer,
@@ -58,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         traced: Trace | None = None
         if options.trace is not None:
             names = [v.name for v in plant.robot.plant.inputs]
-            traced = trace.writer(stack.enter_context(_open(options.trace)), names)
+            traced = trace_writer(stack.enter_context(_open(options.trace)), names)
         control = None
         if options.control:
             obey = PlantControl(plant.robot, link, plant.robot.plant, clock).obey
