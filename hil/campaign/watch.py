@@ -42,9 +42,7 @@ class DriveWatch:
     """Watches the simulated robot, tick by tick, from when it is armed on.
 
     Attributes:
-        way: Where it was.
         last_push_ns: When a drive gave anything last, ns after it was armed.
-        is_pushing: Whether a drive gives anything.
         max_tilt: Largest tilt either way, rad; None where the plant has none.
     """
 
@@ -96,9 +94,7 @@ class NodeWatch(RecorderFront):
     A recorder that fails is done without, as the loop does: the observation goes on.
 
     Attributes:
-        events: What happened to the recorder.
         changes: Changes of mode and of lines, oldest first.
-        mode: The present mode.
         modes: The robot's, from its loop; None before there is one.
     """
 

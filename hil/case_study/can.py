@@ -18,7 +18,7 @@ from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.hil.processes import command
 from segway_ecc.hil.rig.fronts import kernel_ends
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog
@@ -93,7 +93,7 @@ class LockstepCanSeat:
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre in lock step; see `SeatRunner.run`."""
         file = load_robot(self._robot)
-        bitrate = simulated_bus(file).bitrate
+        bitrate = hardware_of(file).can.bitrate
         rig = LockstepRig(bitrate)
         robot_link: Link
         plant_link: Link

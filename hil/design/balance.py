@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.fronts import LinkFront
 from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop
@@ -147,7 +147,7 @@ class Balance:
             seed: Of the sensors' errors.
             plant: Other parameters and states of the plant.
         """
-        rig = LockstepRig(simulated_bus(file).bitrate)
+        rig = LockstepRig(hardware_of(file).can.bitrate)
         self._end = rig.bus.attach("plant")
         simulated = simulated_robot(file, self._end)
         self.plant = simulated.plant

@@ -62,11 +62,7 @@ class Abort:
 
 
 class SdoAbortError(Exception):
-    """A request that the dictionary does not grant.
-
-    Attributes:
-        code: The SDO abort code.
-    """
+    """A request that the dictionary does not grant."""
 
     def __init__(self, code: int) -> None:
         """Keep the code."""
@@ -172,10 +168,7 @@ class CanopenSlave:
     """One node. What it does beyond communicating is the business of whoever owns it, through `objects`.
 
     Attributes:
-        objects: The object dictionary.
-        nmt: The state of its communication.
         refused_frames: Frames for it that it could not use since power-on.
-        is_powered: Whether it takes and sends anything.
     """
 
     def __init__(

@@ -34,8 +34,6 @@ class SimulatedAxis:
     """What the firmware keeps of one axis. The current loop, faster than a tick, is taken as perfect.
 
     Attributes:
-        firmware: Whose behaviour it has.
-        node_id: Its number on the bus.
         settings: Gear, direction and torque constant of its wheel.
         state: See `AxisState`.
         error: Bits that are latched until they are cleared.
@@ -106,14 +104,10 @@ class SimulatedAxis:
         return self.torque_nm / self.torque_constant
 
     @property
-    def power_w(self) -> float:
-        """Mechanical power now."""
-        return self.torque_nm * self.velocity_rev_s * TURN
-
-    @property
     def supply_current_a(self) -> float:
         """What it takes from the supply now, losses not counted."""
-        return self.power_w / self.supply_voltage if self.supply_voltage else 0.0
+        power_w = self.torque_nm * self.velocity_rev_s * TURN
+        return power_w / self.supply_voltage if self.supply_voltage else 0.0
 
     def move(self, angle: float, velocity: float) -> None:
         """Take where the wheel is, rad, and how fast it turns, rad/s."""

@@ -63,8 +63,6 @@ class SimulatedDrive:
     """One drive.
 
     Attributes:
-        slave: Its CANopen side.
-        state: The state of the profile.
         torque: What its motor gives, N m.
     """
 
@@ -165,12 +163,7 @@ class SimulatedDrive:
 
 
 class SimulatedCia402:
-    """Both drives; see `Device`.
-
-    Attributes:
-        left: The drive of the left wheel.
-        right: The drive of the right wheel.
-    """
+    """Both drives; see `Device`."""
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")

@@ -59,9 +59,7 @@ class SimulatedOdrive:
     """Two wheels on ODrives; see `Device`.
 
     Attributes:
-        firmware: Whose behaviour they have.
         axes: The axes of the left and the right wheel.
-        is_on: Whether there is power.
         cycles: For each axis, what it sends unasked, and how often.
     """
 

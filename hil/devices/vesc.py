@@ -93,8 +93,6 @@ class Controller:
     """One VESC with its motor.
 
     Attributes:
-        firmware: Its settings.
-        controller_id: Its identifier.
         current: Motor current, A.
         fault: The fault that it reports.
         bus_voltage: Supply, V.
@@ -226,8 +224,6 @@ class SimulatedVesc:
     """Both controllers; see `Device`.
 
     Attributes:
-        left: The controller of the left wheel.
-        right: The controller of the right wheel.
         bus_is_whole: Whether packets pass between the two; a test may break it.
         refused_frames: Frames and packets for them that they could not use.
     """

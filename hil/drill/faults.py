@@ -53,9 +53,6 @@ class DrillFault:
     """One way to harm a robot.
 
     Attributes:
-        name: What is done.
-        expected: The expected outcome.
-        harm: Does it.
         within_s: Longest time from it to the last torque, where torque is to end, s.
         guard: Whether it needs a guard.
         serial: Whether it needs a serial line to fall back on.

@@ -37,7 +37,6 @@ class DrillSetup:
         robot: A robot file, or the name of one that ships with the package.
         bus: The options that name the bus, which all processes share; the last word is its name.
         serial: Whether a serial line is made for the drives.
-        guard: Whether the guard runs.
         stepped: Whether the wall clocks that the processes read can be stepped.
         folder: Where messages, traces and the serial line go.
     """

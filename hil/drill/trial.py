@@ -26,9 +26,6 @@ class DrillResult:
     """The outcome of a fault.
 
     Attributes:
-        fault: What was done.
-        expected: The expected outcome.
-        guard: Whether the guard ran.
         torque: What became of the torque; None where the drill failed.
         messages: The messages of node and guard after the fault.
         note: How the harm was done, where that is not plain; or why the drill failed.

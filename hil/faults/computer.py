@@ -17,11 +17,7 @@ class ProcessKilledError(RigError):
 
 
 class DisturbedClock:
-    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong.
-
-    Attributes:
-        on_kill: What to do when the node is killed.
-    """
+    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong."""
 
     def __init__(self, rig: LockstepRig, injections: Injections) -> None:
         """Stand in front of a rig."""

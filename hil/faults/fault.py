@@ -29,11 +29,8 @@ class FaultKind(NamedTuple):
     """What a type of fault does to a target.
 
     Attributes:
-        does: What happens.
         amount: The `amount` where none is given; None where it means something else than any number would.
         unit: What `amount` is counted in; empty where it has no meaning.
-        least: The least `amount`.
-        most: The largest `amount`.
     """
 
     does: str
@@ -138,7 +135,6 @@ class Fault(Section, frozen=True, kw_only=True):
     """One fault.
 
     Attributes:
-        target: The part that fails.
         type: How; see `KINDS`.
         at_s: When, s after the robot was armed.
         for_s: How long, s; None for good.

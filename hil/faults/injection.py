@@ -40,8 +40,6 @@ class Injection:
     """A declared fault in one run.
 
     Attributes:
-        fault: What the scenario declares.
-        random: Its own source of chance.
         at_ns: When it begins, ns after the robot was armed.
     """
 
@@ -75,11 +73,7 @@ class Injection:
 
 
 class Injections:
-    """All faults of one run.
-
-    Attributes:
-        timeline: Time since the robot was armed.
-    """
+    """All faults of one run."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, now_ns: NowNs) -> None:
         """Make the faults of a run; seed 0 makes each exactly when declared, others up to 20 ms later."""

@@ -171,4 +171,4 @@ class DisturbedLine:
             expected = noise.size * self._tick_s
             count = int(expected) + (noise.random.random() < expected % 1.0)
             if count:
-                self._wires.garbage(noise.random.randbytes(count))
+                self._wires.host.inject(noise.random.randbytes(count))

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Sequence
 
-from segway_ecc.firmware_io.build import HardwareSettings, serial_of
+from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -12,7 +12,6 @@ from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSetting
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 from segway_ecc.hil.devices import cia402, odrive, vesc, wheel_board
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
 from segway_ecc.hil.devices.device import Device
@@ -42,24 +41,6 @@ def hardware_of(file: RobotFile) -> HardwareSettings:
     if isinstance(file.hardware, NoHardwareSection):
         raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
     return file.hardware
-
-
-def simulated_bus(file: RobotFile) -> CanSettings:
-    """The bus that the simulated devices share with the robot.
-
-    Raises:
-        NoSimulationError: The robot is on none.
-    """
-    return hardware_of(file).can
-
-
-def simulated_serial(file: RobotFile) -> SerialSettings | None:
-    """The serial line to the simulated drives, if the robot has one.
-
-    Raises:
-        NoSimulationError: The robot has no hardware.
-    """
-    return serial_of(hardware_of(file))
 
 
 def simulated_plant(file: RobotFile) -> Model:
@@ -122,9 +103,7 @@ class RealTimePlant:
     A tick that comes late is made up for: the laws of physics skip nothing.
 
     Attributes:
-        ticks: Ticks so far.
         late: Ticks that came more than a whole tick late.
-        robot: What is ticked.
     """
 
     def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:
