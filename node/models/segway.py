@@ -38,6 +38,9 @@ _BODY: Final = (
     Variable("StopPitch", "rad", PUBLISHED.stop_angle, Write.STATIC, "where the body touches the ground"),
     Variable("TorqueLimit", "N m", 1.3, Write.STATIC, "of each wheel: what its tyre carries without slipping"),
 )
+_MOTOR: Final = tuple(
+    v for v in VARIABLES if v.name in {"MotorResistance", "MotorConstant", "GearRatio", "SupplyVoltage"}
+)
 _ESTIMATE: Final = (
     Variable("TiltTime", "s", 2.0, Write.STATIC, "how slowly the pitch follows the accelerometer"),
     Variable("BiasTime", "s", 4.0, Write.STATIC, "how slowly the gyro's biases are learnt"),
@@ -187,10 +190,7 @@ class SegwayVoltageController(SegwayController):
 
     name = "segway-voltage-controller"
     outputs = (*_OUTPUTS, Variable("LeftVoltage", "V"), Variable("RightVoltage", "V"))
-    parameters = (
-        *SegwayController.parameters,
-        *(v for v in VARIABLES if v.name in {"MotorResistance", "MotorConstant", "GearRatio", "SupplyVoltage"}),
-    )
+    parameters = (*SegwayController.parameters, *_MOTOR)
 
     def static(self) -> None:
         """Gather the parameters; see `SegwayController.static`."""
