@@ -90,7 +90,6 @@ class Limit:
 def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
     """All kinds, for a robot with this body."""
     payload, centre = PAYLOAD_SHARE * body.body_mass, body.body_height_of_centre
-    lightest = 0.9 * body.body_mass
 
     def plain(_: float) -> Mapping[str, float]:
         return {}
@@ -110,7 +109,7 @@ def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
         DisturbanceKind("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, long_push),
         DisturbanceKind("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, long_push),
         DisturbanceKind("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, nudge),
-        DisturbanceKind("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, nudge),
+        DisturbanceKind("payload at the centre, less", "kg", -0.9 * body.body_mass, 0.1, -payload, carried, nudge),
         DisturbanceKind("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
         DisturbanceKind("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
         DisturbanceKind("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
