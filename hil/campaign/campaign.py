@@ -80,15 +80,7 @@ def run_and_replay(run: ScenarioRun) -> ScenarioResult:
 
 
 def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
-    """Render the results of a campaign, those that are not as expected first.
-
-    Args:
-        results: What came of each run.
-        facts: What else is known of the campaign, by name.
-
-    Returns:
-        A complete HTML page.
-    """
+    """The results and named facts of a campaign as a complete HTML page, what is not as expected first."""
     bad = [result for result in results if not result.is_as_expected]
     good = [result for result in results if result.is_as_expected]
     sections = (

@@ -128,10 +128,7 @@ def packaged_scenarios() -> list[str]:
 
 
 def load_scenario(source: str) -> Scenario:
-    """Read a scenario.
-
-    Args:
-        source: A path to a YAML file, or the name of a scenario that ships with the package.
+    """Read a scenario: a YAML file, or the name of one that ships with the package.
 
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.

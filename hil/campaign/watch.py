@@ -11,7 +11,7 @@ from typing import NamedTuple
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.hil.errors import PlantMismatchError
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Injections
 from segway_ecc.hil.rig.fronts import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.cycle.cycle import BestEffortRecorder

@@ -17,8 +17,7 @@ from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.hil.processes import command
 from segway_ecc.hil.rig.fronts import kernel_ends
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog

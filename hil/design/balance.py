@@ -12,8 +12,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.fronts import LinkFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop

@@ -293,7 +293,6 @@ class SimulatedVesc:
             self._send(short.sender_id, controller, Mode.PASS_ON, reply)
 
     def _process(self, controller: Controller, packet: bytes, now_ns: int) -> bytes | None:
-        """Obey a packet; returns the reply, where there is one."""
         try:
             if packet[0] in (Comm.GET_VALUES, Comm.GET_VALUES_SELECTIVE):
                 return controller.reply(packet)
@@ -309,7 +308,6 @@ class SimulatedVesc:
         return None
 
     def _forward(self, packet: bytes, now_ns: int) -> bytes | None:
-        """Hand a packet on over the bus, and its reply back."""
         if packet[:1] != bytes((self._far.controller_id,)) or not self.bus_is_whole:
             return None
         self._send(self._far.controller_id, self._near, Mode.PROCESS, packet[1:])

@@ -4,9 +4,9 @@
 from collections.abc import Callable, Sequence
 
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.faults.injection import Injections, active
+from segway_ecc.hil.faults.fault import Injections, active
 from segway_ecc.hil.rig.fronts import RecorderFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError

@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Injections
 from segway_ecc.hil.parallel import quiet
 from segway_ecc.hil.placement.judging import FALLEN_RAD, PhaseRecorder, RunRecord
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network, RemoteLink
@@ -26,8 +26,7 @@ from segway_ecc.hil.placement.programs import (
     UnstampedSequence,
 )
 from segway_ecc.hil.placement.results import Placement
-from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot

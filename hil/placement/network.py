@@ -167,14 +167,7 @@ class RemoteLink(LinkFront):
     """
 
     def __init__(self, bus: Link, up: Channel[Sequence[Frame]], down: Channel[list[Frame]], now_ns: NowNs) -> None:
-        """Stand at the far end of the network.
-
-        Args:
-            bus: The gateway's link to the robot's bus.
-            up: From the robot: frames of the bus.
-            down: To the robot: frames for the bus.
-            now_ns: The rig's clock.
-        """
+        """Stand at the far end of the network: `up` comes from the gateway, whose link is `bus`, `down` goes to it."""
         super().__init__(bus)
         self._up = up
         self._down = down

@@ -38,12 +38,7 @@ _FLOOR_M: Final = 1e-3
 
 
 def render(found: StudyResult, facts: Mapping[str, str]) -> str:
-    """Render what was found, as a complete HTML page.
-
-    Args:
-        found: Everything that was found.
-        facts: What else is known of the study, by name.
-    """
+    """What was found, and named facts of the study, as a complete HTML page."""
     rule = (
         f"Fit is what neither falls nor holds while the network lasts, stays within {POSITION_M:g} m of the robot with "
         f"all control on board, stops within {STOP_S:g} s, and does not fall in a partition. Recommended is, of those "

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import pytest
 
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint

@@ -13,9 +13,8 @@ from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, load_robot
 from segway_ecc.node.robot import build_robot
 

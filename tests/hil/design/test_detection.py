@@ -15,8 +15,7 @@ from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.odrive import SimulatedOdrive
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
 from segway_ecc.hil.rig.fronts import LinkFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint

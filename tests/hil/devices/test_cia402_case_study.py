@@ -9,8 +9,7 @@ import pytest
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 

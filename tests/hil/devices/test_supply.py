@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.robot import build_robot
 

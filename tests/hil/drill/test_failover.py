@@ -15,9 +15,8 @@ from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.switching import Switch
 from segway_ecc.hil.drill.failover import MANOEUVRE, Failover
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.loop import Loop

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.placement.network import Channel, Delivery, Network, RemoteLink, bursts
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Time in lock step stops where a source is to act."""
 
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 

@@ -9,7 +9,7 @@ import pytest
 from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun
 from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
