@@ -240,7 +240,7 @@ def test_what_is_pushed_is_not_still(z: float) -> None:
 def test_without_a_sample_it_begins_anew() -> None:
     still = StillWatch(range(6), 0.1, 0.5)
     still.look(sample((0.0, 0.0, 0.0), UPRIGHT, 7))
-    still.look(View((0.0,) * 6, (True,) * 5 + (False,), 1))
+    still.look(View((*STILL, *UPRIGHT), (True,) * 5 + (False,), 1))
     assert still.periods == 0
 
 
