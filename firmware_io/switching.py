@@ -73,14 +73,11 @@ class Switching:
         return health
 
     def judge(self, received_ns: Sequence[int | None], *, is_armed: bool) -> str | None:
-        """Look at the lines, and pass to the other one where it must be.
+        """Look at the lines, and pass to the other one where it must be; what was done and why, None where nothing was.
 
         Args:
             received_ns: When the last intact frame of each drive was received; None for one that never was.
             is_armed: Whether the robot's motors are on, or are being switched on.
-
-        Returns:
-            What was done and why, or None where nothing was.
         """
         now_ns = self._now_ns()
         self._began_ns = self._began_ns or now_ns

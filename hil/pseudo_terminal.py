@@ -14,12 +14,9 @@ _INT: Final = struct.Struct("i")
 
 
 class PtyPort:
-    """The device's end of a pseudo-terminal; see `Port`. The robot opens the other end at `path`.
+    """The device's end of a pseudo-terminal; see `Port`. The robot opens the other end at `path`, a symbolic link.
 
     It has no rate: bytes arrive at once. While it is unplugged what the device sends is lost, and it receives nothing.
-
-    Attributes:
-        path: The symbolic link to the robot's end, for the robot file.
     """
 
     def __init__(self, path: Path) -> None:

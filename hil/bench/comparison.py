@@ -14,15 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.hil.bench.contestants import (
-    NAMESPACE,
-    BenchSite,
-    Contestant,
-    ProgramRun,
-    listening,
-    plant,
-    run_contestant,
-)
+from segway_ecc.hil.bench.contestants import BenchSite, Contestant, ProgramRun, listening, plant, run_contestant
 from segway_ecc.hil.bench.rig import Bus, Conditions, make_rig
 from segway_ecc.hil.bench.samples import Cycles, Spread, cycles_of
 from segway_ecc.hil.process_usage import Memory
@@ -87,7 +79,7 @@ def compare(
     runs: dict[Contestant, list[ProgramRun]] = {one: [] for one in who}
     with tempfile.TemporaryDirectory(prefix="segway-ecc-bench-") as name:
         place = BenchSite(make_rig(Path(name), period_ns), setup.bus, setup.conditions, Path(name))
-        subscriber = listening(NAMESPACE) if setup.conditions.is_subscribed else contextlib.nullcontext()
+        subscriber = listening() if setup.conditions.is_subscribed else contextlib.nullcontext()
         with plant(place) as seen, subscriber:
             for repeat in range(repeats):
                 for one in reversed(who) if repeat % 2 else who:
@@ -147,10 +139,7 @@ class SustainedRates:
 
 
 def search(
-    setup: ComparisonSetup,
-    hold_s: float,
-    who: Sequence[Contestant] = SEARCHED,
-    rates_hz: Sequence[float] = RATES_HZ,
+    setup: ComparisonSetup, hold_s: float, who: Sequence[Contestant] = SEARCHED, rates_hz: Sequence[float] = RATES_HZ
 ) -> dict[Contestant, SustainedRates]:
     """Try the rates from the lowest up, each held for `hold_s`; who fails one by far is not tried at the next.
 

@@ -182,10 +182,9 @@ def _ended(process: subprocess.Popen[bytes], who: Contestant) -> bytes:
 
     Ours runs for a number of cycles, which is long where it loses deadlines: it is asked to stop when its time is up.
     """
-    try:
+    with contextlib.suppress(subprocess.TimeoutExpired):
         return process.communicate(timeout=_OVERTIME_S)[0]
-    except subprocess.TimeoutExpired:
-        process.terminate()
+    process.terminate()
     try:
         return process.communicate(timeout=_END_S)[0]
     except subprocess.TimeoutExpired as error:
@@ -193,7 +192,7 @@ def _ended(process: subprocess.Popen[bytes], who: Contestant) -> bytes:
 
 
 @contextlib.contextmanager
-def listening(namespace: str) -> Iterator[None]:
+def listening(namespace: str = NAMESPACE) -> Iterator[None]:
     """Have `TOPICS` in a namespace subscribed to while the context lasts.
 
     Raises:

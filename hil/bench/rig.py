@@ -134,11 +134,8 @@ def choose_bus(channel: str | None, plant_channel: str | None) -> Bus:
     """
     if channel is not None:
         return Bus("socketcan", channel, plant_channel or channel)
-    name = virtual_interface()
-    if name is not None:
-        return Bus("socketcan", name, name)
-    name = f"bench_{os.getpid()}"
-    return Bus("local", name, name)
+    virtual, local = virtual_interface(), f"bench_{os.getpid()}"
+    return Bus("socketcan", virtual, virtual) if virtual is not None else Bus("local", local, local)
 
 
 @contextlib.contextmanager

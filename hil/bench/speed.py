@@ -55,13 +55,7 @@ SEGWAY_WANTED: Final = 50.0
 
 @dataclass(frozen=True, slots=True)
 class LockStep:
-    """A robot in lock step over the simulated bus, without a log.
-
-    Attributes:
-        rate_hz: Its loop's.
-        simulated_s: How long it drove in its own time.
-        median_s: How long that took.
-    """
+    """A robot in lock step on the simulated bus, without a log: how long it drove in its own time, and in ours."""
 
     robot: str
     rate_hz: float
@@ -97,13 +91,7 @@ def _took_s(run: Callable[[], object]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class CampaignSpeed:
-    """A part of the campaign, evenly chosen.
-
-    Attributes:
-        runs: Runs that were counted, of all of them.
-        jobs: Processes at a time.
-        took_s: How long those counted took.
-    """
+    """A part of the campaign, evenly chosen: the runs counted, `of` all, on so many processes, how long they took."""
 
     runs: int
     of: int

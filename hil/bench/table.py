@@ -75,15 +75,8 @@ def comparison_text(results: Mapping[Contestant, ProgramResult]) -> str:
     timing, takes, parts = [], [], []
     for who, result in results.items():
         cycles, memory = result.cycles, result.memory
-        timing.append(
-            [
-                TITLES[who],
-                f"{cycles.cost.mean_s * 1e6:.1f}",
-                *_us(cycles.cost),
-                *_us(cycles.lateness),
-                *map(str, (cycles.late, cycles.lost, cycles.count)),
-            ]
-        )
+        mean, counts = f"{cycles.cost.mean_s * 1e6:.1f}", map(str, (cycles.late, cycles.lost, cycles.count))
+        timing.append([TITLES[who], mean, *_us(cycles.cost), *_us(cycles.lateness), *counts])
         start = "-" if result.start_s is None else f"{result.start_s:.2f} s"
         held = (f"{size / _MB:.0f} MB" for size in (memory.pss, memory.rss))
         takes.append([TITLES[who], f"{result.share * 100.0:.1f} %", *held, start])

@@ -13,7 +13,7 @@ from segway_ecc.hil.campaign.result import HEAD, ScenarioResult, cells, verdict
 from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun
 from segway_ecc.hil.page import page, pairs, section, table
-from segway_ecc.hil.parallel import quiet, results_of
+from segway_ecc.hil.parallel import results_of
 from segway_ecc.hil.progress import OnProgress
 from segway_ecc.node.replay.replay import replay
 
@@ -60,24 +60,18 @@ def run_campaign(
         ModelError: A parameter is unknown.
     """
     results = []
-    with results_of(run_and_replay if replayed else run_quietly, runs, jobs, _CHUNK) as finished:
+    with results_of(run_and_replay if replayed else run_scenario, runs, jobs, _CHUNK) as finished:
         for result in finished:
             results.append(result)
             on_progress(len(results), len(runs))
     return results
 
 
-def run_quietly(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
-    """Run a scenario, with its log where one is wanted, and without the node's messages."""
-    with quiet("segway_ecc.node"):
-        return run_scenario(run, log)
-
-
 def run_and_replay(run: ScenarioRun) -> ScenarioResult:
     """Run a scenario, record it, and replay the log; a replay that is not identical is not as expected."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
-        result = run_quietly(run, log)
+        result = run_scenario(run, log)
         outcome = replay(log)
     if outcome.is_identical and outcome.gap is None:
         return result
@@ -86,15 +80,7 @@ def run_and_replay(run: ScenarioRun) -> ScenarioResult:
 
 
 def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
-    """Render the results of a campaign, those that are not as expected first.
-
-    Args:
-        results: What came of each run.
-        facts: What else is known of the campaign, by name.
-
-    Returns:
-        A complete HTML page.
-    """
+    """The results and named facts of a campaign as a complete HTML page, what is not as expected first."""
     bad = [result for result in results if not result.is_as_expected]
     good = [result for result in results if result.is_as_expected]
     sections = (

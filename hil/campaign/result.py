@@ -28,9 +28,6 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         source: The file, or the name, of the scenario.
-        scenario: Its name.
-        robot: The robot.
-        seed: The seed.
         parameters: The parameters other than their own.
         outcome: drives_on, holds, faults; or never armed, unsafe (the motors are on though the node has given up or is
             dead), stopped (an error ended the loop).
@@ -40,7 +37,6 @@ class ScenarioResult(msgspec.Struct, frozen=True, kw_only=True):
         max_tilt_rad: Largest tilt either way; None where the plant has none.
         max_distance_m: Largest distance from the robot without the fault.
         switches: The reasons for passing to another line.
-        simulated_s: Length of the run in simulated time.
         digest: Of everything that the drives gave, and all truth.
         why_not: How it differs from what was expected; empty where it does not.
     """

@@ -17,13 +17,12 @@ from segway_ecc.hil.campaign.result import ScenarioResult, judged
 from segway_ecc.hil.campaign.scenario import MODEL, PLANT, ScenarioRun
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
-from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.faults.injection import Injection, Injections, active
+from segway_ecc.hil.faults.fault import Fault, Injection, Injections, active
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.faults.plant import DisturbedPlant
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.parallel import quiet
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import Inbox, NoRecorder, NoStage, Report, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -53,8 +52,9 @@ class _Settings(msgspec.Struct, frozen=True, kw_only=True):
     log: Path | None = None
 
 
+@quiet("segway_ecc.node")
 def run_scenario(run: ScenarioRun, log: Path | None = None) -> ScenarioResult:
-    """Run a scenario once, and judge it.
+    """Run a scenario once, without the node's messages, and judge it.
 
     Args:
         run: What to run.
@@ -164,7 +164,7 @@ class _ScenarioBench:
         self.error: str | None = None
         self._settings = settings
         self._file = file = _robot_file(settings)
-        self.rig = rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = rig = LockstepRig(hardware_of(file).can.bitrate)
         self.injections = injections = Injections(settings.faults, settings.seed, rig.now_ns)
         self._clock = clock = DisturbedClock(rig, injections)
         clock.on_kill = self._kill
@@ -240,7 +240,6 @@ def _robot_file(settings: _Settings) -> RobotFile:
 
 
 def _imu_frames(file: RobotFile) -> frozenset[tuple[int, bool]]:
-    """Identifiers of the IMU's frames."""
     imu = hardware_of(file).external_imu
     if imu is not None:
         return frozenset(imu.key(message) for message in _IMU_MESSAGES)

@@ -50,7 +50,6 @@ class Scenario(Section, frozen=True, kw_only=True):
     """One declared scenario.
 
     Attributes:
-        name: What it is called.
         robot: The robot file, or the name of one that ships with the package; or several, of which the same is
             expected.
         segments: What the robot is to do from when it is armed on.
@@ -103,9 +102,6 @@ class ScenarioRun(NamedTuple):
 
     Attributes:
         source: The scenario's file, or its name.
-        scenario: The scenario.
-        robot: The robot.
-        seed: The seed.
         parameters: Parameters other than their own.
     """
 
@@ -132,10 +128,7 @@ def packaged_scenarios() -> list[str]:
 
 
 def load_scenario(source: str) -> Scenario:
-    """Read a scenario.
-
-    Args:
-        source: A path to a YAML file, or the name of a scenario that ships with the package.
+    """Read a scenario: a YAML file, or the name of one that ships with the package.
 
     Raises:
         ConfigurationError: The file is missing or not as it must be; the text gives the path within the file.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from segway_ecc.firmware_io.assembly import Assembly
 from segway_ecc.firmware_io.hardware import Hardware
 from segway_ecc.hil.errors import PlantMismatchError
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Injections
 from segway_ecc.hil.rig.fronts import RecorderFront
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.cycle.cycle import BestEffortRecorder
@@ -42,9 +42,7 @@ class DriveWatch:
     """Watches the simulated robot, tick by tick, from when it is armed on.
 
     Attributes:
-        way: Where it was.
         last_push_ns: When a drive gave anything last, ns after it was armed.
-        is_pushing: Whether a drive gives anything.
         max_tilt: Largest tilt either way, rad; None where the plant has none.
     """
 
@@ -96,9 +94,7 @@ class NodeWatch(RecorderFront):
     A recorder that fails is done without, as the loop does: the observation goes on.
 
     Attributes:
-        events: What happened to the recorder.
         changes: Changes of mode and of lines, oldest first.
-        mode: The present mode.
         modes: The robot's, from its loop; None before there is one.
     """
 

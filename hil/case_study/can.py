@@ -17,8 +17,7 @@ from segway_ecc.hil.case_study.seats import SeatRun, trajectory
 from segway_ecc.hil.case_study.study import Seat
 from segway_ecc.hil.processes import command
 from segway_ecc.hil.rig.fronts import kernel_ends
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog
@@ -93,7 +92,7 @@ class LockstepCanSeat:
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre in lock step; see `SeatRunner.run`."""
         file = load_robot(self._robot)
-        bitrate = simulated_bus(file).bitrate
+        bitrate = hardware_of(file).can.bitrate
         rig = LockstepRig(bitrate)
         robot_link: Link
         plant_link: Link
@@ -106,8 +105,7 @@ class LockstepCanSeat:
         points: list[Odometry] = []
         rig.attach(plant, lambda wall_ns, outputs: points.append(Odometry(wall_ns, *truth(outputs))))
         robot = build_robot(file, rig, robot_link)
-        player = Player(manoeuvre)
-        stage = ManoeuvreStage(player, list(robot.wiring.published), rig)
+        stage = ManoeuvreStage(Player(manoeuvre), list(robot.wiring.published), rig)
         recorder = CycleLog(self._logs / f"can_{name}.mcap", layout_of(robot)) if self._logs else NoRecorder()
         with contextlib.closing(plant_link):
             plant_link.open()

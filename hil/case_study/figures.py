@@ -5,9 +5,8 @@ import html
 import re
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from statistics import fmean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -42,8 +41,7 @@ _STYLE: "Mapping[RcKeyType, str | float | bool]" = {
 _Run = tuple[Trajectory, Sequence[float]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Look:
+class _Look(NamedTuple):
     """How a seat is drawn: later seats are thinner, so that one which is identical lets the earlier ones show."""
 
     colour: str

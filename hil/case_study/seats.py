@@ -61,11 +61,7 @@ class SeatRun:
 
 
 class SeatRunner(Protocol):
-    """A seat, ready to run manoeuvres.
-
-    Attributes:
-        jobs: How many runs may go on side by side.
-    """
+    """A seat, ready to run manoeuvres; `jobs` of them may go on side by side."""
 
     seat: Seat
     jobs: int

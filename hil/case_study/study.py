@@ -135,14 +135,13 @@ def thesis_cells() -> tuple[Cell, ...]:
     )
 
 
-def table(study_cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
+def table(cells: Sequence[Cell], seats: Sequence[Seat]) -> str:
     """Lay out the cells as aligned text, one row each, with the seats to show in their order.
 
     Returns:
         Lines of text: the set-points (m/s, rad/s), the positions (m) the thesis printed and each seat that ran
         reached, the worst difference (m) of these from the thesis' offline table, then one line per seat with its own.
     """
-    cells = list(study_cells)
     columns = [
         ("", "m/s", [f"{cell.linear:g}" for cell in cells]),
         ("", "rad/s", [f"{cell.angular:g}" for cell in cells]),

@@ -12,8 +12,7 @@ from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.rig.fronts import LinkFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, SetValue, StampedSetpoint
 from segway_ecc.node.cycle.loop import Loop
@@ -111,7 +110,7 @@ class ScriptedStage(NoStage):
         return Inbox(setpoints=[StampedSetpoint(self.setpoint, None)], values=values)
 
 
-class _Keeper(NoRecorder):
+class _PhaseRecorder(NoRecorder):
     """Keeps the phase of each cycle; the world is over once the robot has given up, if that is asked for."""
 
     def __init__(self, place: int, kept: list[float], world: ScriptedStage | None) -> None:
@@ -119,9 +118,8 @@ class _Keeper(NoRecorder):
 
     def write(self, record: CycleRecord) -> None:
         """Keep the phase of a cycle."""
-        phase = record.y[self._place]
-        self._kept.append(phase)
-        if self._world is not None and phase == Phase.GIVEN_UP:
+        self._kept.append(record.y[self._place])
+        if self._world is not None and self._kept[-1] == Phase.GIVEN_UP:
             self._world.over = "the robot gave up"
 
 
@@ -148,7 +146,7 @@ class Balance:
             seed: Of the sensors' errors.
             plant: Other parameters and states of the plant.
         """
-        rig = LockstepRig(simulated_bus(file).bitrate)
+        rig = LockstepRig(hardware_of(file).can.bitrate)
         self._end = rig.bus.attach("plant")
         simulated = simulated_robot(file, self._end)
         self.plant = simulated.plant
@@ -184,10 +182,9 @@ class Balance:
         period_ns = self.robot.period_ns
         events = {time: functools.partial(event, self) for time, event in (script or {}).items()}
         self.world = ScriptedStage(events, period_ns)
-        phase = [v.name for v in self.robot.model.outputs].index("Phase")
-        self.loop: Loop = self.robot.loop(
-            self.world, _Keeper(phase, self.phases, self.world if until_given_up else None)
-        )
+        place = [v.name for v in self.robot.model.outputs].index("Phase")
+        recorder = _PhaseRecorder(place, self.phases, self.world if until_given_up else None)
+        self.loop: Loop = self.robot.loop(self.world, recorder)
         with contextlib.closing(self._end):
             self.loop.run(round(duration * 1e9 / period_ns))
         return self.truth

@@ -4,7 +4,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from segway_ecc.hil.design.balance import Balance
 from segway_ecc.node.config import RobotFile
@@ -25,10 +25,8 @@ GYRO_BIAS: Final = 0.02
 TRACKING_ERROR: Final = 0.05
 TRACKED_WITHIN: Final = 0.1
 """Of a step by 1 m/s or 1 rad/s."""
-
 LIES_AT: Final = PUBLISHED.stop_angle
 """Pitch at the start, rad."""
-
 _DISTURBED_AT_S: Final = 4.0
 _DURATION_S: Final = 12.0
 _NUDGE_N: Final = 10.0
@@ -47,8 +45,7 @@ _STAYED_S: Final = 1.0
 Script = dict[float, Callable[[Balance], None]]
 
 
-@dataclass(frozen=True, slots=True)
-class DisturbanceKind:
+class DisturbanceKind(NamedTuple):
     """A kind of disturbance.
 
     Attributes:
@@ -93,7 +90,6 @@ class Limit:
 def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
     """All kinds, for a robot with this body."""
     payload, centre = PAYLOAD_SHARE * body.body_mass, body.body_height_of_centre
-    lightest = 0.9 * body.body_mass
 
     def plain(_: float) -> Mapping[str, float]:
         return {}
@@ -113,7 +109,7 @@ def disturbances(body: SegwayParameters) -> Sequence[DisturbanceKind]:
         DisturbanceKind("push ahead, 1 s", "N", 100.0, 0.25, LONG_PUSH_N, plain, long_push),
         DisturbanceKind("push back, 1 s", "N", -100.0, 0.25, -LONG_PUSH_N, plain, long_push),
         DisturbanceKind("payload at the centre, more", "kg", 3.0 * body.body_mass, 0.1, payload, carried, nudge),
-        DisturbanceKind("payload at the centre, less", "kg", -lightest, 0.1, -payload, carried, nudge),
+        DisturbanceKind("payload at the centre, less", "kg", -0.9 * body.body_mass, 0.1, -payload, carried, nudge),
         DisturbanceKind("slope, up", "rad", 0.4, 0.005, SLOPE_RAD, plain, _slope),
         DisturbanceKind("slope, down", "rad", -0.4, 0.005, -SLOPE_RAD, plain, _slope),
         DisturbanceKind("delay added", "s", 0.1, 0.001, DELAY_S, plain, _delay),
@@ -153,8 +149,7 @@ def recovers(file: RobotFile, kind: DisturbanceKind, size: float, seed: int) -> 
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """A set-point that steps from rest to 1.
 
     Attributes:

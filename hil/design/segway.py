@@ -19,7 +19,6 @@ from segway_ecc.node.models.segway_parameters import SegwayParameters
 
 MOST_DELAY: Final = 2
 """Periods; the controller feeds back as many torques on their way."""
-
 _BALANCE_TOLERABLE: Final = (0.15, 0.5, 0.15, 1.0, 0.5)
 """Travel (m), velocity (m/s), pitch (rad), pitch rate (rad/s), integral of the travel (m s)."""
 _TORQUE_TOLERABLE: Final = 0.5
@@ -48,8 +47,7 @@ class Design(NamedTuple):
 
     Attributes:
         gains: The parameters of the controller, by name.
-        balance: The loop that keeps it up and in its place.
-        yaw: The loop that keeps its heading.
+        balance, yaw: The loops that keep it up and in its place, and that keep its heading.
     """
 
     gains: Mapping[str, float]

@@ -9,8 +9,7 @@ from segway_ecc.firmware_io.drives.cia402.frames import DriveState, Emergency
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings, Cia402WheelSettings
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._canopen_objects import Key, ObjectEntry
-from segway_ecc.hil.devices._canopen_slave import CanopenSlave
+from segway_ecc.hil.devices._canopen_slave import CanopenSlave, Key, ObjectEntry
 from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
@@ -64,8 +63,6 @@ class SimulatedDrive:
     """One drive.
 
     Attributes:
-        slave: Its CANopen side.
-        state: The state of the profile.
         torque: What its motor gives, N m.
     """
 
@@ -166,12 +163,7 @@ class SimulatedDrive:
 
 
 class SimulatedCia402:
-    """Both drives; see `Device`.
-
-    Attributes:
-        left: The drive of the left wheel.
-        right: The drive of the right wheel.
-    """
+    """Both drives; see `Device`."""
 
     inputs: Sequence[str] = ("left.torque", "right.torque")
     needs: Sequence[str] = ("left.angle", "left.velocity", "right.angle", "right.velocity")

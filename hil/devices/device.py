@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""What stands at the other end of a link in simulation."""
+"""What stands at the other end of a link in simulation: a device, and the plant behind it.
 
-from collections.abc import Mapping, Sequence
-from typing import Final, Protocol
+Of a plant a rig asks several steps at once, where nobody looks between them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, Protocol, runtime_checkable
 
 from segway_ecc.firmware_io.links.link import Frame
+from segway_ecc.node.model.model import Model
 
 SUPPLY_VOLTAGE: Final = 36.0
 """What drives measure of a supply that the plant does not have, V: above what any of them is set to give."""
 _PLANT_SUPPLY: Final = "truth.supply_voltage"
+Advance = Callable[[Sequence[float], int], Sequence[float]]
+"""(inputs, number of steps) -> the outputs after the last of them."""
 
 
 def supply_voltage(outputs: Mapping[str, float]) -> float:
@@ -42,3 +48,24 @@ class Device(Protocol):
     @property
     def refused_frames(self) -> int:
         """Frames meant for it that it refused since power-on."""
+
+
+@runtime_checkable
+class Advancing(Protocol):
+    """A plant that can make several steps at once, at less cost."""
+
+    def advance(self, u: Sequence[float], steps: int) -> list[float]:
+        """Make one or more steps with the same inputs; returns the outputs after the last one."""
+
+
+def advance_of(plant: Model) -> Advance:
+    """The plant's own way of making several steps, or one after the other."""
+    if isinstance(plant, Advancing):
+        return plant.advance
+
+    def advance(u: Sequence[float], steps: int) -> Sequence[float]:
+        for _ in range(steps - 1):
+            plant.step(u)
+        return plant.step(u)
+
+    return advance

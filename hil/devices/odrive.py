@@ -11,8 +11,7 @@ from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._odrive_ascii import AsciiPort
-from segway_ecc.hil.devices._odrive_axis import ESTOP, SimulatedAxis
+from segway_ecc.hil.devices._odrive_axis import ESTOP, AsciiPort, SimulatedAxis
 from segway_ecc.hil.devices.device import supply_voltage
 
 TICK_NS: Final = 1_000_000
@@ -60,9 +59,7 @@ class SimulatedOdrive:
     """Two wheels on ODrives; see `Device`.
 
     Attributes:
-        firmware: Whose behaviour they have.
         axes: The axes of the left and the right wheel.
-        is_on: Whether there is power.
         cycles: For each axis, what it sends unasked, and how often.
     """
 

@@ -1,29 +1,221 @@
 # SPDX-License-Identifier: MIT
-"""Two VESC controllers on one bus, one of them with its UART connected; packets between the two take no time."""
+"""Two VESC controllers on one bus, one of them with its UART connected, as their firmware behaves.
 
+Simplified: packets between the two take no time; the current follows its target with a lag, whatever the supply
+voltage; the modes that the driver does not use follow their targets proportionally.
+"""
+
+import enum
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
+from segway_ecc.firmware_io.devices import TURN
 from segway_ecc.firmware_io.drives.vesc.frames import (
     BROADCAST_ID,
+    FIELD_NAMES,
     SET_PACKETS,
+    TIMED_OUT,
     Comm,
     PacketId,
+    Payload,
     Ping,
     Pong,
+    Status,
+    Status5,
     addressed,
+    arbitration_id,
     decode,
+    encode_values,
     frame_of,
+    mask_of,
+    read_mask,
 )
 from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketReceiver, decode_short, frame_packet, frames_of
-from segway_ecc.firmware_io.drives.vesc.settings import VescSettings
+from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.integrity import FrameRefusedError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.hil.devices._vesc_controller import TICK_NS, Controller, Firmware
-from segway_ecc.hil.devices.device import supply_voltage
+from segway_ecc.hil.devices.device import SUPPLY_VOLTAGE, supply_voltage
 
-__all__ = ["TICK_NS", "SimulatedVesc"]
+TICK_NS: Final = 1_000_000
+"""Period of the simulated firmware's loop."""
+
+_WATCH_NS: Final = 10_000_000
+"""How often the firmware looks at its time-out."""
+_FAULT_NS: Final = 500_000_000
+_CURRENT_LAG_S: Final = 0.001
+_CURRENT_STEP: Final = 1.0 - math.exp(-TICK_NS * 1e-9 / _CURRENT_LAG_S)
+_MIN_CURRENT: Final = 0.05
+_MAX_DUTY: Final = 0.95
+_LEAST_VOLTAGE: Final = 1.0
+"""The duty cycle is a part of the supply, which must not be nothing."""
+_RESISTANCE: Final = 0.1
+_SPEED_GAIN: Final = 0.01
+_POSITION_GAIN: Final = 5.0
+_STEPS_PER_TURN: Final = 6
+_TACHOMETER_MESSAGE: Final = 5
+_SET: Final = frozenset(SET_PACKETS) | {PacketId.SET_CURRENT_BRAKE_REL, PacketId.SET_CURRENT_HANDBRAKE_REL}
+_RELATIVE: Final = frozenset(command for command in _SET if command.name.endswith("_REL"))
+_BRAKING: Final = frozenset(command for command in _SET if "BRAKE" in command.name)
+_FLAGS: Final = mask_of(("flags",))
+
+
+class VescFault(enum.IntEnum):
+    """Faults that a test can call up; the numbers are the firmware's."""
+
+    NONE = 0
+    OVER_VOLTAGE = 1
+    OVER_TEMPERATURE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """What is set with VESC Tool; the defaults are those of a new controller.
+
+    Attributes:
+        timeout_s: Time without a command after which the motor is let go, s; 0 never.
+        timeout_brake_current: Current that brakes it then, A.
+        status: Which of the status messages 1 to 6 are sent, and how often, 1/s.
+        max_current: Limit of the motor current, A.
+        knows_flags: Whether the release is new enough to send its flags.
+    """
+
+    timeout_s: float = 1.0
+    timeout_brake_current: float = 0.0
+    status: Mapping[int, float] = field(default_factory=dict)
+    max_current: float = 60.0
+    knows_flags: bool = True
+
+
+class Controller:
+    """One VESC with its motor.
+
+    Attributes:
+        current: Motor current, A.
+        fault: The fault that it reports.
+        bus_voltage: Supply, V.
+        has_timed_out: Whether its time-out has acted and no command has come since.
+    """
+
+    def __init__(self, settings: VescWheelSettings, firmware: Firmware) -> None:
+        """Switch a controller on."""
+        self.firmware = firmware
+        self.controller_id = settings.controller_id
+        self.current = 0.0
+        self.fault = VescFault.NONE
+        self.bus_voltage = SUPPLY_VOLTAGE
+        self.has_timed_out = False
+        self._settings = settings
+        self._mode = PacketId.SET_CURRENT
+        self._target = 0.0
+        self._commanded_ns = 0
+        self._watched_ns = -_WATCH_NS
+        self._fault_until_ns: int | None = None
+        self._sent_ns: dict[int, int] = {}
+        self._angle = 0.0
+        self._velocity = 0.0
+
+    def measure(self, angle: float, velocity: float, bus_voltage: float = SUPPLY_VOLTAGE) -> None:
+        """Take the wheel's angle, rad, and velocity, rad/s, and the supply, V, which is no less than a volt."""
+        self.bus_voltage = max(bus_voltage, _LEAST_VOLTAGE)
+        self._angle = self._settings.motor(angle)
+        self._velocity = self._settings.motor(velocity)
+
+    def fail(self, fault: VescFault) -> None:
+        """Report a fault for half a second from the next pass on, with the motor free."""
+        self.fault, self._fault_until_ns = fault, None
+
+    def obey(self, command: PacketId, payload: Payload, now_ns: int) -> None:
+        """Take a set command; any other is ignored."""
+        if command in _SET:
+            self._mode, self._target = command, payload[0]
+            self.stay_alive(now_ns)
+
+    def stay_alive(self, now_ns: int) -> None:
+        """Take a sign of life."""
+        self._commanded_ns = now_ns
+
+    def run(self, now_ns: int) -> float:
+        """One pass of the loops; returns the torque at the wheel, N m."""
+        if now_ns - self._watched_ns >= _WATCH_NS:
+            self._watched_ns, timeout_ns = now_ns, self.firmware.timeout_s * 1e9
+            self.has_timed_out = timeout_ns > 0 and now_ns - self._commanded_ns > timeout_ns
+            if self.has_timed_out:
+                self._mode, self._target = PacketId.SET_CURRENT_BRAKE, self.firmware.timeout_brake_current
+        if self.fault and self._fault_until_ns is None:
+            self._fault_until_ns = now_ns + _FAULT_NS
+        if self._fault_until_ns is not None and now_ns >= self._fault_until_ns:
+            self.fault, self._fault_until_ns = VescFault.NONE, None
+        limit = self.firmware.max_current
+        wanted = 0.0 if self.fault else min(max(self._wanted_current(), -limit), limit)
+        self.current += ((wanted if abs(wanted) >= _MIN_CURRENT else 0.0) - self.current) * _CURRENT_STEP
+        return self._settings.wheel_torque(self.current * self._settings.torque_constant)
+
+    def due(self, now_ns: int) -> list[Frame]:
+        """The status messages that are to be sent now; what the model does not know is zero in them."""
+        frames = []
+        for number, rate_hz in self.firmware.status.items():
+            sent_ns = self._sent_ns.get(number)
+            if sent_ns is None or now_ns - sent_ns >= round(1e9 / rate_hz):
+                self._sent_ns[number] = now_ns
+                if number == 1:
+                    status = Status(self._erpm, self.current, self._duty)
+                    frames.append(frame_of(PacketId.STATUS, self.controller_id, status))
+                elif number == _TACHOMETER_MESSAGE:
+                    status_5 = Status5(self._tachometer, self.bus_voltage)
+                    frames.append(frame_of(PacketId.STATUS_5, self.controller_id, status_5))
+                else:
+                    identifier = arbitration_id(PacketId[f"STATUS_{number}"], self.controller_id)
+                    frames.append(Frame(identifier, bytes(8), is_extended=True))
+        return frames
+
+    def reply(self, question: bytes) -> bytes:
+        """The reply to a GET_VALUES or GET_VALUES_SELECTIVE packet."""
+        values = dict.fromkeys(FIELD_NAMES, 0.0) | {
+            "motor_current": self.current,
+            "duty": self._duty,
+            "erpm": self._erpm,
+            "bus_voltage": self.bus_voltage,
+            "tachometer": self._tachometer,
+            "fault": self.fault,
+            "controller_id": self.controller_id,
+            "flags": TIMED_OUT if self.has_timed_out else 0,
+        }
+        reply = encode_values(question, values)
+        return reply if self.firmware.knows_flags or not read_mask(question) & _FLAGS else reply[:-1]
+
+    def _wanted_current(self) -> float:
+        """The motor current that the mode asks for, A."""
+        target = self._target
+        if self._mode in _RELATIVE:
+            target = min(max(target, -1.0), 1.0) * self.firmware.max_current
+        if self._mode in _BRAKING:
+            return -math.copysign(target, self._velocity) if self._velocity else 0.0
+        match self._mode:
+            case PacketId.SET_DUTY:
+                return (min(max(target, -_MAX_DUTY), _MAX_DUTY) - self._duty) * self.bus_voltage / _RESISTANCE
+            case PacketId.SET_RPM:
+                return (target - self._erpm) * _SPEED_GAIN
+            case PacketId.SET_POS:
+                return math.remainder(math.radians(target) - self._angle, TURN) * _POSITION_GAIN
+        return target
+
+    @property
+    def _duty(self) -> float:
+        """As far as speed makes it."""
+        return min(max(self._settings.torque_constant * self._velocity / self.bus_voltage, -1.0), 1.0)
+
+    @property
+    def _erpm(self) -> int:
+        return int(self._velocity * self._settings.pole_pairs * 60.0 / TURN)
+
+    @property
+    def _tachometer(self) -> int:
+        steps = math.floor(self._angle * self._settings.pole_pairs * _STEPS_PER_TURN / TURN)
+        return (steps + (1 << 31)) % (1 << 32) - (1 << 31)
+
 
 _SET_BY_PACKET: Final = {int(packet): command for command, packet in SET_PACKETS.items()}
 
@@ -32,8 +224,6 @@ class SimulatedVesc:
     """Both controllers; see `Device`.
 
     Attributes:
-        left: The controller of the left wheel.
-        right: The controller of the right wheel.
         bus_is_whole: Whether packets pass between the two; a test may break it.
         refused_frames: Frames and packets for them that they could not use.
     """
@@ -103,7 +293,6 @@ class SimulatedVesc:
             self._send(short.sender_id, controller, Mode.PASS_ON, reply)
 
     def _process(self, controller: Controller, packet: bytes, now_ns: int) -> bytes | None:
-        """Obey a packet; returns the reply, where there is one."""
         try:
             if packet[0] in (Comm.GET_VALUES, Comm.GET_VALUES_SELECTIVE):
                 return controller.reply(packet)
@@ -119,7 +308,6 @@ class SimulatedVesc:
         return None
 
     def _forward(self, packet: bytes, now_ns: int) -> bytes | None:
-        """Hand a packet on over the bus, and its reply back."""
         if packet[:1] != bytes((self._far.controller_id,)) or not self.bus_is_whole:
             return None
         self._send(self._far.controller_id, self._near, Mode.PROCESS, packet[1:])

@@ -51,7 +51,6 @@ class SimulatedWheelBoard:
     a board that was just switched on does nothing before it was commanded to be off.
 
     Attributes:
-        state: What the board is doing.
         voltages: What its motors are given, V.
         is_broken: Set it to have the board find a fault, clear it to have the cause gone.
     """

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: MIT
 """The faults of the drill, and the outcome that is expected of each."""
 
+import contextlib
 import enum
 import errno
+import fcntl
 import os
 import resource
 import signal
+import socket
+import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.drill import interface
 from segway_ecc.hil.drill.parts import Parts, stopped
 from segway_ecc.hil.drill.stepped_clock import AHEAD, BACK
 from segway_ecc.hil.processes import ProcessFailedError
@@ -26,6 +29,11 @@ _FROZEN_LIMIT_S: Final = 0.5
 """A sensor that stays as it is looks like one at rest for a while; the same as `hil/scenarios/encoder-stuck.yaml`."""
 _ROOM_BYTES: Final = 1 << 16
 _FILLING: Final = bytes(1 << 16)
+_SIOCGIFFLAGS: Final = 0x8913
+_SIOCSIFFLAGS: Final = 0x8914
+_IFF_UP: Final = 1
+_REQUEST: Final = struct.Struct("16sh22x")
+"""`struct ifreq` with the flags."""
 
 
 @enum.unique
@@ -45,9 +53,6 @@ class DrillFault:
     """One way to harm a robot.
 
     Attributes:
-        name: What is done.
-        expected: The expected outcome.
-        harm: Does it.
         within_s: Longest time from it to the last torque, where torque is to end, s.
         guard: Whether it needs a guard.
         serial: Whether it needs a serial line to fall back on.
@@ -100,7 +105,7 @@ def _request(line: str) -> Harm:
 def _set_down(parts: Parts, undo: ExitStack) -> int:
     now_ns = time.monotonic_ns()
     try:
-        undo.enter_context(interface.down(parts.setup.channel))
+        undo.enter_context(interface_down(parts.setup.channel))
     except OSError as error:
         raise ProcessFailedError(f"cannot set {parts.setup.channel} down: {error.strerror}") from error
     return now_ns
@@ -139,6 +144,43 @@ def _fill_disk(parts: Parts, _undo: ExitStack) -> int:
             raise ProcessFailedError("the recorder did not notice that the disk is full")
         time.sleep(0.02)
     return now_ns
+
+
+@contextlib.contextmanager
+def interface_down(name: str) -> Iterator[None]:
+    """Have a network interface of this machine down (see netdevice(7)), and up again when the context is left.
+
+    Raises:
+        OSError: There is none of that name, or we may not.
+    """
+    flags = _flags(name)
+    _set_flags(name, flags & ~_IFF_UP)
+    try:
+        yield
+    finally:
+        _set_flags(name, flags | _IFF_UP)
+
+
+def why_not_down(name: str) -> str | None:
+    """Why a network interface cannot be set down here; None where it can. Nothing is changed."""
+    try:
+        _set_flags(name, _flags(name))
+    except OSError as error:
+        return f"{name} cannot be set down: {os.strerror(error.errno or 0)}"
+    return None
+
+
+def _flags(name: str) -> int:
+    return int(_REQUEST.unpack(_control(_SIOCGIFFLAGS, name, 0))[1])
+
+
+def _set_flags(name: str, flags: int) -> None:
+    _control(_SIOCSIFFLAGS, name, flags)
+
+
+def _control(request: int, name: str, flags: int) -> bytes:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        return fcntl.ioctl(any_socket, request, _REQUEST.pack(os.fsencode(name)[:15], flags))
 
 
 FAULTS: Final = {

@@ -13,7 +13,7 @@ from typing import Final
 
 import msgspec
 
-from segway_ecc.hil.drill import trace
+from segway_ecc.hil.drill.plant_control import driven_since_ns, read_trace
 from segway_ecc.hil.processes import Command, ProcessFailedError, command
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -37,7 +37,6 @@ class DrillSetup:
         robot: A robot file, or the name of one that ships with the package.
         bus: The options that name the bus, which all processes share; the last word is its name.
         serial: Whether a serial line is made for the drives.
-        guard: Whether the guard runs.
         stepped: Whether the wall clocks that the processes read can be stepped.
         folder: Where messages, traces and the serial line go.
     """
@@ -133,7 +132,7 @@ def wait_until_driven(parts: Parts, driven_s: float) -> None:
         ProcessFailedError: They were not, in time.
     """
     deadline = time.monotonic() + _STARTS_WITHIN_S
-    while (since_ns := trace.driven_since_ns(trace.read(parts.setup.trace))) is None:
+    while (since_ns := driven_since_ns(read_trace(parts.setup.trace))) is None:
         if time.monotonic() > deadline or parts.node.process.poll() is not None:
             raise ProcessFailedError(f"the robot does not drive: {' | '.join(parts.log_lines()) or 'it wrote nothing'}")
         time.sleep(_POLL_S)

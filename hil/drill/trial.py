@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from segway_ecc.hil.drill import trace
 from segway_ecc.hil.drill.faults import LIMIT_S, DrillFault, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup, Parts, running, small_disk, wait_until_driven
-from segway_ecc.hil.drill.trace import Torque
+from segway_ecc.hil.drill.plant_control import Torque, read_trace, torque_after
 from segway_ecc.hil.processes import ProcessFailedError
 
 GAP_LIMIT_S: Final = 0.1
@@ -27,9 +26,6 @@ class DrillResult:
     """The outcome of a fault.
 
     Attributes:
-        fault: What was done.
-        expected: The expected outcome.
-        guard: Whether the guard ran.
         torque: What became of the torque; None where the drill failed.
         messages: The messages of node and guard after the fault.
         note: How the harm was done, where that is not plain; or why the drill failed.
@@ -92,7 +88,7 @@ def _harm(fault: DrillFault, parts: Parts) -> tuple[Torque, list[str]]:
         time.sleep(_LOOK_S)
     time.sleep(_AFTER_S)
     until_ns = time.monotonic_ns()
-    torque = trace.torque_after(trace.read(parts.setup.trace), fault_ns, until_ns)
+    torque = torque_after(read_trace(parts.setup.trace), fault_ns, until_ns)
     new = []
     for line in parts.log_lines():
         if line in before:

@@ -25,10 +25,8 @@ _WEIGHTS: Final = (3, 2, 3, 1, 2, 3)
 class Piece(NamedTuple):
     """A part of the programme.
 
-    Attributes:
-        target: What is asked for at its end.
-        ramp_s: How long the set-point takes to get there, s; 0 is a step.
-        lasts_s: How long the piece is, s, the ramp included.
+    The target is what is asked for at its end; the ramp, s, is how long the set-point takes to get there, 0 for a step;
+    it lasts, s, with the ramp included.
     """
 
     target: Setpoint
@@ -47,11 +45,7 @@ def programme(seed: int) -> Iterator[Piece]:
 
 
 class Driver:
-    """Gives the set-point of a programme at times that go on.
-
-    Attributes:
-        pieces: How many pieces were begun.
-    """
+    """Gives the set-point of a programme at times that go on; `pieces` is how many pieces were begun."""
 
     def __init__(self, seed: int) -> None:
         """Drive the programme of a seed."""

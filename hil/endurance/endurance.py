@@ -12,15 +12,13 @@ from typing import Final, NamedTuple
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.endurance.driving import Driver
-from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.faults.injection import Injections, Timeline
+from segway_ecc.hil.faults.fault import Fault, Injections, Timeline
 from segway_ecc.hil.faults.links import DisturbedBus
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.hil.progress import OnSeconds
 from segway_ecc.hil.rig.fronts import RecorderFront, kernel_ends
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, Recorder, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -160,7 +158,7 @@ def drive(  # noqa: PLR0913 - what there is to choose
     Raises:
         ConfigurationError: The robot cannot be simulated.
     """
-    bitrate = simulated_bus(file).bitrate
+    bitrate = hardware_of(file).can.bitrate
     rig = LockstepRig(bitrate)
     node_end: Link
     plant_end: Link

@@ -20,11 +20,9 @@ class EndurancePlan(NamedTuple):
     """What is to be driven.
 
     Attributes:
-        file: The robot file.
         duration_s: How long, of all seeds together, s.
         frame_loss: Share of the frames that is lost either way.
         seeds: Seeds 1 to this, each of which has its share of the time.
-        faults: What else fails.
         channel: The CAN interface of robot and plant; None for a simulated bus. On one the seeds take turns.
     """
 

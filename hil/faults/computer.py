@@ -4,9 +4,9 @@
 from collections.abc import Callable, Sequence
 
 from segway_ecc.hil.errors import RigError
-from segway_ecc.hil.faults.injection import Injections, active
+from segway_ecc.hil.faults.fault import Injections, active
 from segway_ecc.hil.rig.fronts import RecorderFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.cycle.interfaces import CycleRecord, Recorder
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
@@ -17,11 +17,7 @@ class ProcessKilledError(RigError):
 
 
 class DisturbedClock:
-    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong.
-
-    Attributes:
-        on_kill: What to do when the node is killed.
-    """
+    """Hands the rig's time to the node; see `Clock`. Its monotonic time is never wrong."""
 
     def __init__(self, rig: LockstepRig, injections: Injections) -> None:
         """Stand in front of a rig."""

@@ -8,7 +8,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.faults.injection import Injection, Injections, active
+from segway_ecc.hil.faults.fault import Injection, Injections, active
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault, LinkFront
 from segway_ecc.hil.rig.simulated_bus import NowNs
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
@@ -115,13 +115,7 @@ class DisturbedDevicesLink(LinkFront):
     """The devices' end of the bus: an IMU that is off sends nothing, and without supply nobody does; see `Link`."""
 
     def __init__(self, link: Link, injections: Injections, imu_frames: Collection[tuple[int, bool]]) -> None:
-        """Stand in front of `link`.
-
-        Args:
-            link: The link behind.
-            injections: The faults of this run.
-            imu_frames: Identifiers of the IMU's frames, and whether they are extended.
-        """
+        """Stand in front of `link`; `imu_frames` are the IMU's identifiers, and whether they are extended."""
         super().__init__(link)
         self._imu = [i for i in injections.of("imu") if i.fault.type in {"off", "intermittent"}]
         self._battery = [i for i in injections.of("battery") if i.fault.type == "off"]
@@ -171,4 +165,4 @@ class DisturbedLine:
             expected = noise.size * self._tick_s
             count = int(expected) + (noise.random.random() < expected % 1.0)
             if count:
-                self._wires.garbage(noise.random.randbytes(count))
+                self._wires.host.inject(noise.random.randbytes(count))

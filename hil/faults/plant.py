@@ -4,8 +4,8 @@
 from collections import deque
 from collections.abc import Sequence
 
-from segway_ecc.hil.faults.injection import Injection, Injections
-from segway_ecc.hil.rig.plant import advance_of
+from segway_ecc.hil.devices.device import advance_of
+from segway_ecc.hil.faults.fault import Injection, Injections
 from segway_ecc.node.model.model import Model, Variable
 
 _PREFIXES = {

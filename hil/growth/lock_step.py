@@ -16,8 +16,8 @@ from segway_ecc.firmware_io.hardware import NoHardware
 from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
 from segway_ecc.hil.growth.cost import Axis, MeteredClock, Point, cost_of
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import ModelSection, RobotFile
 from segway_ecc.node.cycle.interfaces import NoRecorder, NoStage
 from segway_ecc.node.cycle.wiring import wire

@@ -33,7 +33,6 @@ class RobotCost(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot cost.
 
     Attributes:
-        cost: Of a cycle.
         cpu: Share of one core that its process and the one that speaks ROS for it took, with all their threads.
         late: Share of the cycles that began late.
     """
@@ -43,35 +42,28 @@ class RobotCost(msgspec.Struct, frozen=True, kw_only=True):
     late: float
 
 
-class _CommandThread(threading.Thread):
-    """Answers lines beside the loop."""
+def _answer_lines(clock: MeteredClock, loop: Loop, pids: list[int]) -> None:
+    """Answer standard input beside the loop, and stop that."""
 
-    def __init__(self, clock: MeteredClock, loop: Loop, pids: list[int]) -> None:
-        super().__init__(daemon=True)
-        self._clock, self._loop, self._pids = clock, loop, pids
+    def now() -> tuple[int, float, float, int]:
+        return len(clock.taken_ns), cpu_s(pids), time.monotonic(), loop.counters.late
 
-    def run(self) -> None:
-        while not self._clock.taken_ns:
-            time.sleep(_LOOK_S)
-        begun = self._now()
-        for line in sys.stdin:
-            match line.strip():
-                case "begin":
-                    begun = self._now()
-                case "end":
-                    _answer(msgspec.json.encode(self._cost_since(begun)).decode())
-                    break
-            _answer("yes")
-        self._loop.stop("it was requested")
-
-    def _now(self) -> tuple[int, float, float, int]:
-        return len(self._clock.taken_ns), cpu_s(self._pids), time.monotonic(), self._loop.counters.late
-
-    def _cost_since(self, begun: tuple[int, float, float, int]) -> RobotCost:
-        ended = self._now()
-        cycles, cpu_s, clock_s, late = (after - before for after, before in zip(ended, begun, strict=True))
-        cost = cost_of(self._clock.taken_ns[begun[0] : ended[0]])
-        return RobotCost(cost=cost, cpu=cpu_s / clock_s, late=late / cycles)
+    while not clock.taken_ns:
+        time.sleep(_LOOK_S)
+    begun = now()
+    for line in sys.stdin:
+        match line.strip():
+            case "begin":
+                begun = now()
+            case "end":
+                ended = now()
+                cycles, used_s, clock_s, late = (after - before for after, before in zip(ended, begun, strict=True))
+                cost = cost_of(clock.taken_ns[begun[0] : ended[0]])
+                found = RobotCost(cost=cost, cpu=used_s / clock_s, late=late / cycles)
+                _answer(msgspec.json.encode(found).decode())
+                break
+        _answer("yes")
+    loop.stop("it was requested")
 
 
 def main() -> int:
@@ -86,7 +78,8 @@ def main() -> int:
     recorder = ProcessRecorder(options.log, layout_of(robot))
     with contextlib.closing(RosBridge()) as bridge:
         loop = robot.loop(RemoteStage(bridge, robot, options.namespace), recorder)
-        _CommandThread(clock, loop, [os.getpid(), bridge.pid]).start()
+        beside = clock, loop, [os.getpid(), bridge.pid]
+        threading.Thread(target=_answer_lines, args=beside, daemon=True).start()
         with real_time():
             loop.run()
     return 0

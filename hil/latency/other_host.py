@@ -16,11 +16,9 @@ _THERE: Final = "198.18.98.2"
 
 
 class OtherHost(NamedTuple):
-    """How to run a program there.
+    """How to run a program there: what begins its command line, and an environment.
 
-    Attributes:
-        prefix: What begins its command line.
-        environment: With what it and whoever is here find each other in ROS, and nobody else.
+    With that it and whoever is here find each other in ROS, and nobody else.
     """
 
     prefix: Sequence[str]

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""One run in lock step: plant, drives, guard and gateway on the robot's bus, and the three parts where they belong.
-
-Its rig has what happens at times of its own, between the ticks of the devices.
-"""
+"""One run in lock step: plant, drives, guard and gateway on the robot's bus, and the three parts where they belong."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import msgspec
 
@@ -16,7 +13,7 @@ from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch
 from segway_ecc.hil.design.balance import Truth
 from segway_ecc.hil.design.balance_margins import LIES_AT
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Injections
 from segway_ecc.hil.parallel import quiet
 from segway_ecc.hil.placement.judging import FALLEN_RAD, PhaseRecorder, RunRecord
 from segway_ecc.hil.placement.network import PERFECT, Channel, Delivery, Network, RemoteLink
@@ -29,8 +26,7 @@ from segway_ecc.hil.placement.programs import (
     UnstampedSequence,
 )
 from segway_ecc.hil.placement.results import Placement
-from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig
-from segway_ecc.hil.rig.simulation import hardware_of, simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.robot import build_robot
@@ -39,41 +35,6 @@ from segway_ecc.node.sequence.manoeuvre import Manoeuvre
 START_S: Final = 3.0
 """When the manoeuvre begins, s of simulated time: by then it has stood up, if it ever does."""
 _NS_PER_S: Final = 1_000_000_000
-
-
-class Source(Protocol):
-    """Something that acts at times of its own."""
-
-    @property
-    def next_ns(self) -> int | None:
-        """When it is next to act; None while it is not to."""
-
-    def act(self) -> None:
-        """Do what is due now."""
-
-
-class EventRig(LockstepRig):
-    """A rig whose time stops wherever a source is to act; see `LockstepRig`."""
-
-    def __init__(self, bitrate: int) -> None:
-        """Make a rig with an empty bus at `bitrate` bit/s."""
-        super().__init__(bitrate)
-        self._sources: list[Source] = []
-
-    def add(self, source: Source) -> None:
-        """Let a source act."""
-        self._sources.append(source)
-
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Let the devices run, and the sources act, up to the deadline."""
-        while (
-            due_ns := min((at for s in self._sources if (at := s.next_ns) is not None), default=deadline_ns)
-        ) < deadline_ns:
-            super().sleep_until_ns(due_ns)
-            for source in self._sources:
-                if source.next_ns is not None and source.next_ns <= due_ns:
-                    source.act()
-        super().sleep_until_ns(deadline_ns)
 
 
 class NoHeartbeats:
@@ -91,12 +52,7 @@ class NoHeartbeats:
 
 
 class LockstepGuard:
-    """Makes its passes on the rig's clock; see `Source`.
-
-    Attributes:
-        watch: What it watches and decides.
-        next_ns: When its next pass is.
-    """
+    """Makes its passes on the rig's clock; see `Source`."""
 
     def __init__(self, settings: HardwareSettings, rig: LockstepRig) -> None:
         """Guard the drives on the bus of `rig`."""
@@ -116,16 +72,12 @@ class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         robot: The robot file, or the name of one that ships with the package.
-        placement: Where the parts run.
-        network: What is between robot and station.
         manoeuvre: What sequence control plays from `START_S` on.
         until_s: How long the run lasts, s of simulated time.
         stamped: Whether set-points are sent ahead, with their time.
         stop_at_s: When stop is pressed, s of simulated time; None for never.
         pushed_n: What pushes the body for a tenth of a second at `START_S` + 1 s, N.
         delivery: What becomes of the balance's messages that are lost or overtaken.
-        seed: Of all chance.
-        until_fallen: Whether the run ends as soon as the robot lies.
     """
 
     robot: str
@@ -141,14 +93,14 @@ class PlacementRun(msgspec.Struct, frozen=True, kw_only=True):
     until_fallen: bool = False
 
 
+@quiet("segway_ecc.node", "segway_ecc.firmware_io")
 def run(job: PlacementRun) -> RunRecord:
     """Run a job, without the messages of node and hardware.
 
     Raises:
         ConfigurationError: The robot has no hardware, or its model no phases.
     """
-    with quiet("segway_ecc.node", "segway_ecc.firmware_io"):
-        return _LockstepPlacement(job).run()
+    return _LockstepPlacement(job).run()
 
 
 class _LockstepPlacement:
@@ -157,7 +109,7 @@ class _LockstepPlacement:
     def __init__(self, job: PlacementRun) -> None:
         self._job = job
         file = load_robot(job.robot)
-        self._rig = rig = EventRig(simulated_bus(file).bitrate)
+        self._rig = rig = LockstepRig(hardware_of(file).can.bitrate)
         self._injections = Injections((), 0, rig.now_ns)
         self._end = rig.bus.attach("plant")
         self._simulated = simulated_robot(file, self._end)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The placement study: networks and placements, what is run on each, and all of it side by side on the cores."""
 
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Final
@@ -84,9 +85,6 @@ class StudyPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What is run.
 
     Attributes:
-        networks: Names of the networks.
-        placements: The placements.
-        partitions_s: Lengths of the partitions, s.
         seeds: With which each stop is pressed.
         searches: What is searched for.
         search_seeds: With which it must be tolerated.
@@ -147,7 +145,7 @@ def tasks(plan: StudyPlan) -> list[Task]:
         found += [partial(cut, cell, partition_s) for cell in cells(plan, CUT_NETWORK)]
     for name in plan.networks:
         found += [partial(drive, cell) for cell in cells(plan, name)]
-        found += [partial(stop, cell, plan.seeds) for cell in cells(plan, name) if cell.stamped]
+        found += [partial(stop, cell, plan.seeds) for cell in cells(plan, name) if cell.placement.stamped]
     return found
 
 
@@ -155,7 +153,7 @@ def cells(plan: StudyPlan, network: str) -> Iterator[Row]:
     """Every placement on a network; with set-points of both kinds where they cross it."""
     for placement in plan.placements:
         for setpoints in (STAMPED, UNSTAMPED) if placement.sequence_crosses else ("",):
-            yield Row(**placement._asdict(), network=network, setpoints=setpoints)
+            yield Row(**placement._replace(setpoints=setpoints)._asdict(), network=network)
 
 
 def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
@@ -168,7 +166,7 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     """
     todo = tasks(plan)
     everything: list[Found] = []
-    with results_of(_call, todo, jobs) as results:
+    with results_of(operator.call, todo, jobs) as results:
         for result in results:
             everything.append(result)
             on_progress(len(everything), len(todo))
@@ -180,10 +178,6 @@ def conduct(plan: StudyPlan, jobs: int, on_progress: OnProgress) -> StudyResult:
     )
 
 
-def _call(task: Task) -> Found:
-    return task()
-
-
 def drive(cell: Row) -> Drive:
     """Drive the manoeuvre."""
     job = _job(cell, MANOEUVRE, START_S + MANOEUVRE.duration_ns * 1e-9 + _REST_S)
@@ -192,10 +186,7 @@ def drive(cell: Row) -> Drive:
         **msgspec.structs.asdict(cell),
         outcome=outcome_of(seen, START_S),
         reason=reason_of(seen),
-        max_position_m=apart.max_position,
-        rms_position_m=apart.rms_position,
-        max_velocity_m_s=apart.max_velocity,
-        rms_velocity_m_s=apart.rms_velocity,
+        **apart._asdict(),
         max_tilt_rad=seen.max_tilt(START_S),
         digest=seen.digest,
     )
@@ -232,7 +223,7 @@ def cut(cell: Row, partition_s: float) -> Cut:
         partition_s=partition_s,
         outcome=outcome_of(seen, START_S),
         did=story(seen, _CUT_AT_S),
-        max_position_m=apart.max_position,
+        max_position_m=apart.max_position_m,
         max_tilt_rad=seen.max_tilt(START_S),
     )
 
@@ -244,7 +235,7 @@ def _job(cell: Row, manoeuvre: Manoeuvre, until_s: float) -> PlacementRun:
         network=NETWORKS[cell.network],
         manoeuvre=manoeuvre,
         until_s=until_s,
-        stamped=cell.stamped,
+        stamped=cell.placement.stamped,
     )
 
 

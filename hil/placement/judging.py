@@ -47,7 +47,6 @@ class RunRecord(NamedTuple):
     Attributes:
         truth: Where the robot really was at each tick.
         changes: What modes the node entered, ns of simulated time.
-        phases: What the model was doing.
         zero_s: When the drives gave nothing any more, s; None where one still does at the end.
         guard_s: When the guard stopped the drives first, s; None where it never had to.
         digest: Over everything that the drives gave, and all truth.
@@ -114,12 +113,12 @@ UPRIGHT: Final = frozenset({RunOutcome.DROVE_ON, RunOutcome.HELD, RunOutcome.SAT
 
 
 class Errors(NamedTuple):
-    """Largest and root mean square, m and m/s."""
+    """Largest distance and difference of the velocity ahead, and their root mean squares."""
 
-    max_position: float
-    rms_position: float
-    max_velocity: float
-    rms_velocity: float
+    max_position_m: float
+    rms_position_m: float
+    max_velocity_m_s: float
+    rms_velocity_m_s: float
 
 
 def errors(truth: Sequence[Truth], reference: Sequence[Truth]) -> Errors:

@@ -53,7 +53,6 @@ class Network(msgspec.Struct, frozen=True, kw_only=True):
         latency_s: One way, s.
         jitter_s: Largest deviation from it, s; each message has its own, evenly spread either way.
         loss: Probability that one is lost.
-        partitions: When nothing passes.
         begins_s: Before this simulated time it does nothing, s.
         grows_s: How long latency, jitter and loss then take to become what they are, s.
         repeats_s: After how long what was lost in order is sent again, s; None for a round trip and `RESEND_S`.
@@ -100,7 +99,6 @@ class Channel(Generic[T]):
     """One direction of one flow over a network.
 
     Attributes:
-        sent: Messages sent.
         lost: Those that never arrive: lost, cut off or overtaken.
     """
 
@@ -169,14 +167,7 @@ class RemoteLink(LinkFront):
     """
 
     def __init__(self, bus: Link, up: Channel[Sequence[Frame]], down: Channel[list[Frame]], now_ns: NowNs) -> None:
-        """Stand at the far end of the network.
-
-        Args:
-            bus: The gateway's link to the robot's bus.
-            up: From the robot: frames of the bus.
-            down: To the robot: frames for the bus.
-            now_ns: The rig's clock.
-        """
+        """Stand at the far end of the network: `up` comes from the gateway, whose link is `bus`, `down` goes to it."""
         super().__init__(bus)
         self._up = up
         self._down = down

@@ -97,7 +97,6 @@ class ProgramChannels(NamedTuple):
 
     Attributes:
         to: Messages of the program. What only the newest of matters has its own channel.
-        beats: Its heartbeats.
         back: Reports of the node.
     """
 

@@ -17,9 +17,9 @@ from segway_ecc.hil.placement.results import (
     Drive,
     Stop,
     StudyResult,
-    choices,
     network_names,
     overall,
+    placements,
 )
 from segway_ecc.hil.placement.table import BOUNDS, tables
 
@@ -38,12 +38,7 @@ _FLOOR_M: Final = 1e-3
 
 
 def render(found: StudyResult, facts: Mapping[str, str]) -> str:
-    """Render what was found, as a complete HTML page.
-
-    Args:
-        found: Everything that was found.
-        facts: What else is known of the study, by name.
-    """
+    """What was found, and named facts of the study, as a complete HTML page."""
     rule = (
         f"Fit is what neither falls nor holds while the network lasts, stays within {POSITION_M:g} m of the robot with "
         f"all control on board, stops within {STOP_S:g} s, and does not fall in a partition. Recommended is, of those "
@@ -70,7 +65,7 @@ def _draw_distances(found: StudyResult) -> str:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        networks, shown = network_names(found), choices(found)
+        networks, shown = network_names(found), placements(found)
         axes.set_xlim(-0.5, len(networks) - 0.5)
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xticks(range(len(networks)), networks, rotation=20, ha="right")
@@ -125,7 +120,7 @@ def _draw_bounds(found: StudyResult) -> str:
 
 
 def _draw_distance(axes: Axes, drive: Drive, found: StudyResult) -> None:
-    x, y = network_names(found).index(drive.network), choices(found).index(drive.choice)
+    x, y = network_names(found).index(drive.network), placements(found).index(drive.placement)
     is_up = drive.outcome in UPRIGHT
     text = f"{drive.max_position_m * 1e3:.0f} mm" if is_up else drive.outcome.value.replace(" ", "\n", 1)
     is_bad = not is_up or drive.max_position_m > POSITION_M

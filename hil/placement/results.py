@@ -32,11 +32,13 @@ class Placement(NamedTuple):
         sequence: Sequence control: who sends set-points.
         balance: Balance control: the model node.
         supervision: Supervision: heartbeats, and the stop button.
+        setpoints: On which topic set-points travel; empty where they do not cross the network.
     """
 
     sequence: Site
     balance: Site
     supervision: Site
+    setpoints: str = ""
 
     @property
     def sequence_crosses(self) -> bool:
@@ -56,12 +58,23 @@ class Placement(NamedTuple):
     @property
     def at_station(self) -> int:
         """How many of the three are on the base station."""
-        return sum(place is Site.STATION for place in self)
+        return self[:3].count(Site.STATION)
+
+    @property
+    def stamped(self) -> bool:
+        """Whether set-points are sent ahead, with their time."""
+        return self.setpoints != UNSTAMPED
+
+    @property
+    def rank(self) -> tuple[int, bool, bool]:
+        """The highest that is fit is recommended: most on the station, then supervision there, where people are."""
+        return self.at_station, self.supervision is Site.STATION, self.setpoints == STAMPED
 
     def __str__(self) -> str:
-        """What is on the station, in words."""
-        away = [name for name, place in zip(self._fields, self, strict=True) if place is Site.STATION]
-        return f"{' and '.join(away)} on the station" if away else "all on the robot"
+        """Who is where, in words."""
+        away = [name for name, site in zip(self._fields, self[:3], strict=False) if site is Site.STATION]
+        where = f"{' and '.join(away)} on the station" if away else "all on the robot"
+        return f"{where}, {self.setpoints}" if self.setpoints else where
 
 
 PLACEMENTS: Final = tuple(itertools.starmap(Placement, itertools.product(Site, repeat=3)))
@@ -69,35 +82,8 @@ PLACEMENTS: Final = tuple(itertools.starmap(Placement, itertools.product(Site, r
 ON_THE_ROBOT: Final = PLACEMENTS[0]
 
 
-class Choice(NamedTuple):
-    """A placement with the way its set-points travel."""
-
-    sequence: Site
-    balance: Site
-    supervision: Site
-    setpoints: str
-
-    def __str__(self) -> str:
-        """Who is where, in words."""
-        where = str(Placement(*self[:3]))
-        return f"{where}, {self.setpoints}" if self.setpoints else where
-
-    @property
-    def rank(self) -> tuple[int, bool, bool]:
-        """The highest that is fit is recommended: most on the station, then supervision there, where people are."""
-        return Placement(*self[:3]).at_station, self.supervision is Site.STATION, self.setpoints == STAMPED
-
-
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """Which cell of the grid.
-
-    Attributes:
-        sequence: Where sequence control is.
-        balance: Where balance control is.
-        supervision: Where supervision is.
-        network: The name of the network.
-        setpoints: On which topic set-points travel; empty where they do not cross the network.
-    """
+    """Which cell of the grid: a placement, see `Placement`, on a network."""
 
     sequence: Site
     balance: Site
@@ -107,31 +93,17 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def placement(self) -> Placement:
-        """Where the three are."""
-        return Placement(self.sequence, self.balance, self.supervision)
-
-    @property
-    def choice(self) -> Choice:
-        """Which choice it is of."""
-        return Choice(*self.placement, self.setpoints)
-
-    @property
-    def stamped(self) -> bool:
-        """Whether set-points are sent ahead, with their time."""
-        return self.setpoints != UNSTAMPED
+        """The placement, with the way its set-points travel."""
+        return Placement(self.sequence, self.balance, self.supervision, self.setpoints)
 
 
 class Drive(Row, frozen=True, kw_only=True):
     """A manoeuvre, against the same with everything on the robot.
 
     Attributes:
-        outcome: What came of it.
         reason: The first reason that was given for anything but driving on.
-        max_position_m: Largest distance, m.
-        rms_position_m: Its root mean square, m.
         max_velocity_m_s: Largest difference of the velocity ahead, m/s.
         rms_velocity_m_s: Its root mean square, m/s.
-        max_tilt_rad: Largest tilt, rad.
         digest: Over everything that the drives gave and all truth: equal digests are equal bits.
     """
 
@@ -167,11 +139,8 @@ class Cut(Row, frozen=True, kw_only=True):
     """A partition while it drove.
 
     Attributes:
-        partition_s: How long nothing passed, s.
-        outcome: What came of it.
         did: What the robot did by itself, with how long after the beginning of the partition.
         max_position_m: Largest distance from the robot without a network, m.
-        max_tilt_rad: Largest tilt, rad.
     """
 
     partition_s: float
@@ -185,9 +154,6 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
     """A limit of balance control on the station, by search.
 
     Attributes:
-        robot: Which robot.
-        what: Of what.
-        unit: Of it.
         tolerated: The largest that was tolerated with every seed.
         lost: The smallest that was not; None where the largest tried was tolerated.
         lost_by: What the robot gave as reason then.
@@ -212,9 +178,9 @@ class StudyResult(msgspec.Struct, frozen=True, kw_only=True):
     bounds: tuple[Bound, ...]
 
 
-def choices(found: StudyResult) -> list[Choice]:
+def placements(found: StudyResult) -> list[Placement]:
     """All that were studied, in their order."""
-    return list(dict.fromkeys(row.choice for row in found.drives))
+    return list(dict.fromkeys(row.placement for row in found.drives))
 
 
 def network_names(found: StudyResult) -> list[str]:
@@ -222,32 +188,32 @@ def network_names(found: StudyResult) -> list[str]:
     return list(dict.fromkeys(row.network for row in found.drives))
 
 
-def unfit(found: StudyResult, choice: Choice, network: str) -> list[str]:
-    """What speaks against a choice on a network; empty where it is fit."""
+def unfit(found: StudyResult, placement: Placement, network: str) -> list[str]:
+    """What speaks against a placement on a network; empty where it is fit."""
     reasons = []
-    for drive in (row for row in found.drives if row.choice == choice and row.network == network):
+    for drive in (row for row in found.drives if row.placement == placement and row.network == network):
         if drive.outcome is not RunOutcome.DROVE_ON:
             reasons.append(drive.outcome.value)
         elif drive.max_position_m > POSITION_M:
             reasons.append(f"{drive.max_position_m:.2f} m off")
     # On the stop, the kind of set-points has no influence.
-    stop = next((row for row in found.stops if row.placement == choice[:3] and row.network == network), None)
+    stop = next((row for row in found.stops if row.placement[:3] == placement[:3] and row.network == network), None)
     if stop is not None and (stop.worst_s is None or stop.worst_s > STOP_S) and stop.outcome in UPRIGHT:
         reasons.append("no stop" if stop.worst_s is None else f"stops after {stop.worst_s:.2f} s")
-    cuts = (cut for cut in found.cuts if cut.choice == choice and cut.outcome not in UPRIGHT)
+    cuts = (cut for cut in found.cuts if cut.placement == placement and cut.outcome not in UPRIGHT)
     reasons += [f"falls in a partition of {cut.partition_s:g} s" for cut in itertools.islice(cuts, 1)]
     return reasons
 
 
-def recommended(found: StudyResult, network: str) -> Choice | None:
-    """Of the choices that are fit on a network, the one of the highest rank; None where none is fit."""
-    fit = [choice for choice in choices(found) if not unfit(found, choice, network)]
-    return max(fit, key=lambda choice: choice.rank, default=None)
+def recommended(found: StudyResult, network: str) -> Placement | None:
+    """Of the placements that are fit on a network, the one of the highest rank; None where none is fit."""
+    fit = [each for each in placements(found) if not unfit(found, each, network)]
+    return max(fit, key=lambda each: each.rank, default=None)
 
 
-def overall(found: StudyResult) -> Choice | None:
-    """The choice that is fit on the most networks, and of several the one of the highest rank."""
+def overall(found: StudyResult) -> Placement | None:
+    """The placement that is fit on the most networks, and of several the one of the highest rank."""
     networks = network_names(found)
-    fit_on = {c: sum(not unfit(found, c, network) for network in networks) for c in choices(found)}
-    best = max(fit_on, key=lambda choice: (fit_on[choice], choice.rank), default=None)
+    fit_on = {p: sum(not unfit(found, p, network) for network in networks) for p in placements(found)}
+    best = max(fit_on, key=lambda each: (fit_on[each], each.rank), default=None)
     return best if best is not None and fit_on[best] else None

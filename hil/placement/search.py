@@ -43,17 +43,14 @@ class LimitSearch(msgspec.Struct, frozen=True, kw_only=True):
     """A search.
 
     Attributes:
-        robot: The robot.
         size: What is made larger.
         delivery: What becomes of messages that are lost or overtaken.
-        latency_s: One way, s; a jitter is had around as much latency as itself.
         theory: What theory gives for the limit; None where it gives nothing.
     """
 
     robot: str
     size: Size
     delivery: Delivery = Delivery.NEWEST
-    latency_s: float = 0.0
     theory: float | None = None
 
 
@@ -104,13 +101,14 @@ def _lost_by(runs: Sequence[RunRecord]) -> str | None:
 
 
 def _network(search: LimitSearch, size: float) -> Network:
-    growing = Network(latency_s=search.latency_s, begins_s=_BEGINS_S, grows_s=_GROWS_S)
+    growing = Network(begins_s=_BEGINS_S, grows_s=_GROWS_S)
     match search.size:
         case Size.DELAY:
             return msgspec.structs.replace(growing, latency_s=0.5 * size)
         case Size.STANDING:
             return Network(latency_s=0.5 * size)
         case Size.JITTER:
+            # around as much latency as itself
             return msgspec.structs.replace(growing, latency_s=size, jitter_s=size)
         case Size.LOSS:
             return msgspec.structs.replace(growing, loss=size)

@@ -7,13 +7,13 @@ from typing import Final, NamedTuple
 from segway_ecc.hil.placement.judging import RunOutcome
 from segway_ecc.hil.placement.results import (
     Bound,
-    Choice,
     Drive,
+    Placement,
     Row,
     StudyResult,
-    choices,
     network_names,
     overall,
+    placements,
     recommended,
 )
 from segway_ecc.hil.text_table import aligned
@@ -26,8 +26,6 @@ class Table(NamedTuple):
     """A table.
 
     Attributes:
-        title: What it shows.
-        head: The head of each column.
         rows: Its rows; the first columns identify them.
     """
 
@@ -36,15 +34,17 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
+_Cell = tuple[Placement, str]
+"""A placement, and the name of a network."""
 _WHICH: Final = ("sequence", "balance", "supervision", "set-points on")
 
 
 def tables(found: StudyResult) -> list[Table]:
     """Everything, as tables."""
     stops = {_key(s): NOTHING if s.worst_s is None else f"{s.worst_s * 1e3:.0f}" for s in found.stops}
-    stopped = list(dict.fromkeys(row.choice for row in found.stops))
+    stopped = list(dict.fromkeys(row.placement for row in found.stops))
     cuts = [
-        _marked((*c.choice, f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
+        _marked((*c.placement, f"{c.partition_s:g}", c.outcome.value, f"{c.max_position_m:.2f}", c.did))
         for c in sorted(found.cuts, key=lambda c: (c.partition_s,))
     ]
     bounds = [(b.robot, b.what, *bound_text(b), b.lost_by) for b in found.bounds]
@@ -85,12 +85,14 @@ def _drives(found: StudyResult, title: str, value: Callable[[Drive], float]) -> 
         held = "" if drive.outcome is RunOutcome.DROVE_ON else f" {drive.outcome}"
         return f"{value(drive):.3f}{held}" if is_up else drive.outcome.value
 
-    return _pivot(title, network_names(found), choices(found), {_key(d): cell(d) for d in found.drives})
+    return _pivot(title, network_names(found), placements(found), {_key(d): cell(d) for d in found.drives})
 
 
-def _pivot(title: str, networks: Sequence[str], shown: Sequence[Choice], cells: dict[tuple[Choice, str], str]) -> Table:
-    """A row for each choice, a column for each network."""
-    rows = [[*choice, *(cells.get((choice, name), NOTHING) for name in networks)] for choice in shown]
+def _pivot(
+    title: str, networks: Sequence[str], shown: Sequence[Placement], cells: dict[tuple[Placement, str], str]
+) -> Table:
+    """A row for each placement, a column for each network."""
+    rows = [[*placement, *(cells.get((placement, name), NOTHING) for name in networks)] for placement in shown]
     return Table(title, (*_WHICH, *networks), [_marked(row) for row in rows])
 
 
@@ -99,5 +101,5 @@ def _marked(row: Sequence[str]) -> Sequence[str]:
     return [text or NOTHING for text in row]
 
 
-def _key(row: Row) -> tuple[Choice, str]:
-    return row.choice, row.network
+def _key(row: Row) -> _Cell:
+    return row.placement, row.network

@@ -78,11 +78,9 @@ class CartPlant(_RollingCart):
     def output(self) -> Sequence[float]:
         """Wheels, pose and IMU."""
         il, wl, ir, wr, left, right, *pose = self.s
-        accelerations = (
-            self.motor_rates(self.left_voltage, il, wl)[1],
-            self.motor_rates(self.right_voltage, ir, wr)[1],
-        )
-        return self.measured((left, wl, right, wr), accelerations, pose)
+        _, left_rate = self.motor_rates(self.left_voltage, il, wl)
+        _, right_rate = self.motor_rates(self.right_voltage, ir, wr)
+        return self.measured((left, wl, right, wr), (left_rate, right_rate), pose)
 
 
 class CartTorquePlant(_RollingCart):

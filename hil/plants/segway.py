@@ -20,10 +20,8 @@ from segway_ecc.hil.plants.segway_hardware import (
     Encoder,
     Imu,
     ImuErrors,
-    Motion,
     TorqueMotor,
     VoltageMotor,
-    measured_motion,
 )
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import Method, SectionedModel
@@ -32,7 +30,6 @@ from segway_ecc.node.models.segway_parameters import VARIABLES, SegwayParameters
 STEP_SIZE: Final = 0.001
 _MOST_STIFF: Final = 1.0
 """How much of its way to rest friction may go in one substep: the method is stable up to 2.8, and exact far below."""
-
 _TYPICAL: Final = ImuErrors()
 # In the order of the fields of ImuErrors.
 _IMU_ERRORS: Final = (
@@ -73,10 +70,6 @@ class _Segway(SectionedModel):
     wrong scale, latency or counts. `Seed` is a whole number; the same one gives the same run.
 
     x and y are counted along the ground, which on a slope is not level.
-
-    Attributes:
-        body: The mechanics.
-        battery: The supply.
     """
 
     step_size = STEP_SIZE
@@ -100,13 +93,13 @@ class _Segway(SectionedModel):
         self._moved = 0
         self._disturbance: tuple[float, ...] = ()
         self._disturb()
-        self._gravity, self._imu_height = p.gravity, p.imu_height
+        self._imu_height = p.imu_height
         share = self.p["SensorErrors"]
         if not share:
             p = dataclasses.replace(p, encoder_counts_per_turn=0.0)
         left, right = self.body.wheel_angles()
         self._left_encoder, self._right_encoder = Encoder(p, STEP_SIZE, left), Encoder(p, STEP_SIZE, right)
-        self._imu_sample = motion = self._motion()
+        self._imu_sample = motion = self.body.measured_motion(self._imu_height)
         errors = ImuErrors(*(share * self.p[variable.name] for variable in _IMU_ERRORS))
         errors = dataclasses.replace(errors, latency=self.p["ImuLatency"])
         self._imu = Imu(errors, STEP_SIZE, int(self.p["Seed"]), motion) if share else None
@@ -147,7 +140,7 @@ class _Segway(SectionedModel):
             moved += substep
             if moved == sampled:
                 self.body.accelerate(self._left_motor.present_torque, self._right_motor.present_torque)
-                motion = self._motion()
+                motion = self.body.measured_motion(self._imu_height)
                 if imu is None:
                     self._imu_sample = motion
                 else:
@@ -189,11 +182,6 @@ class _Segway(SectionedModel):
         self.body.load(payload, self.p["PayloadHeight"])
         stiffness = self.body.friction_rate * STEP_SIZE
         self._longest = next((steps for steps in range(MOST_STEPS, 1, -1) if steps * stiffness <= _MOST_STIFF), 1)
-
-    def _motion(self) -> Sequence[float]:
-        b = self.body
-        motion = Motion(b.v, b.q, b.w, b.dv, b.dq, b.dw, b.pitch + b.slope, b.pitch)
-        return measured_motion(motion, self._imu_height, self._gravity)
 
     def output(self) -> Sequence[float]:
         """Encoders, IMU, and how it really is."""

@@ -33,6 +33,7 @@ What it leaves out: tyres that slip or lift off, rolling resistance, bumpers tha
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from segway_ecc.node.models.segway_parameters import SegwayParameters
@@ -120,6 +121,27 @@ class SegwayBody:
         """How fast `wheel_speeds` change, rad/s2."""
         rolling, steer = self.dv * self.per_radius - self.dq, self._lever * self.dw
         return rolling - steer, rolling + steer
+
+    def measured_motion(self, height: float) -> Sequence[float]:
+        """What a perfect IMU shows `height` m above the axle, in its axes: rates (rad/s), then specific forces (m/s2).
+
+        The axle's middle accelerates by dv ahead and v w to the left. The point on the body's axis at height h adds, in
+        the axes of the body, h (dq - w^2 sin cos) ahead, h (dw sin + 2 w q cos) to the left, and -h (q^2 + w^2 sin^2)
+        along the axis, with sin and cos of the lean; gravity's reaction adds -g sin(pitch) ahead and g cos(pitch) along
+        the axis.
+        """
+        v, q, w, dv, dq, dw, pitch = self.v, self.q, self.w, self.dv, self.dq, self.dw, self.pitch
+        gravity, lean = self._p.gravity, pitch + self.slope
+        sin, cos = math.sin(lean), math.cos(lean)
+        sideways = w * sin
+        return (
+            -sideways,
+            q,
+            w * cos,
+            dv * cos + height * (dq - w * sideways * cos) - gravity * math.sin(pitch),
+            v * w + height * (dw * sin + 2.0 * w * q * cos),
+            dv * sin - height * (q * q + sideways * sideways) + gravity * math.cos(pitch),
+        )
 
     def accelerations(  # noqa: PLR0913, PLR0917 - the state and both torques, five times a step: no room to pack them
         self, v: float, q: float, w: float, pitch: float, left: float, right: float

@@ -21,7 +21,7 @@ import random
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 from segway_ecc.node.models.segway_parameters import SegwayParameters
 
@@ -135,16 +135,12 @@ class TorqueMotor:
 
 
 def _lags(step: float, time_constant: float) -> list[tuple[float, float]]:
-    """`_lag` of no steps, of one, and so on."""
-    return [(1.0, 1.0), *(_lag(count * step, time_constant) for count in range(1, MOST_STEPS + 1))]
-
-
-def _lag(step: float, time_constant: float) -> tuple[float, float]:
-    """What is left of a first-order lag's start value after `step` s, and in its mean over them."""
-    if time_constant <= 0.0:
-        return 0.0, 0.0
-    decay = math.exp(-step / time_constant)
-    return decay, (1.0 - decay) * time_constant / step
+    """What is left of a first-order lag's start value after no steps, one and so on, s, and in its mean over them."""
+    lags = [(1.0, 1.0)]
+    for count in range(1, MOST_STEPS + 1):
+        decay = math.exp(-count * step / time_constant) if time_constant > 0.0 else 0.0
+        lags.append((decay, (1.0 - decay) * max(time_constant, 0.0) / (count * step)))
+    return lags
 
 
 def _clamp(value: float, limit: float) -> float:
@@ -228,46 +224,6 @@ def _between(steps: int) -> list[tuple[float, float, float, float]]:
 
 
 _BETWEEN: Final = [_between(steps) for steps in range(MOST_STEPS + 1)]
-
-
-class Motion(NamedTuple):
-    """How the body moves, in the terms of `SegwayBody`.
-
-    Attributes:
-        v, q, w: Forward speed, pitch rate, yaw rate; m/s, rad/s, rad/s.
-        dv, dq, dw: Their accelerations; m/s2, rad/s2, rad/s2.
-        lean: Against the ground's normal, rad.
-        pitch: Against the vertical, rad.
-    """
-
-    v: float
-    q: float
-    w: float
-    dv: float
-    dq: float
-    dw: float
-    lean: float
-    pitch: float
-
-
-def measured_motion(motion: Motion, height: float, gravity: float) -> Sequence[float]:
-    """What a perfect IMU shows `height` m above the axle: angular velocity (rad/s), specific force (m/s2), in its axes.
-
-    The axle's middle accelerates by dv ahead and v w to the left. The point on the body's axis at height h adds, in the
-    axes of the body, h (dq - w^2 sin cos) ahead, h (dw sin + 2 w q cos) to the left, and -h (q^2 + w^2 sin^2) along the
-    axis, with sin and cos of the lean; gravity's reaction adds -g sin(pitch) ahead and g cos(pitch) along the axis.
-    """
-    v, q, w, dv, dq, dw, lean, pitch = motion
-    sin, cos = math.sin(lean), math.cos(lean)
-    sideways = w * sin
-    return (
-        -sideways,
-        q,
-        w * cos,
-        dv * cos + height * (dq - w * sideways * cos) - gravity * math.sin(pitch),
-        v * w + height * (dw * sin + 2.0 * w * q * cos),
-        dv * sin - height * (q * q + sideways * sideways) + gravity * math.cos(pitch),
-    )
 
 
 class Imu:

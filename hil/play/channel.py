@@ -107,11 +107,7 @@ def channel() -> tuple[socket.socket, socket.socket]:
 
 
 class LoopEnd:
-    """The loop's end; `is_gone` where the terminal's process has ended.
-
-    Attributes:
-        dropped: Snapshots that found no room.
-    """
+    """The loop's end; `is_gone` where the terminal's process has ended, `dropped` are snapshots that found no room."""
 
     def __init__(self, end: socket.socket) -> None:
         """Talk over `end`."""

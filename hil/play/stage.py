@@ -98,10 +98,9 @@ class PlantControls:
 
 
 class Posture:
-    """Has the robot stand up or sit down; see `segway_ecc.node.models.segway_law`.
+    """Has the robot stand up or sit down, where it is one that does: `can_change`.
 
-    Attributes:
-        can_change: Whether the robot is one that stands up and sits down.
+    See `segway_ecc.node.models.segway_law`.
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -19,11 +19,7 @@ _POLL_S: Final = 0.0001
 
 
 class LinkFront:
-    """Passes everything on to the link behind; a link that disturbs another overrides what it changes. See `Link`.
-
-    Attributes:
-        behind: The link behind.
-    """
+    """Passes everything on to the link behind; a link that disturbs another overrides what it changes. See `Link`."""
 
     def __init__(self, behind: Link) -> None:
         """Stand in front of `behind`."""
@@ -138,7 +134,6 @@ class PacedLink(LinkFront):
     Attributes:
         sent: Data frames that went out here.
         lost: Frames of the other end that never arrived here.
-        other: The other end.
     """
 
     def __init__(self, link: Link, sleep: Callable[[float], None] = time.sleep) -> None:

@@ -6,9 +6,8 @@ from typing import Final
 
 from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame, Link
-from segway_ecc.hil.devices.device import Device
+from segway_ecc.hil.devices.device import Device, advance_of
 from segway_ecc.hil.errors import PlantMismatchError
-from segway_ecc.hil.rig.plant import advance_of
 from segway_ecc.node.model.model import Model
 
 _NS_PER_S: Final = 1_000_000_000
@@ -18,9 +17,7 @@ class SimulatedRobot:
     """The other end of the robot's bus.
 
     Attributes:
-        link: The bus it is on.
         tick_ns: Period of the firmware's loops.
-        output_names: Names of the plant's outputs.
         inputs: What the motors give the plant, in the plant's order.
         outputs: The plant's newest outputs, in the plant's order.
         stuck: What devices measure in place of the plant's outputs, by name: sensors that show an old value.

@@ -45,10 +45,6 @@ class SimulatedSerial:
             wire.is_cut = is_cut
         self._cut = is_cut
 
-    def garbage(self, data: bytes, port: "SimulatedPort | None" = None) -> None:
-        """Noise: bytes that arrive now at `port`, or at the robot's, in the middle of whatever is on its way."""
-        (self.host if port is None else port).inject(data)
-
 
 class _Wire:
     """One way of a line."""
@@ -150,7 +146,7 @@ class SimulatedPort:
         self._is_there = True
 
     def inject(self, data: bytes) -> None:
-        """Let bytes arrive that nobody sent."""
+        """Noise: bytes that nobody sent arrive now, in the middle of whatever is on its way."""
         self._incoming.pass_on()
         self._incoming.keep(data)
 

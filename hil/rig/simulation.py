@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The simulation that a robot file describes: its bus, serial line, plant and devices; and running it in real time."""
+"""The simulation that a robot file describes, and the rigs that run it: in lock step, or in real time."""
 
 from collections.abc import Callable, Sequence
+from typing import Final, Protocol
 
-from segway_ecc.firmware_io.build import HardwareSettings, serial_of
+from segway_ecc.firmware_io.build import HardwareSettings
 from segway_ecc.firmware_io.clock import Clock
 from segway_ecc.firmware_io.drives.cia402.settings import Cia402Settings
 from segway_ecc.firmware_io.drives.odrive.settings import OdriveSettings
@@ -12,7 +13,6 @@ from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSetting
 from segway_ecc.firmware_io.links.can_link import CanLink
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.firmware_io.links.serial_link import Port
-from segway_ecc.firmware_io.links.settings import CanSettings, SerialSettings
 from segway_ecc.hil.devices import cia402, odrive, vesc, wheel_board
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
 from segway_ecc.hil.devices.device import Device
@@ -22,6 +22,7 @@ from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
 from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.rig.fronts import LinkFront
+from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.node.config import NoHardwareSection, RobotFile
 from segway_ecc.node.model.model import Model
@@ -31,6 +32,8 @@ Observer = Callable[[int, Sequence[float]], None]
 """Called after each tick of the devices with the wall-clock time, ns, and the plant's outputs."""
 Trace = Callable[[int, int, Sequence[float]], None]
 """Called after each tick with the monotonic and the wall-clock time at which it began, ns, and what the motors give."""
+WALL_START_NS: Final = 1_700_000_000_000_000_000
+"""What the simulated wall clock reads at monotonic time zero."""
 
 
 def hardware_of(file: RobotFile) -> HardwareSettings:
@@ -42,24 +45,6 @@ def hardware_of(file: RobotFile) -> HardwareSettings:
     if isinstance(file.hardware, NoHardwareSection):
         raise NoSimulationError(f"robot '{file.name}' has no hardware that could be simulated: it is all model")
     return file.hardware
-
-
-def simulated_bus(file: RobotFile) -> CanSettings:
-    """The bus that the simulated devices share with the robot.
-
-    Raises:
-        NoSimulationError: The robot is on none.
-    """
-    return hardware_of(file).can
-
-
-def simulated_serial(file: RobotFile) -> SerialSettings | None:
-    """The serial line to the simulated drives, if the robot has one.
-
-    Raises:
-        NoSimulationError: The robot has no hardware.
-    """
-    return serial_of(hardware_of(file))
 
 
 def simulated_plant(file: RobotFile) -> Model:
@@ -122,9 +107,7 @@ class RealTimePlant:
     A tick that comes late is made up for: the laws of physics skip nothing.
 
     Attributes:
-        ticks: Ticks so far.
         late: Ticks that came more than a whole tick late.
-        robot: What is ticked.
     """
 
     def __init__(self, robot: SimulatedRobot, clock: Clock) -> None:
@@ -170,3 +153,67 @@ class RealTimePlant:
                 deadline_ns += tick_ns
         finally:
             self.robot.link.close()
+
+
+class Source(Protocol):
+    """Something that acts at times of its own."""
+
+    @property
+    def next_ns(self) -> int | None:
+        """When it is next to act; None while it is not to."""
+
+    def act(self) -> None:
+        """Do what is due now."""
+
+
+class LockstepRig:
+    """A clock that, whenever the node waits, lets the devices run up to the moment the node waits for.
+
+    Its time stops wherever a source is to act.
+    """
+
+    def __init__(self, bitrate: int) -> None:
+        """Make a rig with an empty bus at `bitrate` bit/s."""
+        self.bus = SimulatedBus(bitrate, self.now_ns)
+        self._robot: SimulatedRobot | None = None
+        self._observe: Observer | None = None
+        self._sources: list[Source] = []
+        self._now_ns = 0
+        self._next_tick_ns = 0
+
+    def attach(self, robot: SimulatedRobot, observe: Observer | None = None) -> None:
+        """Let a simulated robot take part; `observe` is called after each of its ticks."""
+        self._robot, self._observe = robot, observe
+
+    def add(self, source: Source) -> None:
+        """Let a source act."""
+        self._sources.append(source)
+
+    def now_ns(self) -> int:
+        """Simulated monotonic time."""
+        return self._now_ns
+
+    def wall_ns(self) -> int:
+        """Simulated wall-clock time."""
+        return WALL_START_NS + self._now_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Let the devices run, and the sources act, up to the deadline."""
+        while (
+            due_ns := min((at for s in self._sources if (at := s.next_ns) is not None), default=deadline_ns)
+        ) < deadline_ns:
+            self._run_until(due_ns)
+            for source in self._sources:
+                if source.next_ns is not None and source.next_ns <= due_ns:
+                    source.act()
+        self._run_until(deadline_ns)
+
+    def _run_until(self, deadline_ns: int) -> None:
+        robot = self._robot
+        while robot is not None and self._next_tick_ns < deadline_ns:
+            self._now_ns = self._next_tick_ns
+            robot.tick(self._now_ns)
+            if self._observe is not None:
+                self._observe(self.wall_ns(), robot.outputs)
+            self._next_tick_ns += robot.tick_ns
+        self._now_ns = max(self._now_ns, deadline_ns)

@@ -7,10 +7,11 @@ messages of the topic `mode` arrived, by mode and reason.
 """
 
 import contextlib
-import itertools
+import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from typing import Any, Final
 
 import msgspec
@@ -46,12 +47,7 @@ class RealTimeSoak(msgspec.Struct, frozen=True):
 
 
 class RealTimeResult(msgspec.Struct, frozen=True):
-    """How the run went.
-
-    Attributes:
-        node: What the node reports of its run.
-        modes: Messages of the topic `mode`, by mode and reason; empty without ROS.
-    """
+    """What the node reports of its run, and messages of the topic `mode`, by mode and reason: none without ROS."""
 
     node: dict[str, Any]
     modes: dict[str, int]
@@ -98,11 +94,9 @@ def drive(namespace: str, duration_s: float) -> dict[str, int]:
 
         subscriptions = [subscribed(topic, kind) for topic, kind in _TOPICS.items()]
         mode = subscribed("mode", "diagnostic_msgs/msg/DiagnosticStatus")
-        publish, operate = _SetpointPublisher(node), _FaultClearer(node)
+        publish, operate = _setpoint_publisher(node), _FaultClearer(node)
         begun_s = time.monotonic()
-        for turn in itertools.count():
-            if turn * _PERIOD_S >= duration_s:
-                return modes
+        for turn in range(math.ceil(duration_s / _PERIOD_S)):
             time.sleep(max(begun_s + turn * _PERIOD_S - time.monotonic(), 0.0))
             publish(turn)
             for subscription in subscriptions:
@@ -114,24 +108,22 @@ def drive(namespace: str, duration_s: float) -> dict[str, int]:
     return modes
 
 
-class _SetpointPublisher:
+def _setpoint_publisher(node: RosObject) -> Callable[[int], None]:
     """Publishes the set-point of each turn, and heartbeats."""
+    driver, twist, header = Driver(1), message_type("geometry_msgs/msg/Twist"), message_type("std_msgs/msg/Header")
+    setpoints = node.create_publisher(twist, "cmd_vel", 10)
+    beats = node.create_publisher(header, "station", newest_only())
 
-    def __init__(self, node: RosObject) -> None:
-        self._driver = Driver(1)
-        self._twist = message_type("geometry_msgs/msg/Twist")
-        self._header = message_type("std_msgs/msg/Header")
-        self._setpoints = node.create_publisher(self._twist, "cmd_vel", 10)
-        self._beats = node.create_publisher(self._header, "station", newest_only())
-
-    def __call__(self, turn: int) -> None:
-        message = self._twist()
-        message.linear.x, message.angular.z = self._driver.setpoint(turn * _PERIOD_S)
-        self._setpoints.publish(message)
+    def publish(turn: int) -> None:
+        message = twist()
+        message.linear.x, message.angular.z = driver.setpoint(turn * _PERIOD_S)
+        setpoints.publish(message)
         if turn % _BEAT_EVERY == 0:
-            beat = self._header(frame_id="soak")
+            beat = header(frame_id="soak")
             beat.stamp.sec, beat.stamp.nanosec = divmod(time.monotonic_ns(), 1_000_000_000)
-            self._beats.publish(beat)
+            beats.publish(beat)
+
+    return publish
 
 
 class _FaultClearer:

@@ -96,8 +96,7 @@ def _ask(driving: Command, line: str) -> ProcessSample:
 class PatientRecorder(RecorderFront):
     """Waits where the writer does not keep up: in lock step the loop runs many times as fast as on a robot.
 
-    Attributes:
-        dropped: Records that were dropped all the same.
+    `dropped` are the records that were dropped all the same.
     """
 
     def __init__(self, recorder: ProcessRecorder) -> None:

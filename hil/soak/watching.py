@@ -151,9 +151,7 @@ def judge(series: Series) -> Verdict:
     Raises:
         ValueError: There are too few samples to judge.
     """
-    from_s = 0.0
-    if series.times_s:
-        from_s = series.times_s[0] + WARM_UP * (series.times_s[-1] - series.times_s[0])
+    from_s = series.times_s[0] + WARM_UP * (series.times_s[-1] - series.times_s[0]) if series.times_s else 0.0
     kept = [(t, v) for t, v in zip(series.times_s, series.values, strict=True) if t >= from_s]
     times_s, values = [t for t, _ in kept], [v for _, v in kept]
     if len(values) < _FEWEST:

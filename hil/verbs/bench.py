@@ -11,20 +11,11 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from segway_ecc.hil.bench import table
 from segway_ecc.hil.bench.comparison import SEARCHED, ComparisonSetup, compare, search
 from segway_ecc.hil.bench.contestants import Contestant
 from segway_ecc.hil.bench.rig import choose_bus, held_conditions, missing, own_cache
 from segway_ecc.hil.bench.speed import campaign_speed, links_cost, lock_step, model_step
-from segway_ecc.hil.bench.table import (
-    Claim,
-    campaign_text,
-    claims,
-    comparison_text,
-    held_text,
-    links_text,
-    lock_step_text,
-    model_text,
-)
 from segway_ecc.hil.kernels import uml
 from segway_ecc.hil.latency import other_host
 from segway_ecc.hil.latency.measure import Where, measure
@@ -47,7 +38,7 @@ class _Part(NamedTuple):
 
     document: object
     text: str
-    claims: Sequence[Claim] = ()
+    claims: Sequence[table.Claim] = ()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -137,11 +128,11 @@ def _on_the_rig(
 @_on_the_rig
 def _loops(options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
     duration_s = _FULL_DURATION_S if options.full else options.duration
-    rates, texts, judged = [], [], list[Claim]()
+    rates, texts, judged = [], [], list[table.Claim]()
     for rate_hz in options.rate:
         results = compare(setup, rate_hz, duration_s, options.repeats, _contestants(options))
-        found = claims(results)
-        texts += [f"at {rate_hz:g} Hz", comparison_text(results), *(claim.as_text() for claim in found)]
+        found = table.claims(results)
+        texts += [f"at {rate_hz:g} Hz", table.comparison_text(results), *(claim.as_text() for claim in found)]
         verdicts = [{**dataclasses.asdict(claim), "met": claim.is_met} for claim in found]
         programs = {who: dataclasses.asdict(result) for who, result in results.items()}
         rates.append({"rate_hz": rate_hz, "programs": programs, "claims": verdicts})
@@ -162,18 +153,18 @@ def _held(options: argparse.Namespace, setup: ComparisonSetup) -> _Part:
         }
         for who, one in held.items()
     }
-    return _Part({"hold_s": hold_s, "programs": document}, held_text(held, hold_s))
+    return _Part({"hold_s": hold_s, "programs": document}, table.held_text(held, hold_s))
 
 
 def _lock_step(_options: argparse.Namespace) -> _Part:
     measured = lock_step()
     document = [{**dataclasses.asdict(one), "times_real_time": one.times_real_time} for one in measured]
-    return _Part(document, lock_step_text(measured))
+    return _Part(document, table.lock_step_text(measured))
 
 
 def _campaign(_options: argparse.Namespace) -> _Part:
     speed = campaign_speed()
-    return _Part({**dataclasses.asdict(speed), "runs_per_s": speed.runs_per_s}, campaign_text(speed))
+    return _Part({**dataclasses.asdict(speed), "runs_per_s": speed.runs_per_s}, table.campaign_text(speed))
 
 
 def _latency(options: argparse.Namespace) -> _Part:
@@ -207,7 +198,7 @@ def _model(_options: argparse.Namespace) -> _Part:
     if missing() is not None:
         return _Part(None, f"native model: {missing()}")
     cost = model_step()
-    return _Part(cost, model_text(cost))
+    return _Part(cost, table.model_text(cost))
 
 
 def _links(_options: argparse.Namespace) -> _Part:
@@ -220,7 +211,7 @@ def _links(_options: argparse.Namespace) -> _Part:
     if cost is None:
         remedy = "sudo apt-get install user-mode-linux"
         return _Part(None, f"CAN links: no SocketCAN here, and no user-mode Linux ({remedy})")
-    return _Part(cost, links_text(cost))
+    return _Part(cost, table.links_text(cost))
 
 
 _PARTS: Final[dict[str, Callable[[argparse.Namespace], _Part]]] = {

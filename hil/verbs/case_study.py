@@ -15,7 +15,7 @@ from segway_ecc.hil.case_study.can import ROBOT, LockstepCanSeat, RealTimeCanSea
 from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat, RosSeat, SeatRunner, conduct, has_compiler
 from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.progress import show_all_progress
-from segway_ecc.hil.rig.simulation import simulated_bus
+from segway_ecc.hil.rig.simulation import hardware_of
 from segway_ecc.hil.verbs.proofs import check_counts, has_figures, print_found, writing_to
 from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.config import load_robot
@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lock-step", action="store_true", help="the can seat on a simulated clock")
     parser.add_argument("--robot", default=ROBOT, help="the robot of the can seat (default: %(default)s)")
     parser.add_argument(
-        "--channel",
-        help="CAN interface of the can seat (default: the first there is, or a simulated bus)",
+        "--channel", help="CAN interface of the can seat (default: the first there is, or a simulated bus)"
     )
     parser.add_argument("--plant-channel", metavar="CHANNEL", help="CAN interface of its plant (default: the same)")
     parser.add_argument("--repeat", type=int, default=1, metavar="N", help="run the seats N times and compare them")
@@ -108,7 +107,7 @@ def _runners(seats: list[Seat], folder: Path, options: argparse.Namespace) -> li
 
 
 def _facts(folder: Path, robot: str) -> dict[str, str]:
-    bus = can_link(simulated_bus(load_robot(robot)), RealClock()).description
+    bus = can_link(hardware_of(load_robot(robot)).can, RealClock()).description
     rclpy = "none"
     if not missing_packages():
         try:

@@ -10,28 +10,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
-from segway_ecc.firmware_io.build import can_link
+from segway_ecc.firmware_io.build import can_link, serial_of
 from segway_ecc.firmware_io.clock import RealClock
-from segway_ecc.hil.drill import trace
-from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
+from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl, trace_writer
 from segway_ecc.hil.pseudo_terminal import PtyPort
 from segway_ecc.hil.rig.simulation import (
     Observer,
     RealTimePlant,
     Trace,
-    simulated_bus,
+    hardware_of,
     simulated_robot,
-    simulated_serial,
 )
 from segway_ecc.hil.verbs.proofs import print_found
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import (
-    add_json,
-    add_robot,
-    real_time,
-    robot_file,
-    stopped_by_signals,
-)
+from segway_ecc.node.cli.options import add_json, add_robot, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
@@ -56,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the plant until it is stopped."""
     file, clock = robot_file(options), RealClock()
-    link = DisturbedLink(can_link(simulated_bus(file), clock))
+    link = DisturbedLink(can_link(hardware_of(file).can, clock))
     with messages(), contextlib.ExitStack() as stack:
         plant = RealTimePlant(simulated_robot(file, link, _serial_port(file, stack)), clock)
         stack.enter_context(stopped_by_signals(plant.stop))
@@ -64,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         traced: Trace | None = None
         if options.trace is not None:
             names = [v.name for v in plant.robot.plant.inputs]
-            traced = trace.writer(stack.enter_context(_open(options.trace)), names)
+            traced = trace_writer(stack.enter_context(_open(options.trace)), names)
         control = None
         if options.control:
             obey = PlantControl(plant.robot, link, plant.robot.plant, clock).obey
@@ -82,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _serial_port(file: RobotFile, stack: contextlib.ExitStack) -> PtyPort | None:
     """The drives' end of the serial line, a pseudo-terminal that the robot finds under the name in its file."""
-    serial = simulated_serial(file)
+    serial = serial_of(hardware_of(file))
     if serial is None:
         return None
     try:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import run_quietly
 from segway_ecc.hil.campaign.result import details
+from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
 from segway_ecc.hil.verbs.proofs import print_found
 from segway_ecc.node.cli.options import add_json
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     seed = scenario.seeds[0] if options.seed is None else options.seed
     parameters = parameters_of(options.set) if options.set else scenario.parameters[0]
     robot = options.robot or scenario.robots[0]
-    result = run_quietly(ScenarioRun(options.scenario, scenario, robot, seed, parameters), options.log)
+    result = run_scenario(ScenarioRun(options.scenario, scenario, robot, seed, parameters), options.log)
     document = {**msgspec.to_builtins(result), "as_expected": result.is_as_expected, "command": result.command}
     print_found(options, document, details(result))
     return 0 if result.is_as_expected else 1

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
-from segway_ecc.hil.drill import interface, trial
-from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
+from segway_ecc.hil.drill import trial
+from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome, why_not_down
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trial import DrillResult
 from segway_ecc.hil.text_table import aligned
@@ -79,7 +79,7 @@ def _choose(options: argparse.Namespace, file: RobotFile) -> tuple[list[DrillFau
     if serial_of(file.hardware) is not None:
         raise ConfigurationError(f"robot '{file.name}' names a serial line: take it out, the drill makes its own")
     can_serial = "serial" in file.hardware.__struct_fields__
-    no_interface = interface.why_not_down(options.channel or "")
+    no_interface = why_not_down(options.channel or "")
     if options.interface != "socketcan" or options.channel is None:
         no_interface = "it needs a network interface: --interface socketcan --channel vcan0"
     faults = [FAULTS[name] for name in options.fault or FAULTS]

@@ -108,6 +108,7 @@ class _ControlledCart(CartBody):
     """The cart's body with its controller's equations."""
 
     step_size = STEP_SIZE
+    parameters: ClassVar[Sequence[Variable]] = (*WHEEL_PARAMETERS, *CONTROLLER_PARAMETERS)
 
     def static(self) -> None:
         """Gather the controller's parameters too."""
@@ -131,7 +132,6 @@ class Cart(_ControlledCart):
     """The whole case study in one model: wheels, controller and pose, as the thesis simulated it."""
 
     name = "cart"
-    parameters = (*WHEEL_PARAMETERS, *CONTROLLER_PARAMETERS)
     states = (*SETPOINT_STATES, *WHEEL_STATES, *POSE_STATES)
     outputs = (*POSE_OUTPUTS, *WHEEL_OUTPUTS)
 
@@ -139,15 +139,8 @@ class Cart(_ControlledCart):
         """Rates of set-points (zero), motors, wheel angles and pose."""
         linear, angular, il, wl, ir, wr, _, _, _, _, heading = s
         vl, vr = self.voltages(linear, angular, wl, wr)
-        return (
-            0.0,
-            0.0,
-            *self.motor_rates(vl, il, wl),
-            *self.motor_rates(vr, ir, wr),
-            wl,
-            wr,
-            *self.pose_rates(wl, wr, heading),
-        )
+        left, right = self.motor_rates(vl, il, wl), self.motor_rates(vr, ir, wr)
+        return (0.0, 0.0, *left, *right, wl, wr, *self.pose_rates(wl, wr, heading))
 
     def output(self) -> Sequence[float]:
         """Pose, velocities, and the wheels' angles and speeds."""
@@ -159,7 +152,6 @@ class CartController(_ControlledCart):
     """The cart's controller alone, for a cart whose wheels are hardware, with its pose by dead reckoning."""
 
     name = "cart-controller"
-    parameters: ClassVar[tuple[Variable, ...]] = (*WHEEL_PARAMETERS, *CONTROLLER_PARAMETERS)
     states: ClassVar[tuple[Variable, ...]] = (*SETPOINT_STATES, *POSE_STATES)
     inputs = (Variable("LeftVelocity", "rad/s"), Variable("RightVelocity", "rad/s"))
     outputs = (*POSE_OUTPUTS, Variable("LeftVoltage", "V"), Variable("RightVoltage", "V"))
@@ -201,13 +193,9 @@ class CartTorqueController(CartController):
         """Rates of set-points (zero), pose and currents."""
         linear, angular, _, _, heading, left_current, right_current = s
         left_voltage, right_voltage = self.voltages(linear, angular, self.left, self.right)
-        return (
-            0.0,
-            0.0,
-            *self.pose_rates(self.left, self.right, heading),
-            self.current_rate(left_voltage, left_current, self.left),
-            self.current_rate(right_voltage, right_current, self.right),
-        )
+        left_rate = self.current_rate(left_voltage, left_current, self.left)
+        right_rate = self.current_rate(right_voltage, right_current, self.right)
+        return (0.0, 0.0, *self.pose_rates(self.left, self.right, heading), left_rate, right_rate)
 
     def current_rate(self, voltage: float, current: float, speed: float) -> float:
         """Rate of a motor's current (A/s) at a wheel speed that was measured a while ago (rad/s)."""

@@ -16,8 +16,8 @@ from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.model.sectioned import Method, SectionedModel
 from segway_ecc.node.models.cart import POSE_OUTPUTS, SETPOINT_STATES
 from segway_ecc.node.models.segway_estimate import Estimate, Estimator, SegwayMeasurement, within
-from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, PhaseRules, Torques, stopped, torques
-from segway_ecc.node.models.segway_parameters import PUBLISHED
+from segway_ecc.node.models.segway_law import Law, Motion, Phase, PhaseProgress, PhaseRules, stopped, torques
+from segway_ecc.node.models.segway_parameters import PUBLISHED, VARIABLES
 
 STEP_SIZE: Final = 0.005
 
@@ -34,11 +34,12 @@ _INPUTS: Final = (
     Variable("AccelerationZ", "m/s2"),
 )
 _BODY: Final = (
-    Variable("WheelRadius", "m", PUBLISHED.wheel_radius, Write.STATIC),
-    Variable("Track", "m", PUBLISHED.track, Write.STATIC),
-    Variable("ImuHeight", "m", PUBLISHED.imu_height, Write.STATIC),
+    *(v for v in VARIABLES if v.name in {"WheelRadius", "Track", "ImuHeight"}),
     Variable("StopPitch", "rad", PUBLISHED.stop_angle, Write.STATIC, "where the body touches the ground"),
     Variable("TorqueLimit", "N m", 1.3, Write.STATIC, "of each wheel: what its tyre carries without slipping"),
+)
+_MOTOR: Final = tuple(
+    v for v in VARIABLES if v.name in {"MotorResistance", "MotorConstant", "GearRatio", "SupplyVoltage"}
 )
 _ESTIMATE: Final = (
     Variable("TiltTime", "s", 2.0, Write.STATIC, "how slowly the pitch follows the accelerometer"),
@@ -103,13 +104,7 @@ _OUTPUTS: Final = (*POSE_OUTPUTS, Variable("Pitch", "rad"), Variable("PitchRate"
 class SegwayController(SectionedModel):
     """IMU and encoders in, torques of the wheels out.
 
-    Its states are by name what it holds in the attributes below; nobody but the model writes those.
-
-    Attributes:
-        measured: What is measured.
-        estimate: What is known of the robot.
-        motion: Where the robot should be, and what was sent.
-        progress: What the robot is doing.
+    Its states are by name what it holds in `estimate`, `motion` and `progress`; nobody but the model writes those.
     """
 
     name = "segway-controller"
@@ -172,8 +167,8 @@ class SegwayController(SectionedModel):
                 return stopped(law.here(motion, e))
 
     @property
-    def torques(self) -> Torques:
-        """What the wheels are to push."""
+    def torques(self) -> tuple[float, float]:
+        """What the left and the right wheel are to push, N m."""
         return torques(self.motion)
 
     def output(self) -> Sequence[float]:
@@ -195,13 +190,7 @@ class SegwayVoltageController(SegwayController):
 
     name = "segway-voltage-controller"
     outputs = (*_OUTPUTS, Variable("LeftVoltage", "V"), Variable("RightVoltage", "V"))
-    parameters = (
-        *SegwayController.parameters,
-        Variable("MotorResistance", "Ohm", PUBLISHED.motor_resistance, Write.STATIC),
-        Variable("MotorConstant", "N m/A", PUBLISHED.motor_constant, Write.STATIC),
-        Variable("GearRatio", "1", PUBLISHED.gear_ratio, Write.STATIC),
-        Variable("SupplyVoltage", "V", PUBLISHED.supply_voltage, Write.STATIC),
-    )
+    parameters = (*SegwayController.parameters, *_MOTOR)
 
     def static(self) -> None:
         """Gather the parameters; see `SegwayController.static`."""

@@ -46,17 +46,13 @@ class Estimate(Value, frozen=True):
 
     Attributes:
         since: How long it has been estimated, s; zero before the first acceleration.
-        pitch: Lean, positive forward, rad.
-        pitch_rate: Its rate, rad/s.
-        pitch_bias: Offset of the gyro about y, rad/s.
-        yaw_bias: The same about the vertical, rad/s.
+        pitch, pitch_rate: Lean, positive forward, rad, and its rate, rad/s.
+        pitch_bias, yaw_bias: Offset of the gyro about y, and about the vertical, rad/s.
         rotation: How far the wheels have turned, mean of both, rad.
         travel: How far the axle has come along its way, m.
         velocity: Its rate, m/s.
         yaw_rate: rad/s.
-        x: Odometry, m.
-        y: Odometry, m.
-        heading: Odometry, rad.
+        x, y, heading: Odometry; m, m, rad.
     """
 
     since: float = 0.0

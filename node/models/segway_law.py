@@ -60,8 +60,7 @@ class PhaseProgress(Value, frozen=True):
     """A phase, and how far it has come.
 
     Attributes:
-        phase: The phase.
-        elapsed: How long it has lasted, s.
+        elapsed: How long the phase has lasted, s.
         lasting: How long the robot has been where the phase leads, or ends, s.
         wrong: How long the wheels have been too fast, s.
     """
@@ -151,15 +150,10 @@ class Motion(Value, frozen=True):
     """Where the robot should be, and what was sent to get it there.
 
     Attributes:
-        travel: Reference of the travel, m.
-        velocity: Its rate, m/s.
-        acceleration: Its rate, m/s2.
-        heading: Reference of the heading, rad.
-        yaw_rate: Its rate, rad/s.
-        yaw_acceleration: Its rate, rad/s2.
+        travel, velocity, acceleration: Reference of the travel and its rates; m, m/s, m/s2.
+        heading, yaw_rate, yaw_acceleration: Reference of the heading and its rates; rad, rad/s, rad/s2.
         integral: Integral of the travel's error, m s.
-        sent: Sum of the torques sent last, N m.
-        sent_before: The one before.
+        sent, sent_before: Sum of the torques sent last, and the one before, N m.
         turning: Difference of the torques sent last, N m.
     """
 
@@ -173,10 +167,6 @@ class Motion(Value, frozen=True):
     sent: float = 0.0
     sent_before: float = 0.0
     turning: float = 0.0
-
-
-Torques = tuple[float, float]
-"""What the left and the right wheel are to push, N m."""
 
 
 class Law:
@@ -285,8 +275,8 @@ class Law:
         return within(wanted, min(self._max_turning_torque, 2.0 * limit - abs(sent)))
 
 
-def torques(motion: Motion) -> Torques:
-    """What was sent last, wheel by wheel."""
+def torques(motion: Motion) -> tuple[float, float]:
+    """What was sent last to the left and to the right wheel, N m."""
     sent, turning = motion.sent, motion.turning
     return 0.5 * (sent - turning), 0.5 * (sent + turning)
 

@@ -94,13 +94,7 @@ def compiler_identity(*, cpp: bool = False) -> str:
 def run_compiler(
     words: Sequence[str], *, cpp: bool = False, folder: Path | None = None, source: bytes | None = None
 ) -> tuple[int, str]:
-    """Run the compiler; return its exit code and its output, in English.
-
-    Args:
-        words: Its arguments.
-        cpp: Whether it is the one for C++.
-        folder: Where it runs; None for here.
-        source: What it reads from its standard input.
+    """Run the compiler in a folder, on files or a source; return its exit code and its output, in English.
 
     Raises:
         ModelError: There is none, or it cannot be run to its end.

@@ -48,16 +48,12 @@ class Description:
     """A model as found.
 
     Attributes:
-        name: The model's name.
-        flavour: Its shape.
         build: What generated it, as it states; empty where it does not.
         method: The integration method, under the name its generator gives it; empty where it is not known.
         step_size: Length of one step, s.
         finish_time: End of the experiment that is baked in, s; None where there is none. It does not end the model.
-        inputs: The input ports, in the order of u.
-        outputs: The output ports, in the order of y.
-        parameters: The parameters, with the values that the code gives them.
-        states: The states, with their initial values.
+        inputs, outputs: The ports, in the order of u and of y.
+        parameters, states: With the values that the code gives them, at the start.
         warnings: What a user should know before trusting it, a line each.
     """
 

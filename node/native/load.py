@@ -12,7 +12,7 @@ from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model
 from segway_ecc.node.native.twenty_sim.names import find_ports, read_tables
 from segway_ecc.node.native.twenty_sim.parts import find_parts
-from segway_ecc.node.native.twenty_sim.shim import make_shim, read_data
+from segway_ecc.node.native.twenty_sim.shim import make_shim
 
 
 def load_native(path: Path, *, method: str | None = None, step_size: float | None = None) -> NativeModel:
@@ -40,5 +40,5 @@ def load_native(path: Path, *, method: str | None = None, step_size: float | Non
     table = read_tables(folder.tables)
     ports = find_ports(parts, table)
     description = describe_model(parts, table, ports, method, step_size)
-    library, warnings = build(parts, make_shim(parts, description, ports, read_data(parts)))
+    library, warnings = build(parts, *make_shim(parts, description, ports))
     return NativeModel(dataclasses.replace(description, warnings=(*description.warnings, *warnings)), library)

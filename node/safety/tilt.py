@@ -31,8 +31,7 @@ class TiltEstimate:
     def __init__(self, period_s: float) -> None:
         """Know nothing yet; `update` is called once per period, s."""
         self._period_s = period_s
-        self._up: Vector = (0.0, 0.0, 1.0)
-        self._is_known = False
+        self._up: Vector | None = None
 
     def update(self, gyro: Vector, accelerometer: Vector, periods: int) -> None:
         """Take a sample, so many periods after the last: angular velocity, rad/s, and specific force, m/s2.
@@ -42,8 +41,8 @@ class TiltEstimate:
         ax, ay, az = accelerometer
         felt = hypot(ax, ay, az)
         mx, my, mz = _unit(ax, ay, az, felt)
-        if not self._is_known:
-            self._up, self._is_known = (mx, my, mz), True
+        if self._up is None:
+            self._up = mx, my, mz
             return
         elapsed_s = periods * self._period_s
         (x, y, z), (p, q, r) = self._up, gyro  # turned with the body: d(up)/dt = up x rate
@@ -57,12 +56,12 @@ class TiltEstimate:
 
     def reset(self) -> None:
         """Begin anew with the next sample."""
-        self._is_known = False
+        self._up = None
 
     @property
     def tilt(self) -> float | None:
         """Angle between the body's z axis and up, 0 to pi rad; None before the first sample."""
-        if not self._is_known:
+        if self._up is None:
             return None
         x, y, z = self._up
         return atan2(hypot(x, y), z)

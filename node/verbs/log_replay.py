@@ -42,7 +42,10 @@ def run(options: argparse.Namespace) -> int:
     outcome = replay(options.log, options.model, None if options.plot is None else keep)
     if options.plot is not None:
         times = [(recorded.start_ns - pairs[0][0].start_ns) * 1e-9 for recorded, _ in pairs]
-        panels = [(name, _curves(pairs, index)) for index, name in enumerate(names)]
+        panels = []
+        for index, name in enumerate(names):
+            recorded = Curve([each.commands[index] for each, _ in pairs], "recorded", 2.5)
+            panels.append((name, [recorded, Curve([each.commands[index] for _, each in pairs], "computed", 1.0)]))
         draw_panels(options.plot, times, panels)
     warnings = ["the model is not the one that ran: its files have another content"] if outcome.is_other_model else []
     if outcome.gap is not None:
@@ -86,9 +89,3 @@ def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:
         )
         lines.append(f"{_AHEAD}{recorded.cycle}: recorded {was}, computed {now}")
     return lines
-
-
-def _curves(pairs: Sequence[tuple[CycleRecord, CycleRecord]], index: int) -> list[Curve]:
-    """A command as recorded and as computed."""
-    recorded = Curve([each.commands[index] for each, _ in pairs], "recorded", 2.5)
-    return [recorded, Curve([each.commands[index] for _, each in pairs], "computed", 1.0)]

@@ -58,7 +58,6 @@ def _variable(variable: Variable, write: Write) -> dict[str, Any]:
 
 def _print(description: Description) -> None:
     finish = description.finish_time
-    ends = "none" if finish is None else f"{finish:g} s, which does not end it here"
     print_table(
         {
             "model": description.name,
@@ -66,13 +65,11 @@ def _print(description: Description) -> None:
             "build": description.build or "not given",
             "method": description.method or "not known",
             "step": f"{description.step_size:g} s",
-            "finish time": ends,
+            "finish time": "none" if finish is None else f"{finish:g} s, which does not end it here",
         }
     )
-    _section("inputs", description.inputs, writes=False)
-    _section("outputs", description.outputs, writes=False)
-    _section("parameters", description.parameters, writes=True)
-    _section("states", description.states, writes=True)
+    for title, variables in zip(("inputs", "outputs", "parameters", "states"), description.by_kind, strict=True):
+        _section(title, variables, writes=title in {"parameters", "states"})
     for warning in description.warnings:
         sys.stderr.write(f"segway-ecc: warning: {warning}\n")
 

@@ -3,7 +3,6 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
@@ -46,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     ):
         commander = Commander(node, options.node, lambda: stop[0] if stop else None)
         commander.wait_for_robot(options.wait, arm=options.arm)
-        commander.play(player, _progress(), options.wait)
+        commander.play(player, _show_progress, options.wait)
         graph = connections(node, node.get_namespace())
     if options.csv is not None:
         if player.missing:
@@ -71,17 +70,12 @@ def _manoeuvre(what: list[str]) -> Manoeuvre:
     return single_segment(linear, angular, duration)
 
 
-def _progress() -> Callable[[float], None]:
-    if not sys.stderr.isatty():
-        return lambda _fraction: None
-
-    def show(fraction: float) -> None:
+def _show_progress(fraction: float) -> None:
+    if sys.stderr.isatty():
         done = round(fraction * _BAR)
         end = "\n" if fraction >= 1.0 else ""
         sys.stderr.write(f"\r[{'#' * done}{'.' * (_BAR - done)}] {fraction:4.0%}{end}")
         sys.stderr.flush()
-
-    return show
 
 
 def _report(player: Player, graph: list[dict[str, str]], *, as_json: bool) -> None:

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.heartbeat import GuardRunsError, HeartbeatListener, HeartbeatSender, address_of
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 CAN = CanSettings(interface="local", channel=f"heartbeat_{os.getpid()}")
 ZERO = (0.0, 0.0)

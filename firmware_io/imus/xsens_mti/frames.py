@@ -130,7 +130,8 @@ def decode(message: Message, data: bytes) -> tuple[float, ...]:
         raise FrameRefusedError(Refusal.LENGTH, f"{message} of the MTi")
     raw = layout.fields.unpack(data)
     _check(message, raw)
-    return tuple(value * layout.unit for value in raw)
+    # A count times one would be a float where this is compiled.
+    return raw if layout.unit == 1 else tuple(value * layout.unit for value in raw)
 
 
 def elapsed_s(newest: float, before: float, tick_s: float) -> float:

@@ -130,15 +130,7 @@ class CartNode(Node):  # type: ignore[misc]  # rclpy carries no types
         deadline_ns = start_ns - (start_ns - self.first_ns) % self.period_ns
         bus_ns = received_ns - start_ns + sent_ns - stepped_ns
         self.samples.extend(
-            (
-                deadline_ns,
-                start_ns,
-                cpu_ns,
-                bus_ns,
-                stepped_ns - received_ns,
-                end_ns - sent_ns,
-                end_ns - start_ns,
-            )
+            (deadline_ns, start_ns, cpu_ns, bus_ns, stepped_ns - received_ns, end_ns - sent_ns, end_ns - start_ns)
         )
         self.cycle += 1
         if deadline_ns >= self.last_ns:

@@ -121,11 +121,8 @@ def find_library(folder: Path, identifier: str, path: Path) -> Path:
     sources = _find_sources(folder)
     if not sources.files:
         platforms = sorted({file.parent.name for file in every})
-        found = (
-            f"binaries for {', '.join(platforms)} only, and no C sources"
-            if platforms
-            else "neither binaries nor C sources"
-        )
+        only = f"binaries for {', '.join(platforms)} only, and no C sources"
+        found = only if platforms else "neither binaries nor C sources"
         machine = os.uname().machine
         here = "linux64 (x86_64)" if machine == "x86_64" else f"{machine}-linux"
         raise ModelError(f"FMU {path} cannot run here: it has {found}; export it for {here} or with sources")

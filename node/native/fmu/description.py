@@ -88,8 +88,7 @@ def describe(facts: Facts, twenty_sim: TwentySim | None, step_size: float | None
         warnings=tuple(_warnings(facts, twenty_sim, step)),
     )
     groups = (inputs, outputs, parameters, states)
-    references = tuple(tuple(variable.reference for variable in variables) for variables in groups)
-    return FmuLayout(description, references, followers)
+    return FmuLayout(description, tuple(tuple(v.reference for v in group) for group in groups), followers)
 
 
 def _states(facts: Facts, twenty_sim: TwentySim | None) -> list[FmuVariable]:
@@ -168,8 +167,7 @@ def _warnings(facts: Facts, twenty_sim: TwentySim | None, step: float) -> Iterat
     if left_out:
         yield f"parameters that are not real numbers keep their values and are not shown: {', '.join(left_out)}"
     if twenty_sim is None:
-        if not facts.variable_steps and facts.step_size not in (None, step):
-            asked = facts.step_size
+        if not facts.variable_steps and (asked := facts.step_size) not in (None, step):
             yield f"the FMU asks for steps of {asked} s and is given {step} s, which it does not promise to take"
         return
     if twenty_sim.globals:

@@ -98,8 +98,7 @@ class FmuVariable:
     """One variable as the file declares it.
 
     Attributes:
-        name: Its name, with `.` for the hierarchy.
-        causality: What it is to those outside.
+        name: With `.` for the hierarchy.
         variability: When it may change, under the standard's names.
         initial: How its start value is found, under the standard's names; empty where the file leaves it open.
         type: The element that gives its type; "Real" and "Float64" are double precision.

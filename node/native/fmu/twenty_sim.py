@@ -19,7 +19,6 @@ _SECTION: Final = re.compile(
 )
 SECTIONS: Final = ("Initial", "Static", "Input", "Dynamic", "Output")
 """The sections of equations, in the order in which a model runs them when it starts."""
-
 _NAMED: Final = re.compile(r"(\w*P)\s*\[\s*(\d+)\s*\]\s*=[^;]*;\s*/\*\s*(.*?)\s*\*/")
 _USED: Final = re.compile(r"(\w*P)\s*\[\s*(\d+)\s*\]")
 _METHOD: Final = re.compile(r"\b[A-Z]\w*?(Discrete|Euler|RungeKutta2|RungeKutta4|VodeAdams|MeBDFi)Step\b")

@@ -22,7 +22,6 @@ from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.compile import cached, compiler_identity, digest, run_compiler
 from segway_ecc.node.native.twenty_sim.files import CPP_SUFFIXES, TREE, Folder, code_of
 from segway_ecc.node.native.twenty_sim.parts import Parts
-from segway_ecc.node.native.twenty_sim.shim import Shim
 
 _COMPILE: Final = ("-O2", "-fPIC", "-c")
 _C: Final = ("-std=gnu11",)
@@ -37,12 +36,13 @@ _INCLUDE: Final = re.compile(r"^[ \t]*#[ \t]*include[ \t]*([\"<])([^\">\n]+)[\">
 _MAY_BE_EMPTY: Final = ("motionprofiles", "eulerangles", "matrix", "inverse", "integ", "funcs")
 
 
-def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
+def build(parts: Parts, header: str, model: bytes) -> tuple[Path, tuple[str, ...]]:
     """Compile a model, or find it compiled.
 
     Args:
         parts: The model.
-        shim: What is compiled with it.
+        header: The text of ecc_model.h, which shim.c includes.
+        model: The content of the file with the equations, in place of its own.
 
     Returns:
         The shared object, and what the code itself warned of while it was compiled.
@@ -53,9 +53,10 @@ def build(parts: Parts, shim: Shim) -> tuple[Path, tuple[str, ...]]:
     folder = parts.folder
     ending = "cpp" if parts.is_cpp else "c"
     files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
-    files[f"{TREE}/{parts.model.name}"] = shim.model
+    files[f"{TREE}/{parts.model.name}"] = model
     files |= {f"supplied/{name}": text.encode() for name, text in _supplied_headers(folder).items()}
-    files |= {f"shim/shim.{ending}": shim.source.encode(), "shim/ecc_model.h": shim.header.encode()}
+    shim = Path(__file__).with_name("shim.c").read_bytes()
+    files |= {f"shim/shim.{ending}": shim, "shim/ecc_model.h": header.encode()}
     units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     commands = []

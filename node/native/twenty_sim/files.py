@@ -103,13 +103,7 @@ def comment_at(text: str, offset: int) -> str:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file of the folder.
-
-    Attributes:
-        name: Place within the folder, with slashes.
-        content: Its bytes.
-        encoding: How the bytes are to be read.
-    """
+    """One file of the folder; its name is its place within the folder, with slashes."""
 
     name: str
     content: bytes
@@ -152,7 +146,6 @@ class Folder:
     """A folder of generated code, as read.
 
     Attributes:
-        path: Where it is.
         sources: What is compiled: the generated files, and the user's own that they call.
         headers: What may be included.
         tables: The XML files beside them.

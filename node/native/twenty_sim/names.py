@@ -14,8 +14,7 @@ import itertools
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.twenty_sim.files import SourceFile, code_of, comment_at
@@ -26,24 +25,15 @@ _QUOTED: Final = re.compile(r'"((?:\\.|[^"\\])*)"')
 TOKEN_KINDS: Final = {"input": "INPUT", "output": "OUTPUT", "parameter": "PARAMETER", "state": "STATE"}
 
 
-@dataclass(frozen=True, slots=True)
-class Label:
+class Label(NamedTuple):
     """A name and its unit; either may be empty where it is not known."""
 
     name: str = ""
     unit: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """The content of the XML files.
-
-    Attributes:
-        file: The file that holds it, for messages.
-        tokens: The text of each token.
-        labels: Names and units per kind, in order.
-        warnings: Files that cannot be read.
-    """
+class Table(NamedTuple):
+    """The content of the XML files, of which `file` is named in messages: tokens by name, and labels by kind."""
 
     file: str
     tokens: Mapping[str, str]
@@ -161,16 +151,14 @@ _COPY: Final = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Port:
+class Port(NamedTuple):
     """One port: the variable of the code that it is copied to or from, and its label."""
 
     place: str
     label: Label
 
 
-@dataclass(frozen=True, slots=True)
-class Ports:
+class Ports(NamedTuple):
     """The ports, and what a user should know of how they were found."""
 
     inputs: tuple[Port, ...]

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.library import Flavour
@@ -27,23 +27,15 @@ _PREFIXED: Final = (
 _TYPEDEF: Final = re.compile(r"\btypedef\s+((?:const\s+)?(?:unsigned\s+)?\w+\s*\**)\s*(\w+)\s*;")
 
 
-@dataclass(frozen=True, slots=True)
-class Symbol:
-    """A global variable of the code.
-
-    Attributes:
-        kind: Its C type, as the code names it.
-        is_pointer: Whether it is a pointer to the first element.
-        is_array: Whether it is an array.
-    """
+class Symbol(NamedTuple):
+    """A global variable of the code, with its C type as the code names it; a pointer is to the first element."""
 
     kind: str
     is_pointer: bool
     is_array: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Element:
+class Element(NamedTuple):
     """One element of an array, as the code sets it: the value as it is written, and the comment behind it."""
 
     value: str
@@ -55,7 +47,6 @@ class Parts:
     """The parts of a generated model; each is read from the files when it is first asked for.
 
     Attributes:
-        folder: The files.
         model: The file with the equations.
         owner: The C++ class; empty in C.
     """

@@ -14,8 +14,6 @@ shim's `fopen` finds it by the last part of the name.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib import resources
 from typing import Final
 
 from segway_ecc.node.errors import ModelError
@@ -59,55 +57,19 @@ _FORMULAS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Shim:
-    """What is compiled beside the model's own files.
-
-    Attributes:
-        header: The text of ecc_model.h.
-        source: The text of the file that includes it.
-        model: The model's file, with our call at the head of its initial equations.
-    """
-
-    header: str
-    source: str
-    model: bytes
-
-
-def read_data(parts: Parts) -> dict[str, bytes]:
-    """Return the content of each data file that the code names in a call, by its name without folders.
-
-    Raises:
-        ModelError: A file is not in the folder, or cannot be read.
-    """
-    found: dict[str, bytes] = {}
-    prefix = next((name.removesuffix("Double") for name in parts.types if name.endswith("Double")), "")
-    call = re.compile(rf"\b(?:{re.escape(prefix)}(?:Data|Table\w*)|fopen)\s*\(\s*\"((?:\\.|[^\"\\\n])+)\"(?!\s*\"?w)")
-    for source in parts.folder.sources:
-        for written in call.findall(code_of(source.text, keep_strings=True)):
-            name = re.split(r"[\\/]+", written)[-1]
-            place = parts.folder.data.get(name.lower())
-            if place is None:
-                where = f"{source.name} in {parts.folder.path}"
-                raise ModelError(f"{where} reads {name}, which is not in the folder: add it")
-            try:
-                found[name] = place.read_bytes()
-            except OSError as error:
-                raise ModelError(f"cannot read {place}, which {source.name} reads: {error}") from error
-    return found
-
-
-def make_shim(parts: Parts, description: Description, ports: Ports, data: Mapping[str, bytes]) -> Shim:
+def make_shim(parts: Parts, description: Description, ports: Ports) -> tuple[str, bytes]:
     """Write the shim of a model.
 
     Args:
         parts: The parts of the code.
         description: What is known of it; decides the counts, the start values and, for partial copies, the method.
         ports: Its ports, for partial copies.
-        data: The files that it reads, by name.
+
+    Returns:
+        The text of ecc_model.h, and the model's file with our call at the head of its initial equations.
 
     Raises:
-        ModelError: A partial copy lacks what cannot be supplied.
+        ModelError: A partial copy lacks what cannot be supplied, or a file that the code reads is not in the folder.
     """
     if parts.flavour is Flavour.CPP_CLASS:
         body = _class(parts)
@@ -132,14 +94,31 @@ def make_shim(parts: Parts, description: Description, ports: Ports, data: Mappin
             f"static const double {name}[] = {{{', '.join([*(repr(v.value) for v in variables), '0.0'])}}};"
             for name, variables in starts.items()
         ),
-        *_embedded(data),
+        *_embedded(_read_data(parts)),
     ]
-    source = resources.files("segway_ecc.node.native.twenty_sim").joinpath("shim.c").read_text(encoding="utf-8")
-    return Shim("\n".join([*head, *body, ""]), source, _hooked(parts))
+    return "\n".join([*head, *body, ""]), _hooked(parts)
+
+
+def _read_data(parts: Parts) -> dict[str, bytes]:
+    """The content of each data file that the code names in a call, by its name without folders."""
+    found: dict[str, bytes] = {}
+    prefix = next((name.removesuffix("Double") for name in parts.types if name.endswith("Double")), "")
+    call = re.compile(rf"\b(?:{re.escape(prefix)}(?:Data|Table\w*)|fopen)\s*\(\s*\"((?:\\.|[^\"\\\n])+)\"(?!\s*\"?w)")
+    for source in parts.folder.sources:
+        for written in call.findall(code_of(source.text, keep_strings=True)):
+            name = re.split(r"[\\/]+", written)[-1]
+            place = parts.folder.data.get(name.lower())
+            if place is None:
+                where = f"{source.name} in {parts.folder.path}"
+                raise ModelError(f"{where} reads {name}, which is not in the folder: add it")
+            try:
+                found[name] = place.read_bytes()
+            except OSError as error:
+                raise ModelError(f"cannot read {place}, which {source.name} reads: {error}") from error
+    return found
 
 
 def _has_hook(parts: Parts) -> bool:
-    """Return whether the model's file has initial equations at whose head our call can stand."""
     initial = parts.functions.get("CalculateInitial")
     return initial is not None and initial.name in parts.model.functions
 

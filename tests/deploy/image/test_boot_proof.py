@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.drill import trace
+from segway_ecc.hil.drill.plant_control import Tick, read_trace
 from tests.deploy.image.robot import Robot, SwitchOn
 from tests.deploy.image.test_boot import WRITE
 from tests.deploy.image.uml_machine import Machine
@@ -22,9 +22,9 @@ PLANT = """systemd-run --quiet --unit=plant --property=CPUSchedulingPolicy=fifo 
 segway-ecc plant /etc/segway-ecc/robot.yaml --interface socketcan --channel vcan0 --trace /run/trace.csv"""
 
 
-def ticks(machine: Machine) -> list[trace.Tick]:
+def ticks(machine: Machine) -> list[Tick]:
     machine.run("cp /run/trace.csv /run/share/trace.csv")
-    return trace.read(machine.share / "trace.csv")
+    return read_trace(machine.share / "trace.csv")
 
 
 def wait_until_it_drives(robot: Robot) -> None:
@@ -38,7 +38,7 @@ def wait_until_it_drives(robot: Robot) -> None:
     pytest.fail(f"the robot never drives: {robot.status()}")
 
 
-def zero_after_s(found: list[trace.Tick], at_ns: int) -> float:
+def zero_after_s(found: list[Tick], at_ns: int) -> float:
     """From a fault to the first tick of half a second without any torque, s; a slow guest's plant leaves ticks out."""
     assert all(tick.is_driven for tick in [tick for tick in found if tick.monotonic_ns < at_ns][-20:])
     stamps = [tick.monotonic_ns for tick in found if tick.monotonic_ns >= at_ns]

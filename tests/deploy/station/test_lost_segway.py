@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import pytest
 
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Heartbeat, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -33,7 +32,7 @@ class World(NoStage, NoRecorder):
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        rig = LockstepRig(simulated_bus(file).bitrate)
+        rig = LockstepRig(hardware_of(file).can.bitrate)
         self.simulated = simulated_robot(file, rig.bus.attach("plant"))
         rig.attach(self.simulated)
         self.seen: list[Seen] = []

@@ -14,7 +14,7 @@ import pytest
 
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import Act, Drive, RobotView
-from segway_ecc.hil.drill import trace
+from segway_ecc.hil.drill.plant_control import read_trace, torque_after
 from segway_ecc.hil.processes import Command as Process
 from segway_ecc.hil.processes import command
 from segway_ecc.node.config import read_text
@@ -200,9 +200,9 @@ def stop_while_driving(robots: Robots, operator: Operator) -> Stopped:
     assert accepted, text
     stopped = operator.wait_for(SEGWAY, lambda robot: robot.stop == "confirmed")
     time.sleep(0.5)
-    ticks = trace.read(robots.trace)
+    ticks = read_trace(robots.trace)
     assert [tick for tick in ticks if tick.monotonic_ns <= asked_ns][-1].is_driven, "it was driven when it was asked"
-    torque = trace.torque_after(ticks, asked_ns, time.monotonic_ns())
+    torque = torque_after(ticks, asked_ns, time.monotonic_ns())
     assert torque.zero_s is not None, "the motors are driven on"
     assert stopped.stop_after_s is not None
     assert operator.ask(SEGWAY, Act.CLEAR_FAULT)[0]

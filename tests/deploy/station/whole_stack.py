@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import pytest
 
-from segway_ecc.hil.drill import trace
+from segway_ecc.hil.drill.plant_control import Tick, Torque, read_trace, torque_after
 from segway_ecc.hil.processes import Command as Process
 from segway_ecc.hil.processes import command
 from segway_ecc.node.config import read_text
@@ -126,11 +126,11 @@ class Stack:
         pitch = float(values.get("truth.pitch", "nan"))
         return Truth(float(values["truth.x"]), float(values["truth.linear_velocity"]), pitch)
 
-    def ticks(self) -> list[trace.Tick]:
-        return trace.read(self.folder / "trace.csv")
+    def ticks(self) -> list[Tick]:
+        return read_trace(self.folder / "trace.csv")
 
-    def torque_after(self, fault_ns: int) -> trace.Torque:
-        return trace.torque_after(self.ticks(), fault_ns, time.monotonic_ns())
+    def torque_after(self, fault_ns: int) -> Torque:
+        return torque_after(self.ticks(), fault_ns, time.monotonic_ns())
 
     def was_driven(self, at_ns: int) -> bool:
         """Whether the drive's last tick before a moment left a motor driven."""

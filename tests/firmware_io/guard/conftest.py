@@ -13,9 +13,8 @@ from segway_ecc.firmware_io.guard.watch import Watch
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, load_robot
 from segway_ecc.node.robot import build_robot
 
@@ -63,7 +62,7 @@ class Guarded:
         file = load_robot(robot)
         assert not isinstance(file.hardware, NoHardwareSection)
         self.settings: HardwareSettings = file.hardware
-        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = LockstepRig(hardware_of(file).can.bitrate)
         self.plant: SimulatedRobot = simulated_robot(file, self.rig.bus.attach("plant"))
         node = self.rig.bus.attach("node")
         self.bus = FaultyLink(node if wrap is None else wrap(node))

@@ -12,7 +12,7 @@ from segway_ecc.firmware_io.guard.guard import stopper_of
 from segway_ecc.firmware_io.guard.watch import Cause, End
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 ROBOTS = ["cart-can", "cart-odrive", "cart-vesc", "cart-cia402"]

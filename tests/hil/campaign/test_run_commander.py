@@ -6,8 +6,7 @@ import math
 import pytest
 
 from segway_ecc.hil.campaign.run import Commander
-from segway_ecc.hil.faults.fault import Fault, Type
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Fault, Injections, Type
 from segway_ecc.node.cycle.interfaces import Report
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment

@@ -15,8 +15,7 @@ from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.devices.odrive import SimulatedOdrive
 from segway_ecc.hil.devices.wheel_board import SimulatedWheelBoard
 from segway_ecc.hil.rig.fronts import LinkFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoRecorder, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
@@ -97,7 +96,7 @@ class Run:
         file = load_robot(name)
         if safety is not None:
             file = structs.replace(file, safety=safety)
-        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = LockstepRig(hardware_of(file).can.bitrate)
         self.simulated = simulated_robot(file, self.rig.bus.attach("plant"))
         for parameter, value in (plant or {}).items():
             self.simulated.plant.write(parameter, value)

@@ -9,8 +9,7 @@ import pytest
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
@@ -33,7 +32,7 @@ class Rig:
 
     def __init__(self) -> None:
         file = load_robot(ROBOT)
-        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = LockstepRig(hardware_of(file).can.bitrate)
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.hardware: Any = build_robot(file, self.rig, self.rig.bus.attach("node")).hardware
@@ -126,7 +125,7 @@ def test_a_drive_that_restarts_while_armed_is_a_fault(rig: Rig) -> None:
 
 def test_drives_that_are_switched_on_after_the_node_refuse_arming() -> None:
     file = load_robot(ROBOT)
-    rig = LockstepRig(simulated_bus(file).bitrate)
+    rig = LockstepRig(hardware_of(file).can.bitrate)
     hardware: Any = build_robot(file, rig, rig.bus.attach("node")).hardware
     hardware.open()
     (drives,) = hardware._drives

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.robot import build_robot
 
@@ -30,7 +29,7 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         file = load_robot(name)
-        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = LockstepRig(hardware_of(file).can.bitrate)
         robot = simulated_robot(file, self.rig.bus.attach("plant"))
         self.rig.attach(robot)
         self.link = FaultyLink(self.rig.bus.attach("node"))

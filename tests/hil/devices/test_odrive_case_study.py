@@ -13,8 +13,8 @@ from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import OfflineSeat
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
 from segway_ecc.hil.plants.cart import CartTorquePlant
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment
 

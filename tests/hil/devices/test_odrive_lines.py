@@ -17,9 +17,9 @@ from segway_ecc.firmware_io.links.serial_link import SerialLink
 from segway_ecc.hil.devices.odrive import TICK_NS, SimulatedOdrive
 from segway_ecc.hil.plants.cart import CartTorquePlant
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 CYCLE_NS = 10 * MS
@@ -147,7 +147,7 @@ def test_a_noisy_line_loses_polls_and_never_mixes_up_the_wheels() -> None:
     bench.run(LinkFault.CUT, 60)
     for cycle in range(30):
         if cycle % 7 == 0:
-            bench.wires.garbage(b"\x00*12\r")
+            bench.wires.host.inject(b"\x00*12\r")
         sensors = bench.robot.exchange((0.02, -0.02))
         bench.rig.sleep_until_ns(bench.rig.now_ns() + CYCLE_NS)
     speeds = dict(zip(bench.robot.signals, sensors.values, strict=True))

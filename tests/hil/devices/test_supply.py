@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.devices.cia402 import SimulatedCia402
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.robot import build_robot
 
@@ -22,7 +21,7 @@ class Bench:
 
     def __init__(self, name: str, device: type[SimulatedCia402] | None = None, **options: Any) -> None:
         file: RobotFile = load_robot(name)
-        self.rig = LockstepRig(simulated_bus(file).bitrate)
+        self.rig = LockstepRig(hardware_of(file).can.bitrate)
         end = self.rig.bus.attach("plant")
         self.robot = simulated_robot(file, end)
         if device is not None:

@@ -26,9 +26,8 @@ from segway_ecc.firmware_io.drives.vesc.frames import (
 from segway_ecc.firmware_io.drives.vesc.packets import Mode, PacketReceiver, frame_packet, frames_of
 from segway_ecc.firmware_io.drives.vesc.settings import VescSettings, VescWheelSettings
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.devices._vesc_controller import Firmware, VescFault
 from segway_ecc.hil.devices.device import Device
-from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
+from segway_ecc.hil.devices.vesc import TICK_NS, Firmware, SimulatedVesc, VescFault
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 LEFT = VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=3.0)

@@ -13,8 +13,7 @@ from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkSta
 from segway_ecc.firmware_io.links.redundant_link import RedundantLink
 from segway_ecc.firmware_io.links.serial_link import SerialLink
 from segway_ecc.firmware_io.links.settings import SerialSettings
-from segway_ecc.hil.devices._vesc_controller import VescFault
-from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc
+from segway_ecc.hil.devices.vesc import TICK_NS, SimulatedVesc, VescFault
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 
 LEFT = VescWheelSettings(controller_id=1, pole_pairs=7, torque_constant=0.1, max_torque=3.0)

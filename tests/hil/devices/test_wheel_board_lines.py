@@ -17,9 +17,9 @@ from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
 from segway_ecc.hil.plants.cart import CartPlant
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 CYCLE_NS = 10 * MS

@@ -17,9 +17,8 @@ from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.devices.xsens_mti import SimulatedXsensMti
 from segway_ecc.hil.errors import NoSimulationError
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
-from segway_ecc.hil.rig.simulation import simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.sequence.manoeuvre import single_segment

@@ -15,9 +15,8 @@ from segway_ecc.firmware_io.links.settings import SerialSettings
 from segway_ecc.firmware_io.switching import Switch
 from segway_ecc.hil.drill.failover import MANOEUVRE, Failover
 from segway_ecc.hil.rig.fronts import FaultyLink, LinkFault
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
 from segway_ecc.node.cycle.loop import Loop
@@ -67,7 +66,7 @@ def drive(file: RobotFile, fault: LinkFault | None, at: int = 200, clear_at: int
     assert not isinstance(hardware, NoHardwareSection)
     serial = hardware.serial  # type: ignore[union-attr]
     assert isinstance(serial, SerialSettings)
-    rig = LockstepRig(simulated_bus(file).bitrate)
+    rig = LockstepRig(hardware_of(file).can.bitrate)
     wires = SimulatedSerial(serial.baudrate, rig.now_ns)
     plant = simulated_robot(file, rig.bus.attach("plant"), wires.device)
     rig.attach(plant)
@@ -119,7 +118,7 @@ def test_the_bus_that_comes_back_is_not_taken_while_the_robot_is_armed() -> None
 
 def test_a_fault_without_a_serial_line_to_fall_back_on_stops_the_motors() -> None:
     file = load_robot("cart-can")
-    rig = LockstepRig(simulated_bus(file).bitrate)
+    rig = LockstepRig(hardware_of(file).can.bitrate)
     plant = simulated_robot(file, rig.bus.attach("plant"))
     rig.attach(plant)
     bus = FaultyLink(rig.bus.attach("node"))

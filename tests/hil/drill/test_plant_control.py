@@ -19,10 +19,9 @@ from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.links.link import Frame
 from segway_ecc.firmware_io.links.local_bus import LocalBus
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_bus import SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
-from segway_ecc.hil.rig.simulation import simulated_robot
+from segway_ecc.hil.rig.simulation import LockstepRig, simulated_robot
 from segway_ecc.node.config import load_robot
 from segway_ecc.testing import START_NS, ScriptedClock
 

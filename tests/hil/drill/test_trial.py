@@ -10,7 +10,7 @@ import pytest
 from segway_ecc.hil.drill import trial
 from segway_ecc.hil.drill.faults import FAULTS, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
-from segway_ecc.hil.drill.trace import Torque
+from segway_ecc.hil.drill.plant_control import Torque
 from segway_ecc.hil.drill.trial import DrillResult, worst
 
 pytestmark = pytest.mark.real_time

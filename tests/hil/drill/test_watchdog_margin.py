@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from segway_ecc.hil.campaign.campaign import run_quietly
+from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import ScenarioRun, load_scenario
 
 WATCHDOG_S = 0.04
@@ -39,6 +39,6 @@ def test_a_loop_that_is_preempted_for_a_moment_drives_on(
     scenario = load_scenario("node-stalls-briefly")
     (stall,) = scenario.faults
     scenario = msgspec.structs.replace(scenario, faults=[msgspec.structs.replace(stall, amount=stall_s)])
-    result = run_quietly(ScenarioRun("stall", scenario, robot_with_watchdog(robot, tmp_path), 0, {}))
+    result = run_scenario(ScenarioRun("stall", scenario, robot_with_watchdog(robot, tmp_path), 0, {}))
 
     assert result.outcome == outcome, result

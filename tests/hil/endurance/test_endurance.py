@@ -13,7 +13,7 @@ from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOS
 from segway_ecc.hil.endurance.endurance import Stretch, Trip, drive
 from segway_ecc.hil.endurance.runs import EndurancePlan, drive_seed, endure
 from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.setpoints import REST, Setpoint
 

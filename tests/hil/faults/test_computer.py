@@ -4,9 +4,8 @@
 import pytest
 
 from segway_ecc.hil.faults.computer import DisturbedClock, ProcessKilledError
-from segway_ecc.hil.faults.fault import Fault, Target, Type
-from segway_ecc.hil.faults.injection import Injections
-from segway_ecc.hil.rig.lockstep import WALL_START_NS, LockstepRig
+from segway_ecc.hil.faults.fault import Fault, Injections, Target, Type
+from segway_ecc.hil.rig.simulation import WALL_START_NS, LockstepRig
 
 MS = 1_000_000
 

@@ -4,8 +4,7 @@
 import pytest
 
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.faults.fault import Fault, Target, Type
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Fault, Injections, Target, Type
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.rig.simulated_bus import SimulatedBus
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from segway_ecc.hil.faults.fault import _FOR_GOOD, KINDS, Fault, Target, Type
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import _FOR_GOOD, KINDS, Fault, Injections, Target, Type
 from segway_ecc.hil.faults.plant import DisturbedPlant
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel

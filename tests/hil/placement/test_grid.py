@@ -16,7 +16,9 @@ def test_the_whole_grid_holds_every_placement_on_every_network() -> None:
     assert plan.networks == tuple(NETWORKS)
     # Set-points cross the network in four of the eight placements, and then in two ways.
     assert [len(list(cells(plan, name))) for name in plan.networks] == [12] * len(NETWORKS)
-    assert all(each.stamped or each.placement.sequence != each.placement.balance for each in cells(plan, "none"))
+    assert all(
+        each.placement.stamped or each.placement.sequence != each.placement.balance for each in cells(plan, "none")
+    )
     assert len(tasks(plan)) == len(plan.searches) + 12 * len(PARTITIONS_S) + (12 + 8) * len(NETWORKS)
 
 

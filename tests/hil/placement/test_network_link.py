@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from segway_ecc.firmware_io.links.link import Frame
-from segway_ecc.hil.placement.bench import EventRig
 from segway_ecc.hil.placement.network import Channel, Delivery, Network, RemoteLink, bursts
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 
 
-def parted(latency_s: float, loss: float = 0.0) -> tuple[EventRig, RemoteLink, Channel[list[Frame]]]:
-    rig = EventRig(1_000_000)
+def parted(latency_s: float, loss: float = 0.0) -> tuple[LockstepRig, RemoteLink, Channel[list[Frame]]]:
+    rig = LockstepRig(1_000_000)
     network = Network(latency_s=latency_s, loss=loss)
     up: Channel[Sequence[Frame]] = Channel(network, Delivery.NEWEST, "up", rig.now_ns)
     down: Channel[list[Frame]] = Channel(network, Delivery.NEWEST, "down", rig.now_ns)

@@ -10,7 +10,7 @@ R, S = Site.ROBOT, Site.STATION
 
 def test_there_are_eight_and_the_first_has_everything_on_the_robot() -> None:
     assert len(set(PLACEMENTS)) == 8
-    assert ON_THE_ROBOT == (R, R, R)
+    assert ON_THE_ROBOT == (R, R, R, "")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ ALL_ON_ROBOT, COMMANDED, ALL_AWAY = (R, R, R), (S, R, S), (S, S, S)
     ],
 )
 def test_what_falls_holds_or_is_far_off_is_unfit(row: Drive, reasons: list[str]) -> None:
-    assert unfit(found(row), row.choice, "n") == reasons
+    assert unfit(found(row), row.placement, "n") == reasons
 
 
 @pytest.mark.parametrize(
@@ -30,13 +30,13 @@ def test_what_falls_holds_or_is_far_off_is_unfit(row: Drive, reasons: list[str])
 )
 def test_a_stop_must_come_and_in_time_with_every_press(times: tuple[float | None, ...], reasons: list[str]) -> None:
     row = drive(COMMANDED, setpoints="cmd_vel")
-    assert unfit(found(row, stop(COMMANDED, *times, setpoints="cmd_vel_stamped")), row.choice, "n") == reasons
-    assert unfit(found(row, stop(COMMANDED, *times, network="other")), row.choice, "n") == []
+    assert unfit(found(row, stop(COMMANDED, *times, setpoints="cmd_vel_stamped")), row.placement, "n") == reasons
+    assert unfit(found(row, stop(COMMANDED, *times, network="other")), row.placement, "n") == []
 
 
 def test_what_fell_before_the_press_counts_as_fallen_only() -> None:
     row = drive(COMMANDED, outcome=RunOutcome.FELL)
-    assert unfit(found(row, stop(COMMANDED, None, outcome=RunOutcome.FELL)), row.choice, "n") == ["fell"]
+    assert unfit(found(row, stop(COMMANDED, None, outcome=RunOutcome.FELL)), row.placement, "n") == ["fell"]
 
 
 def test_who_falls_in_a_partition_is_unfit_on_every_network() -> None:
@@ -47,8 +47,8 @@ def test_who_falls_in_a_partition_is_unfit_on_every_network() -> None:
         cut(ALL_AWAY, RunOutcome.FELL),
         cut(ALL_AWAY, RunOutcome.FELL),
     )
-    assert unfit(found(*rows), row.choice, "n") == ["falls in a partition of 2 s"]
-    assert unfit(found(row, cut(COMMANDED, RunOutcome.FELL)), row.choice, "n") == []
+    assert unfit(found(*rows), row.placement, "n") == ["falls in a partition of 2 s"]
+    assert unfit(found(row, cut(COMMANDED, RunOutcome.FELL)), row.placement, "n") == []
 
 
 def test_recommended_is_what_is_fit_with_the_most_on_the_station() -> None:
@@ -74,5 +74,5 @@ def test_overall_is_what_is_fit_on_the_most_networks() -> None:
 
 
 def test_a_choice_is_reported_in_words() -> None:
-    assert str(drive(ALL_ON_ROBOT).choice) == "all on the robot"
-    assert str(drive(COMMANDED, setpoints="cmd_vel").choice) == "sequence and supervision on the station, cmd_vel"
+    assert str(drive(ALL_ON_ROBOT).placement) == "all on the robot"
+    assert str(drive(COMMANDED, setpoints="cmd_vel").placement) == "sequence and supervision on the station, cmd_vel"

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import pytest
 
 from segway_ecc.hil.plants.segway_body import SegwayBody
-from segway_ecc.hil.plants.segway_hardware import MOST_STEPS, Encoder, Imu, ImuErrors, Motion, measured_motion
+from segway_ecc.hil.plants.segway_hardware import MOST_STEPS, Encoder, Imu, ImuErrors
 from segway_ecc.node.models.segway_parameters import PUBLISHED
 
 H = 0.0025
@@ -67,17 +67,17 @@ def test_an_encoder_without_counts_measures_the_truth() -> None:
 def test_at_rest_it_feels_the_ground_that_carries_it() -> None:
     """Leaning forward by 30 degrees: ahead points half down, so half of g pushes back along it."""
     lean = math.radians(30.0)
-    felt = measured_motion(Motion(0, 0, 0, 0, 0, 0, lean, lean), HEIGHT, G)
+    felt = _measured(pitch=lean)
     assert felt == pytest.approx((0.0, 0.0, 0.0, -G / 2, 0.0, G * math.sqrt(3) / 2))
 
 
 def test_on_a_slope_gravity_stays_upright() -> None:
-    felt = measured_motion(Motion(0, 0, 0, 0, 0, 0, 0.2, 0.0), HEIGHT, G)
+    felt = _measured(slope=0.2)
     assert felt == pytest.approx(STILL)
 
 
 def test_turning_upright_it_turns_about_its_own_axis_and_feels_the_curve() -> None:
-    felt = measured_motion(Motion(1.5, 0, 2.0, 0, 0, 0, 0.0, 0.0), HEIGHT, G)
+    felt = _measured(v=1.5, w=2.0)
     assert felt == pytest.approx((0.0, 0.0, 2.0, 0.0, 3.0, G))
 
 
@@ -93,7 +93,7 @@ def test_measures_the_motion_of_its_path() -> None:
         x, y = x + way * math.cos(heading + turn / 2), y + way * math.sin(heading + turn / 2)
         frames.append(_axes(body.heading, body.pitch))
         places.append([at + HEIGHT * up for at, up in zip((x, y, 0.0), frames[-1][2], strict=True)])
-        felt.append(measured_motion(_motion(body), HEIGHT, G))
+        felt.append(body.measured_motion(HEIGHT))
     for i in range(100, 2900, 100):
         before, now, after = places[i - 1 : i + 2]
         acceleration = [(a - 2 * b + c) / tiny**2 for a, b, c in zip(before, now, after, strict=True)]
@@ -105,8 +105,11 @@ def test_measures_the_motion_of_its_path() -> None:
         assert felt[i][:3] == pytest.approx(_turning(frames[i - 1], frames[i], frames[i + 1], tiny), abs=1e-4)
 
 
-def _motion(b: SegwayBody) -> Motion:
-    return Motion(b.v, b.q, b.w, b.dv, b.dq, b.dw, b.pitch + b.slope, b.pitch)
+def _measured(*, v: float = 0.0, w: float = 0.0, pitch: float = 0.0, slope: float = 0.0) -> Sequence[float]:
+    body = SegwayBody(PUBLISHED)
+    body.v, body.w, body.pitch = v, w, pitch
+    body.tilt(slope)
+    return body.measured_motion(HEIGHT)
 
 
 def _axes(heading: float, pitch: float) -> list[list[float]]:

@@ -4,7 +4,7 @@ import pytest
 from segway_ecc.firmware_io.links.link import Frame, Link, LinkCounters, LinkState
 from segway_ecc.hil.rig import fronts
 from segway_ecc.hil.rig.fronts import PacedLink, kernel_ends
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 FRAME = Frame(0x120, b"angle")
 

@@ -13,9 +13,9 @@ from segway_ecc.hil.case_study.study import Cell, difference, thesis_cells
 from segway_ecc.hil.devices.wheel_board import TICK_NS, SimulatedWheelBoard
 from segway_ecc.hil.plants.cart import CartPlant
 from segway_ecc.hil.rig.fronts import LinkFront
-from segway_ecc.hil.rig.lockstep import LockstepRig
 from segway_ecc.hil.rig.simulated_bus import SimulatedLink
 from segway_ecc.hil.rig.simulated_robot import SimulatedRobot
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment, single_segment
 
 MS = 1_000_000

@@ -87,7 +87,7 @@ def test_what_nobody_reads_is_kept_within_bounds(serial: SimulatedSerial, clock:
         serial.host.write(bytes(4096))
         clock.now_ns += 4096 * BYTE_NS
     assert serial.device.in_waiting == 65_536
-    serial.garbage(b"more", serial.device)
+    serial.device.inject(b"more")
     assert serial.device.in_waiting == 65_536
 
 
@@ -119,8 +119,8 @@ def test_garbage_arrives_in_the_middle(serial: SimulatedSerial, clock: Clock) ->
     serial.device.write(b"ab")
     serial.host.write(b"AB")
     clock.now_ns = 10_000
-    serial.garbage(b"\xff")
-    serial.garbage(b"\x00", serial.device)
+    serial.host.inject(b"\xff")
+    serial.device.inject(b"\x00")
     clock.now_ns = 20_000
     assert serial.host.read(9) == b"a\xffb"
     assert serial.device.read(9) == b"A\x00B"

@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.links.settings import CanSettings
 from segway_ecc.hil.errors import NoSimulationError
 from segway_ecc.hil.plants.cart import CartPlant
 from segway_ecc.hil.rig.fronts import FaultyLink, PacedLink
-from segway_ecc.hil.rig.simulation import simulated_bus, simulated_plant, simulated_robot
+from segway_ecc.hil.rig.simulation import hardware_of, simulated_plant, simulated_robot
 from segway_ecc.node.config import SimulationSection, load_robot
 from segway_ecc.node.errors import ModelError
 
@@ -22,12 +22,12 @@ CAN = CanSettings(interface="virtual", channel="bench", bitrate=250_000)
 
 def test_the_bus_is_the_robots_own() -> None:
     file = structs.replace(load_robot("cart-can"), hardware=WheelBoardSettings(can=CAN))
-    assert simulated_bus(file) == CAN
+    assert hardware_of(file).can == CAN
 
 
 def test_a_robot_that_is_all_model_has_no_bus() -> None:
     with pytest.raises(NoSimulationError, match=r"^robot 'cart' has no hardware that could be simulated"):
-        simulated_bus(load_robot("cart"))
+        hardware_of(load_robot("cart"))
 
 
 def test_the_plant_is_the_one_that_the_file_names() -> None:

@@ -13,7 +13,7 @@ from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId, WheelComma
 from segway_ecc.firmware_io.drives.wheel_board.settings import WheelBoardSettings
 from segway_ecc.firmware_io.errors import BusNotFoundError
 from segway_ecc.firmware_io.links.settings import CanSettings
-from segway_ecc.hil.rig.simulation import RealTimePlant, simulated_bus, simulated_robot
+from segway_ecc.hil.rig.simulation import RealTimePlant, hardware_of, simulated_robot
 from segway_ecc.node.config import RobotFile, load_robot
 
 MS = 1_000_000
@@ -57,7 +57,7 @@ class Watch:
 
 def made(file: RobotFile, clock: Clock) -> RealTimePlant:
     """The plant of a robot file on the robot's own bus."""
-    link = can_link(simulated_bus(file), clock)
+    link = can_link(hardware_of(file).can, clock)
     return RealTimePlant(simulated_robot(file, link), clock)
 
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.drill import interface, trial
+from segway_ecc.hil.drill import trial
 from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
-from segway_ecc.hil.drill.trace import Torque
+from segway_ecc.hil.drill.plant_control import Torque
 from segway_ecc.hil.drill.trial import DrillResult
 
 Run = Callable[..., Any]
@@ -166,7 +166,7 @@ INTERFACE = ("--fault", "bus down", "--interface", "socketcan", "--channel", "vc
 
 
 def test_an_interface_that_can_be_set_down_is(segway_ecc: Run, trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interface, "why_not_down", {"vcan7": None}.__getitem__)
+    monkeypatch.setattr("segway_ecc.hil.verbs.prove_kill_drill.why_not_down", {"vcan7": None}.__getitem__)
     outcome = segway_ecc("prove", "kill-drill", *INTERFACE)
 
     assert outcome.code == 0

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.compile import cached, digest
+from segway_ecc.node.native.compile import cached, digest, find_compiler
 
 
 def fill(draft: Path) -> None:
@@ -79,3 +79,14 @@ class TestCached:
         (tmp_path / "segway-ecc").write_text("in the way")
         with pytest.raises(ModelError, match=r"cannot write to the cache .*; set XDG_CACHE_HOME elsewhere"):
             cached("key", fill)
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize(("variable", "cpp"), [("CC", False), ("CXX", True)])
+def test_a_variable_names_the_compiler_with_its_options(
+    monkeypatch: pytest.MonkeyPatch, variable: str, *, cpp: bool
+) -> None:
+    monkeypatch.setenv(variable, "gcc -m64")
+    compiler, *options = find_compiler(cpp=cpp)
+    assert Path(compiler).name == "gcc"
+    assert options == ["-m64"]

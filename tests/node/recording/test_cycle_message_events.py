@@ -21,6 +21,7 @@ from segway_ecc.node.cycle.interfaces import (
     Written,
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_message import encode_events, events_of, restore_events
 from segway_ecc.node.safety.modes import Action, Answer, Mode
@@ -39,6 +40,12 @@ INBOX = Inbox(
     requests=[Request(Action.ARM, never), Request(Action.CLEAR_FAULT, never)],
     written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0)],
     stations=[Heartbeat("ann's desk", 2**63 - 1)],
+    trajectories=[
+        Trajectory(
+            10**18, (TimedSetpoint(0, Setpoint(0.1, -math.inf)), TimedSetpoint(2**40, Setpoint(-0.0, math.inf)))
+        ),
+        Trajectory(0, ()),
+    ],
 )
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.campaign.campaign import run_quietly
+from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun
 from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
@@ -36,7 +36,7 @@ def recorded(tmp_path: Path) -> Record:
             expect=Expectation(outcome="drives_on"),
         )
         log = tmp_path / "run.mcap"
-        run_quietly(ScenarioRun("test", scenario, robot, 0, {}), log)
+        run_scenario(ScenarioRun("test", scenario, robot, 0, {}), log)
         return log
 
     return record

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.campaign.campaign import run_quietly, runs_of
+from segway_ecc.hil.campaign.campaign import runs_of
+from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import ScenarioRun, load_all
 from segway_ecc.node.replay.replay import replay
 
@@ -23,7 +24,7 @@ def named(trial: ScenarioRun) -> str:
 @pytest.mark.parametrize("trial", SAMPLE, ids=named)
 def test_the_replay_of_a_run_is_identical(trial: ScenarioRun, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    run_quietly(trial, log)
+    run_scenario(trial, log)
     outcome = replay(log)
 
     assert (outcome.difference, outcome.gap, outcome.is_cut, outcome.is_other_model) == (None, None, False, False)

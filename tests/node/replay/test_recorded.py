@@ -9,7 +9,7 @@ import pytest
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import RobotFile, load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, Request, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.rig.lockstep import LockstepRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, Request, SetValue, StampedSetpoint, Written
 from segway_ecc.node.cycle.setpoints import Setpoint

@@ -23,6 +23,10 @@ def test_missed_is_what_started_more_than_half_a_period_late() -> None:
     assert watch.look(1, 5 * MS + 1) == "1 deadlines in a row were missed"
 
 
+def test_single_skipped_deadline_counts_as_missed() -> None:
+    assert row(1).look(2, 0) == "1 deadlines in a row were missed"
+
+
 def test_late_cycles_in_a_row_fault_and_one_in_time_ends_the_row() -> None:
     watch = row()
     assert [watch.look(1, late * MS) for late in (6, 6, 0, 6, 6)] == [None] * 5

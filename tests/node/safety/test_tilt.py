@@ -67,6 +67,15 @@ def test_the_gyro_turns_it_at_once_even_where_the_accelerometer_is_not_believed(
         assert tilt_of(estimate) == pytest.approx(abs(rate) * STEP * step, abs=1e-3)
 
 
+def test_accelerometer_corrects_roll_as_it_corrects_pitch() -> None:
+    pitched, rolled = settled(0.0), settled(0.0)
+    for _ in range(100):
+        pitched.update(STILL, leaning(0.1), 1)
+        rolled.update(STILL, (0.0, G * math.sin(0.1), G * math.cos(0.1)), 1)
+    assert 0.02 < tilt_of(pitched) < 0.1
+    assert tilt_of(rolled) == pytest.approx(tilt_of(pitched))
+
+
 def test_it_leans_back_as_the_gyro_says() -> None:
     forward = settled(0.3)
     forward.update((0.0, -2.0, 0.0), (0.0, 0.0, 2.0 * G), 1)
@@ -231,7 +240,7 @@ def test_what_is_pushed_is_not_still(z: float) -> None:
 def test_without_a_sample_it_begins_anew() -> None:
     still = StillWatch(range(6), 0.1, 0.5)
     still.look(sample((0.0, 0.0, 0.0), UPRIGHT, 7))
-    still.look(View((0.0,) * 6, (True,) * 5 + (False,), 1))
+    still.look(View((*STILL, *UPRIGHT), (True,) * 5 + (False,), 1))
     assert still.periods == 0
 
 

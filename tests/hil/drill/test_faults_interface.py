@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from segway_ecc.hil.drill import interface
+from segway_ecc.hil.drill.faults import interface_down, why_not_down
 
 # From linux/sockios.h and linux/if.h; struct ifreq begins with the name, 16 bytes, then the flags.
 SIOCGIFFLAGS, SIOCSIFFLAGS, IFF_UP = 0x8913, 0x8914, 1
@@ -43,25 +43,25 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> Kernel:
 
 
 def test_it_is_down_for_a_while_and_nothing_else_changes(kernel: Kernel) -> None:
-    with interface.down("vcan7"):
+    with interface_down("vcan7"):
         assert kernel.flags == OTHERS
     assert kernel.flags == OTHERS | IFF_UP
 
 
 def test_it_is_up_again_after_an_error(kernel: Kernel) -> None:
-    with pytest.raises(ZeroDivisionError), interface.down("vcan7"):
+    with pytest.raises(ZeroDivisionError), interface_down("vcan7"):
         raise ZeroDivisionError
     assert kernel.flags == OTHERS | IFF_UP
 
 
 def test_the_reason_is_reported_and_asking_changes_nothing(kernel: Kernel) -> None:
     before = kernel.flags
-    assert interface.why_not_down("vcan7") is None
-    assert interface.why_not_down("vcan8") == "vcan8 cannot be set down: No such device"
+    assert why_not_down("vcan7") is None
+    assert why_not_down("vcan8") == "vcan8 cannot be set down: No such device"
     kernel.may = False
-    assert interface.why_not_down("vcan7") == "vcan7 cannot be set down: Operation not permitted"
+    assert why_not_down("vcan7") == "vcan7 cannot be set down: Operation not permitted"
     assert kernel.flags == before
 
 
 def test_the_real_kernel_knows_no_such_interface() -> None:
-    assert interface.why_not_down("nosuch0") == "nosuch0 cannot be set down: No such device"
+    assert why_not_down("nosuch0") == "nosuch0 cannot be set down: No such device"

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 
-from segway_ecc.hil.rig.plant import advance_of
+from segway_ecc.hil.devices.device import advance_of
 from segway_ecc.node.model.model import Variable
 from segway_ecc.node.model.sectioned import SectionedModel
 

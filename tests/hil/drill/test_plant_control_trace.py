@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.drill.trace import Tick, Torque, driven_since_ns, read, torque_after, writer
+from segway_ecc.hil.drill.plant_control import Tick, Torque, driven_since_ns, read_trace, torque_after, trace_writer
 
 MS = 1_000_000
 
@@ -18,7 +18,7 @@ def ticks(pattern: str) -> list[Tick]:
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     path = tmp_path / "trace.csv"
     with path.open("w", encoding="ascii") as file:
-        write = writer(file, ["left.torque", "right.torque"])
+        write = trace_writer(file, ["left.torque", "right.torque"])
         write(5, 1005, [0.0, 0.0])
         write(10, 1010, [0.0, -2e-4])
         write(15, 1015, [2.5, 0.0])
@@ -30,7 +30,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         "5,1005,0.0,0.0",
         "10,1010,0.0,-0.0002",
     ]
-    assert read(path) == [
+    assert read_trace(path) == [
         Tick(5, is_driven=False),
         Tick(10, is_driven=True),
         Tick(15, is_driven=True),
@@ -52,11 +52,11 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 def test_a_line_that_is_not_whole_is_left_out(tmp_path: Path, text: str, found: list[Tick]) -> None:
     path = tmp_path / "trace.csv"
     path.write_text(text)
-    assert read(path) == found
+    assert read_trace(path) == found
 
 
 def test_a_file_that_is_not_there_yet_holds_nothing(tmp_path: Path) -> None:
-    assert read(tmp_path / "no") == []
+    assert read_trace(tmp_path / "no") == []
 
 
 def test_driven_since_the_first_torque() -> None:

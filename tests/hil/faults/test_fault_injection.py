@@ -3,8 +3,7 @@
 
 import pytest
 
-from segway_ecc.hil.faults.fault import Fault
-from segway_ecc.hil.faults.injection import Injections
+from segway_ecc.hil.faults.fault import Fault, Injections
 
 MS = 1_000_000
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Time in lock step stops where a source is to act."""
 
-from segway_ecc.hil.placement.bench import EventRig
+from segway_ecc.hil.rig.simulation import LockstepRig
 
 MS = 1_000_000
 
@@ -9,7 +9,7 @@ MS = 1_000_000
 class Bell:
     """Acts at given times, and notes when it did."""
 
-    def __init__(self, rig: EventRig, *at_ms: int) -> None:
+    def __init__(self, rig: LockstepRig, *at_ms: int) -> None:
         self.rig = rig
         self.waiting = [ms * MS for ms in at_ms]
         self.rang_ms: list[float] = []
@@ -24,7 +24,7 @@ class Bell:
 
 
 def test_each_source_acts_at_its_own_times_and_no_other() -> None:
-    rig = EventRig(500_000)
+    rig = LockstepRig(500_000)
     often, seldom = Bell(rig, 1, 2, 3, 7), Bell(rig, 2, 30)
     rig.add(often)
     rig.add(seldom)
@@ -37,7 +37,7 @@ def test_each_source_acts_at_its_own_times_and_no_other() -> None:
 
 
 def test_what_is_due_already_acts_before_time_goes_on() -> None:
-    rig = EventRig(500_000)
+    rig = LockstepRig(500_000)
     rig.sleep_until_ns(20 * MS)
     late = Bell(rig, 5)
     rig.add(late)
@@ -47,6 +47,6 @@ def test_what_is_due_already_acts_before_time_goes_on() -> None:
 
 
 def test_without_sources_it_is_a_plain_rig() -> None:
-    rig = EventRig(500_000)
+    rig = LockstepRig(500_000)
     rig.sleep_until_ns(4 * MS)
     assert rig.now_ns() == 4 * MS
