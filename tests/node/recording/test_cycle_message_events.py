@@ -21,6 +21,7 @@ from segway_ecc.node.cycle.interfaces import (
     Written,
 )
 from segway_ecc.node.cycle.setpoints import Setpoint
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_message import encode_events, events_of, restore_events
 from segway_ecc.node.safety.modes import Action, Answer, Mode
@@ -37,8 +38,9 @@ INBOX = Inbox(
     setpoints=[StampedSetpoint(Setpoint(0.1, -math.inf), None), StampedSetpoint(Setpoint(-0.0, 5e-324), 10**18)],
     values=[SetValue(0, 1.0), SetValue(3, math.inf)],
     requests=[Request(Action.ARM, never), Request(Action.CLEAR_FAULT, never)],
-    written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0)],
+    written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0, "too small")],
     stations=[Heartbeat("ann's desk", 2**63 - 1)],
+    trajectories=[Trajectory(2**62, (TimedSetpoint(0, Setpoint(0.1, -math.inf)),)), Trajectory(0, ())],
 )
 
 
