@@ -14,6 +14,7 @@ from segway_ecc.firmware_io.errors import LinkLostError
 from segway_ecc.firmware_io.hardware import Hardware, Sensors
 from segway_ecc.node.cycle.arming import ArmingManager
 from segway_ecc.node.cycle.interfaces import (
+    MODEL_CALL,
     PHASES,
     CycleRecord,
     HardwareAnswer,
@@ -174,10 +175,21 @@ class Cycle:
         published = self._publish(cycle, stamp_ns, sensors, inbox, exchanged_ns)
         published_ns = now_ns()
         self._monitor.look(sensors.values, sensors.valid, start_ns, lateness_ns, self._followed)
-        setpoint = self._decide(cycle, inbox, sensors)
-        self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
-        decided_ns = now_ns()
-        u = self._compute(sensors, setpoint)
+        try:
+            setpoint = self._decide(cycle, inbox, sensors)
+            self._applied = StampedSetpoint(setpoint, stamp_ns) if self.schedule.came_into_force(cycle) else None
+            decided_ns = now_ns()
+            u = self._compute(sensors, setpoint)
+        except ModelFailedError as error:
+            # What led to it is in the log, so that a replay fails in the same cycle.
+            arming.answers.append(HardwareAnswer(MODEL_CALL, (str(error),)))
+            no_input, no_time = (math.nan,) * len(self._model.inputs), (0,) * (len(PHASES) - 1)
+            record = CycleRecord(
+                cycle, stamp_ns, arming.modes.mode, lateness_ns, sensors, REST, no_input, self._y, self._zero,
+                published, no_time, start_ns, inbox, arming.answers, self._initial,
+            )  # fmt: skip
+            self.recorder.write(record)
+            raise
         computed_ns = now_ns()
         commands = self._actuate()
         actuated_ns = now_ns()

@@ -42,14 +42,29 @@ class Request(NamedTuple):
 
 
 class Written(NamedTuple):
-    """A parameter or state of the model that somebody has written, between the cycle before and this one."""
+    """A write of a parameter or state of the model, between the cycle before and this one.
+
+    One that was refused is kept too: a replay tries it again, whatever the model made of it.
+
+    Attributes:
+        value: In the variable's unit.
+        refusal: Why the model refused it; empty where it did not.
+    """
 
     name: str
     value: float
+    refusal: str = ""
+
+
+MODEL_CALL: Final = "model"
+"""The call that the model's own equations failed in: the run ends with that cycle."""
 
 
 class HardwareAnswer(NamedTuple):
-    """What the hardware answered where that decides: which call it was, and what it had against it."""
+    """What the hardware answered where that decides: which call it was, and what it had against it.
+
+    The last answer of a run whose model failed is the model's; see `MODEL_CALL`.
+    """
 
     call: str
     reasons: tuple[str, ...]

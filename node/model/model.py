@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from segway_ecc.node.errors import UnknownNameError
+from segway_ecc.node.errors import ModelError, UnknownNameError
 
 
 @enum.unique
@@ -102,6 +102,20 @@ class Model(Protocol):
             UnknownNameError: The model has no such name.
             ModelError: The variable cannot be written, or the value is not finite.
         """
+
+
+def write_variable(model: Model, name: str, value: float) -> str:
+    """Write a parameter or a state; returns why the model refuses it, empty where it does not."""
+    try:
+        try:
+            model.write(name, value)
+        except ModelError:
+            raise
+        except Exception as error:  # the model is the user's and may raise anything
+            raise ModelError(f"'{name}' cannot be {value}: {type(error).__name__}: {error}") from error
+    except ModelError as error:
+        return str(error)
+    return ""
 
 
 class Sample(NamedTuple):

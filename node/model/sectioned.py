@@ -176,15 +176,24 @@ class SectionedModel:
             raise UnknownNameError(f"writable variable of model '{self.name}'", name, known)
         if variable.write is Write.NEVER:
             raise ModelError(f"'{name}' of model '{self.name}' cannot be written while it runs")
-        if place is None:
-            self.p[name] = _finite(name, value)
-        elif variable.write is Write.RESET:
+        if place is not None and variable.write is Write.RESET:
             self._starts[name] = _finite(name, value)
             return
-        else:
-            self.s[place] = _finite(name, value)
+        before = self.p[name] if place is None else self.s[place]
+        self._put(place, name, _finite(name, value))
         if variable.write is Write.STATIC:
-            self.static()
+            try:
+                self.static()
+            except Exception:  # refused whole
+                self._put(place, name, before)
+                self.static()
+                raise
+
+    def _put(self, place: int | None, name: str, value: float) -> None:
+        if place is None:
+            self.p[name] = value
+        else:
+            self.s[place] = value
 
     def _take_inputs(self, u: Sequence[float]) -> None:
         if len(u) != len(self._u):

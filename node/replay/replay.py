@@ -11,10 +11,10 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from segway_ecc.node.cycle.cycle import Cycle
-from segway_ecc.node.cycle.interfaces import CycleRecord, NoRecorder
+from segway_ecc.node.cycle.interfaces import MODEL_CALL, CycleRecord, NoRecorder
 from segway_ecc.node.cycle.wiring import wire
 from segway_ecc.node.errors import ModelFailedError
-from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.model import Model, write_variable
 from segway_ecc.node.models.load import load_model, locate, locate_recorded
 from segway_ecc.node.recording.layout import CycleLayout
 from segway_ecc.node.recording.robot_provenance import model_hash
@@ -105,15 +105,18 @@ def replay(
             after += 1
             if after > _AFTER:
                 break
+        answered_otherwise = list[tuple[str, str, str]]()
         try:
             if count == 0:
                 first_ns = record.start_ns
                 cycle.start()
-            _run_again(cycle, loaded, record)
+            answered_otherwise += _run_again(cycle, loaded, record)
         except ModelFailedError as error:
-            time_s = (record.start_ns - first_ns) * _NS
-            outcome.difference = outcome.difference or Difference(record.cycle, time_s, "model", "a step", str(error))
-            break
+            if all(answer.call != MODEL_CALL for answer in record.answers):
+                time_s = (record.start_ns - first_ns) * _NS
+                failed = Difference(record.cycle, time_s, "model", "a step", str(error))
+                outcome.difference = outcome.difference or failed
+                break
         pair = record, keeper.record
         if look is not None:
             look(*pair)
@@ -121,7 +124,8 @@ def replay(
             outcome.around.append(pair)
             continue
         outcome.duration_s = (record.start_ns - first_ns) * _NS
-        found = [Difference(record.cycle, outcome.duration_s, *what) for what in differences(run.layout, *pair)]
+        what_differs = (*answered_otherwise, *differences(run.layout, *pair))
+        found = [Difference(record.cycle, outcome.duration_s, *what) for what in what_differs]
         last.append(pair)
         if found:
             outcome.difference, *outcome.others = found
@@ -132,12 +136,17 @@ def replay(
     return outcome
 
 
-def _run_again(cycle: Cycle, model: Model, record: CycleRecord) -> None:
-    for name, value in record.inbox.written if record.inbox is not None else ():
-        model.write(name, value)
+def _run_again(cycle: Cycle, model: Model, record: CycleRecord) -> list[tuple[str, str, str]]:
+    """Run a cycle with what was written before it; returns the writes that the model answers otherwise now."""
+    otherwise = []
+    for name, value, refusal in record.inbox.written if record.inbox is not None else ():
+        now = write_variable(model, name, value)
+        if bool(now) is not bool(refusal):
+            otherwise.append((f"write of {name}", refusal or "accepted", now or "accepted"))
     # The line of stamps is a clock's matter: it lies where it lay.
     cycle.time_base.anchor(record.cycle, record.stamp_ns)
     cycle.run(record.cycle, record.lateness_ns)
+    return otherwise
 
 
 class _Keeper(NoRecorder):

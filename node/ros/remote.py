@@ -15,9 +15,9 @@ import msgspec
 from segway_ecc.node.cycle.interfaces import Inbox, Report, Request, Written
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory
-from segway_ecc.node.errors import ModelError, RosUnavailableError
+from segway_ecc.node.errors import RosUnavailableError
 from segway_ecc.node.helper import end_helper, send_task, start_helper
-from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.model import Model, write_variable
 from segway_ecc.node.ring import RingReader, RingWriter, open_ring, size_ring, slots_for
 from segway_ecc.node.robot import Robot
 from segway_ecc.node.ros.protocol import (
@@ -210,14 +210,9 @@ class RemoteStage:
             inbox.trajectories.append(Trajectory(part.stamp_ns, tuple(self._points)))
 
     def _write(self, request: WriteRequest, inbox: Inbox) -> None:
-        refusal = None
-        try:
-            self._model.write(request.name, request.value)
-        except ModelError as error:
-            refusal = str(error)
-        else:
-            inbox.written.append(Written(request.name, request.value))
-        self._put(FromLoop.WRITTEN, (request.number, refusal))
+        refusal = write_variable(self._model, request.name, request.value)
+        inbox.written.append(Written(request.name, request.value, refusal))
+        self._put(FromLoop.WRITTEN, (request.number, refusal or None))
 
     def _answer(self, number: int, answer: Answer) -> None:
         self._put(FromLoop.ANSWER, (number, answer))

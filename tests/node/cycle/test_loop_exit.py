@@ -79,7 +79,12 @@ def test_a_model_that_raises_while_running_leaves_the_motors_off(bench: Bench, s
         bench.loop.run()
     assert way_out(bench) == WAY_OUT
     assert not bench.hardware.armed
-    assert len(bench.recorder.records) == 3
+    assert [record.y[0] for record in bench.recorder.records[:3]] != [0.0] * 3
+    last = bench.recorder.records[3]
+    assert (last.cycle, list(last.commands)) == (3, [0.0])
+    assert [(answer.call, answer.reasons[0][:33]) for answer in last.answers] == [
+        ("model", "the model failed while running: Z")
+    ]
 
 
 def test_a_model_that_raises_at_its_end_does_so_with_the_motors_off_and_all_is_closed(

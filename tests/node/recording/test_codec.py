@@ -140,7 +140,7 @@ def all_that_can_happen() -> CycleRecord:
         requests=[Request(Action.ARM, lambda _: None)],
         written=[Written("Gain", -0.0)],
         stations=[Heartbeat("caf\u00e9", 2**62)],
-        trajectories=[Trajectory(2**62, (TimedSetpoint(0, Setpoint(0.1, -0.2)),))],
+        trajectories=[Trajectory(7, (TimedSetpoint(0, Setpoint(0.1, 0.2)), TimedSetpoint(2**40, Setpoint(0.0, 0.0))))],
     )
     sensors = Sensors((), (), (), ("left is hot",), ready=False, events=("serial took over",), off=False)
     initial = Sensors((1.5,), (math.inf,), (False,))

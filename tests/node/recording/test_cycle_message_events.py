@@ -38,14 +38,9 @@ INBOX = Inbox(
     setpoints=[StampedSetpoint(Setpoint(0.1, -math.inf), None), StampedSetpoint(Setpoint(-0.0, 5e-324), 10**18)],
     values=[SetValue(0, 1.0), SetValue(3, math.inf)],
     requests=[Request(Action.ARM, never), Request(Action.CLEAR_FAULT, never)],
-    written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0)],
+    written=[Written("Gain", 0.1), Written("Sub\\K 1", -1.0, "too small")],
     stations=[Heartbeat("ann's desk", 2**63 - 1)],
-    trajectories=[
-        Trajectory(
-            10**18, (TimedSetpoint(0, Setpoint(0.1, -math.inf)), TimedSetpoint(2**40, Setpoint(-0.0, math.inf)))
-        ),
-        Trajectory(0, ()),
-    ],
+    trajectories=[Trajectory(2**62, (TimedSetpoint(0, Setpoint(0.1, -math.inf)),)), Trajectory(0, ())],
 )
 
 

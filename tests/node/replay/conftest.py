@@ -13,7 +13,7 @@ from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, StampedSetpoint
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.model.model import Model
+from segway_ecc.node.model.model import Model, write_variable
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
@@ -55,8 +55,7 @@ class Script(NoStage):
 
     def take_inbox(self) -> Inbox:
         inbox = self._inboxes.get(self._cycle, Inbox())
-        for name, value in inbox.written:
-            self._model.write(name, value)
+        inbox.written = [each._replace(refusal=write_variable(self._model, *each[:2])) for each in inbox.written]
         self._cycle += 1
         return inbox
 

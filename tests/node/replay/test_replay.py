@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """A recorded run through the same model and safety code again."""
 
+import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -12,9 +13,20 @@ from msgspec.structs import replace
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
-from segway_ecc.node.cycle.interfaces import CycleRecord, Inbox, NoStage, Request, SetValue, StampedSetpoint, Written
+from segway_ecc.node.cycle.interfaces import (
+    CycleRecord,
+    Heartbeat,
+    Inbox,
+    NoStage,
+    Request,
+    SetValue,
+    StampedSetpoint,
+    Written,
+)
 from segway_ecc.node.cycle.setpoints import Setpoint
-from segway_ecc.node.errors import RecordingError
+from segway_ecc.node.cycle.trajectory import TimedSetpoint, Trajectory
+from segway_ecc.node.errors import ModelFailedError, RecordingError
+from segway_ecc.node.models.cart import Cart
 from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
@@ -34,6 +46,9 @@ def setpoint(linear: float, stamp_ns: int | None = None) -> Inbox:
     return Inbox(setpoints=[StampedSetpoint(Setpoint(linear, 0.1), stamp_ns)])
 
 
+MANOEUVRE = Trajectory(0, (TimedSetpoint(0, Setpoint(0.2, 0.1)), TimedSetpoint(50_000_000, Setpoint(0.0, 0.0))))
+
+
 def asked(*actions: Action) -> Inbox:
     return Inbox(requests=[Request(action, lambda _answer: None) for action in actions])
 
@@ -47,13 +62,21 @@ def test_everything_that_an_operator_does_comes_out_the_same(path: Path, run: Ru
         50: asked(Action.DISARM),
         52: asked(Action.ARM),
         60: setpoint(0.5),
+        62: Inbox(stations=[Heartbeat("desk", 7)], trajectories=[MANOEUVRE]),
     }
     modes: list[Mode] = []
+    followed: set[Setpoint] = set()
+
+    def look(recorded: CycleRecord, computed: CycleRecord) -> None:
+        modes.append(recorded.mode)
+        followed.add(computed.setpoint)
+
     run(path, inboxes)
-    outcome = replay(path, look=lambda recorded, _computed: modes.append(recorded.mode))
+    outcome = replay(path, look=look)
 
     assert (outcome.cycles, outcome.difference, outcome.gap) == (CYCLES, None, None)
     assert {Mode.ARMED, Mode.FAULT, Mode.DISARMED} <= set(modes)
+    assert Setpoint(0.2, 0.1) in followed
 
 
 def test_a_parameter_that_was_written_while_it_ran_is_written_again(path: Path, run: Run) -> None:
@@ -69,6 +92,53 @@ def test_a_parameter_that_was_written_while_it_ran_is_written_again(path: Path, 
     difference = replay(forget).difference
     assert difference is not None
     assert difference.cycle == 30
+
+
+def test_a_write_that_the_model_refused_is_in_the_log_and_refused_again(path: Path, run: Run) -> None:
+    written = [Written("WheelRadius", 0.0), Written("WheelRadius", math.nan), Written("Track", 0.4)]
+    run(path, {30: Inbox(written=written)})
+    kept = [record.inbox.written for record in RecordedRun(path).cycles() if record.inbox and record.inbox.written]
+
+    assert [(each.name, bool(each.refusal)) for each in kept[0]] == [
+        ("WheelRadius", True),
+        ("WheelRadius", True),
+        ("Track", False),
+    ]
+    assert "ZeroDivisionError" in kept[0][0].refusal
+    assert (replay(path).cycles, replay(path).difference) == (CYCLES, None)
+
+
+def test_a_write_that_is_answered_otherwise_now_is_a_difference(path: Path, run: Run) -> None:
+    def refused(record: CycleRecord) -> CycleRecord:
+        inbox = Inbox(written=[Written("Track", 0.3, "too narrow")])
+        return replace(record, inbox=inbox) if record.cycle == 30 else record
+
+    difference = replay(run(path, {30: Inbox(written=[Written("Track", 0.3)])}, change=refused)).difference
+
+    assert difference is not None
+    assert (difference.cycle, *difference[2:]) == (30, "write of Track", "too narrow", "accepted")
+
+
+class Fragile(Cart):
+    """A cart whose equations fail in the step after its track was written."""
+
+    def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:
+        return (*super().dynamic(t, s)[:-1], 1.0 / (self.p["Track"] - 0.4))
+
+
+def test_what_made_the_model_fail_is_in_the_log_and_makes_it_fail_again(path: Path, run: Run) -> None:
+    robot = dataclasses.replace(build_robot(load_robot("cart"), LockstepRig(500_000)), model=Fragile())
+    with pytest.raises(ModelFailedError):
+        run(path, {30: Inbox(written=[Written("Track", 0.4)])}, robot=robot)
+    *_, last = RecordedRun(path).cycles()
+    healthy = replay(path)
+    outcome = replay(path, f"{__name__}:Fragile")
+
+    assert (last.cycle, last.inbox and last.inbox.written) == (30, [Written("Track", 0.4)])
+    assert [answer.call for answer in last.answers] == ["model"]
+    assert "ZeroDivisionError" in last.answers[0].reasons[0]
+    assert (outcome.cycles, outcome.difference) == (31, None)
+    assert healthy.difference is not None
 
 
 def test_the_first_difference_is_reported_with_the_cycles_around(path: Path, run: Run) -> None:

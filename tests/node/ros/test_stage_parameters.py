@@ -58,6 +58,13 @@ def test_a_parameter_that_cannot_be_so_is_refused_with_the_reason_and_keeps_its_
     assert foreign("get_parameter", node="/model", name="Inertia") == before
 
 
+def test_a_parameter_with_which_the_static_equations_fail_is_refused_and_the_robot_goes_on(foreign: Ask) -> None:
+    accepted, reason = foreign("set_parameter", node="/model", name="WheelRadius", value=0.0)
+    assert not accepted
+    assert reason.startswith("'WheelRadius' cannot be 0.0: ZeroDivisionError")
+    assert foreign("set_parameter", node="/model", name="Track", value=0.45) == [True, ""]
+
+
 def test_a_value_that_is_set_drives_the_state_it_is_wired_to(foreign: Ask) -> None:
     assert foreign("publish_number", topic="/set/speed", value=2.0)
     # 2 m/s on wheels of 0.05 m are 40 rad/s; in steady state friction alone takes torque: b w / K = 0.8 A.
