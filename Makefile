@@ -7,6 +7,7 @@
 # make docs    the documentation as a site, in out/site
 # make prove   the longer proofs: ten runs through ROS, ten minutes of the loop, coverage of codecs and safety, the case study
 #              with every drive over vcan and over two CAN controllers, the bus lost in every way
+# tests/proofs/busy.sh  the case study ten times on a busy machine
 # make bench   how fast this machine runs the loop
 # make test-compiled, make bench-compiled: the tests of the loop and of the rig, and the bench, with a compiled install
 
@@ -78,7 +79,7 @@ prove: $(READY) coverage
 	for cart in cart-can cart-odrive cart-vesc; do $(VENV)/bin/segway-ecc prove failover $$cart --channel $$cart || exit 1; done
 
 # The case study with one drive family, over the kernel's own CAN; on a simulated clock, so that no load disturbs it.
-SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --lock-step --out /run/study
+SEAT = $(CURDIR)/$(VENV)/bin/segway-ecc case-study --seat can --no-real-time --out /run/study
 
 prove-%: $(READY)
 	$(VENV)/bin/python -P -m segway_ecc.hil.kernels.uml --interface vcan0 -- $(SEAT) --robot $* --channel vcan0

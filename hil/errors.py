@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The errors of the rig."""
 
+from collections.abc import Sequence
+
 from segway_ecc.firmware_io.errors import SegwayEccError
 
 
@@ -12,6 +14,21 @@ class RigError(SegwayEccError):
 
 class PlantMismatchError(RigError):
     """A plant does not fit the device it is to stand behind."""
+
+
+class RunFailedError(RigError):
+    """A run failed each time that it was tried.
+
+    Attributes:
+        failures: What happened in each try.
+    """
+
+    exit_code = 14
+
+    def __init__(self, text: str, failures: Sequence[SegwayEccError] = ()) -> None:
+        """State what failed, why, and the remedy."""
+        self.failures = failures
+        super().__init__(text)
 
 
 class NoSimulationError(RigError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How far something long has come: bars on a terminal; elsewhere nothing, or a line for each step."""
+"""How far something long has come: bars on a terminal; elsewhere nothing, or a line at the end."""
 
 import contextlib
 import importlib.util
@@ -14,7 +14,7 @@ OnSeconds = Callable[[float], None]
 
 @contextlib.contextmanager
 def show_all_progress(*, lines: bool = False) -> Iterator[Callable[[str, int, int | None], None]]:
-    """Show a bar for each name on standard error until the context is left; with `lines`, elsewhere a line a call.
+    """Show a bar for each name on standard error until the context is left; with `lines`, elsewhere a line at its end.
 
     Yields:
         What is to be called with a name, how much of it is done, and of how much (None while that is unknown).
@@ -22,7 +22,7 @@ def show_all_progress(*, lines: bool = False) -> Iterator[Callable[[str, int, in
     if not sys.stderr.isatty() or importlib.util.find_spec("rich") is None:
 
         def write(name: str, done: int, total: int | None) -> None:
-            if lines:
+            if lines and done == total:
                 sys.stderr.write(f"segway-ecc: {name}: {done} of {total} runs done\n")
 
         yield write

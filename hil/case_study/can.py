@@ -3,8 +3,10 @@
 
 import contextlib
 import csv
+import math
 from bisect import bisect_left
 from collections.abc import Sequence
+from itertools import starmap
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
@@ -13,9 +15,12 @@ import msgspec
 
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
+from segway_ecc.hil.case_study.repeats import TRIES, Repeats
 from segway_ecc.hil.case_study.seats import SeatRun, trajectory
-from segway_ecc.hil.case_study.study import Seat
-from segway_ecc.hil.processes import command
+from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
+from segway_ecc.hil.case_study.witness import witness
+from segway_ecc.hil.errors import RigError, RunFailedError
+from segway_ecc.hil.processes import ProcessFailedError, command
 from segway_ecc.hil.rig.fronts import kernel_ends
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import load_robot
@@ -23,18 +28,40 @@ from segway_ecc.node.cycle.interfaces import NoRecorder
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.robot import build_robot
-from segway_ecc.node.sequence.manoeuvre import Manoeuvre, ManoeuvreStage, Odometry, Player
+from segway_ecc.node.sequence.manoeuvre import Manoeuvre, ManoeuvreStage, Odometry, Player, single_segment
 
 ROBOT: Final = "cart-can"
+IN_REAL_TIME: Final = "can in real time"
+"""The name of its one run in real time, in messages."""
+_REAL_TIME_RUN: Final = (1.0, 0.5, 5.0)
+"""m/s, rad/s, s."""
 _MARGIN_S: Final = 60.0
 _TRUTH: Final = ("truth.x", "truth.y", "truth.heading", "truth.linear_velocity", "truth.angular_velocity")
 _POINT_NS: Final = 10_000_000
 
 
+class RealTimeRunError(ProcessFailedError):
+    """A run in real time failed.
+
+    Attributes:
+        stall_s: How long the machine stalled meanwhile, s; 0 where it did not.
+    """
+
+    def __init__(self, cause: str, stall_s: float) -> None:
+        """Add to the cause how long the machine stalled."""
+        self.stall_s = stall_s
+        super().__init__(f"{cause}; the machine stalled for up to {stall_s * 1e3:.0f} ms" if stall_s else cause)
+
+
 class RealTimeCanSeat:
-    """Two processes in real time. On a virtual bus each run has its own; on a real interface they take turns."""
+    """Two processes in real time. On a virtual bus each run has its own; on a real interface they take turns.
+
+    Attributes:
+        timings: How each run that succeeded met its deadlines, by its name.
+    """
 
     seat = Seat.CAN
+    tries = TRIES
 
     def __init__(
         self, folder: Path, logs: Path, robot: str = ROBOT, channels: tuple[str | None, str | None] = (None, None)
@@ -51,9 +78,30 @@ class RealTimeCanSeat:
         first = channels[0] or (present[0] if present else None)
         self._channels = (first, channels[1] or first)
         self.jobs = 4 if first is None else 1
+        self.timings: dict[str, LoopTiming] = {}
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
-        """Play a manoeuvre over the bus; see `SeatRunner.run`."""
+        """Play a manoeuvre over the bus; see `SeatRunner.run`.
+
+        Raises:
+            RealTimeRunError: It failed.
+        """
+        with witness(self._folder / f"can_{name}.witness.txt") as longest_stall_s:
+            try:
+                found, played = self._play(name, manoeuvre)
+            except RigError as error:
+                raise RealTimeRunError(str(error), longest_stall_s()) from error
+            lateness = played["timing"]["lateness"]
+            self.timings[name] = LoopTiming(lateness["p99_s"], lateness["max_s"], played["skipped"], longest_stall_s())
+        return SeatRun(found)
+
+    def worst(self) -> RealTimeRun:
+        """What was worst in all of the runs, of which there was one at least; skipped deadlines are added up."""
+        p99s, latest, skipped, stalls = zip(*self.timings.values(), strict=True)
+        return RealTimeRun(f"{len(stalls)} runs", LoopTiming(max(p99s), max(latest), sum(skipped), max(stalls)))
+
+    def _play(self, name: str, manoeuvre: Manoeuvre) -> tuple[Trajectory, dict[str, Any]]:
+        """The cart's way, and what the controller printed."""
         file, truth = self._folder / f"can_{name}.yaml", self._folder / f"can_{name}.truth.csv"
         file.write_bytes(msgspec.yaml.encode(manoeuvre))
         robot_channel, plant_channel = (channel or f"case_study_{name}" for channel in self._channels)
@@ -64,10 +112,10 @@ class RealTimeCanSeat:
             command(plant, self._folder / f"can_{name}.plant.txt"),
             command(node, self._folder / f"can_{name}.node.txt") as controller,
         ):
-            played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)["sequence"]
+            played = controller.result(manoeuvre.duration_ns * 1e-9 + _MARGIN_S)
         # The plant has ended too by now, so its file is whole.
-        points = resample(read_truth(truth), played["started_wall_ns"], manoeuvre.duration_ns)
-        return SeatRun(trajectory(Seat.CAN, points))
+        points = resample(read_truth(truth), played["sequence"]["started_wall_ns"], manoeuvre.duration_ns)
+        return trajectory(Seat.CAN, points), played
 
 
 class LockstepCanSeat:
@@ -78,6 +126,7 @@ class LockstepCanSeat:
 
     seat = Seat.CAN
     jobs = 1
+    tries = 1
 
     def __init__(self, logs: Path | None, robot: str = ROBOT, channels: tuple[str, str] | None = None) -> None:
         """Run a robot; its logs go to `logs`, None for none.
@@ -113,6 +162,25 @@ class LockstepCanSeat:
         return SeatRun(trajectory(Seat.CAN, resample(points, stage.started_wall_ns or 0, manoeuvre.duration_ns)))
 
 
+def run_in_real_time(real: RealTimeCanSeat, lockstep: LockstepCanSeat, repeats: Repeats) -> RealTimeRun:
+    """Play a manoeuvre of a few seconds in real time, and compare it with the same in lock step."""
+    linear, angular, duration = _REAL_TIME_RUN
+    what, manoeuvre = f"{linear:g} m/s, {angular:g} rad/s, {duration:g} s", single_segment(*_REAL_TIME_RUN)
+
+    def once(suffix: str) -> tuple[Trajectory, LoopTiming]:
+        name = f"real_time{suffix}"
+        return real.run(name, manoeuvre).trajectory, real.timings[name]
+
+    try:
+        found, timing = repeats.run(IN_REAL_TIME, real.tries, once)
+    except RunFailedError as error:
+        is_spoiled = all(isinstance(each, RealTimeRunError) and each.stall_s for each in error.failures)
+        return RealTimeRun(what, failure=str(error), is_spoiled=is_spoiled)
+    expected = lockstep.run("lock_step", manoeuvre).trajectory
+    ways = (zip(way.x, way.y, strict=True) for way in (found, expected))
+    return RealTimeRun(what, timing, max(starmap(math.dist, zip(*ways, strict=True))))
+
+
 def read_truth(path: Path) -> list[Odometry]:
     """Where the cart really was at each tick, from the file that `segway-ecc plant --truth` writes."""
     with path.open(newline="", encoding="utf-8") as file:
@@ -127,8 +195,14 @@ def _truth_in(output_names: Sequence[str]) -> "itemgetter[tuple[Any, ...]]":
 
 
 def resample(points: Sequence[Odometry], start_ns: int, duration_ns: int) -> list[Odometry]:
-    """The truth at regular times from the start on, on the wall clock, each between the two ticks around it."""
+    """The truth at regular times from the start on, on the wall clock, each between the two ticks around it.
+
+    Raises:
+        RigError: The ticks end before that.
+    """
     stamps, found = [point.stamp_ns for point in points], []
+    if not stamps[1:] or 2 * stamps[-1] - stamps[-2] < start_ns + duration_ns:
+        raise RigError("the plant's ticks end before the manoeuvre does")
     for stamp_ns in range(start_ns, start_ns + duration_ns + 1, _POINT_NS):
         after = min(max(bisect_left(stamps, stamp_ns), 1), len(points) - 1)
         a, b = points[after - 1], points[after]

@@ -26,7 +26,7 @@ _TITLE = "Case study: a thesis' cart, re-run"
 _INTRODUCTION = (
     "A thesis (Hoftijzer, University of Twente, 2019) simulated a cart, ran code generated from the same model as a "
     "ROS node, and printed where the cart ends after 10 s in both. Here that model is re-run with the same set-points "
-    "in up to three seats: offline in one process, behind ROS 2, and in a loop over a CAN bus."
+    "in up to four seats: offline in one process, as a C submodel, behind ROS 2, and in a loop over a CAN bus."
 )
 
 
@@ -36,7 +36,7 @@ def render(study: Study) -> str:
         section("Verdict", _verdict(study)),
         section("Where the cart ends", _table(study.cells, study.seats)),
         section("Figures", _figures(study)),
-        section("Facts of this run", pairs(study.facts) if study.facts else "<p>None were recorded.</p>\n"),
+        section("Facts of this run", pairs({**study.facts, "Repeated runs": " | ".join(study.repeated) or "none"})),
     )
     return page(_TITLE, _INTRODUCTION, sections)
 
@@ -58,7 +58,8 @@ def _verdict(study: Study) -> str:
         comparison = "smaller than" if worst < thesis else "not smaller than"
         ran = f"{sum(seat in cell.positions for cell in cells)} of {len(cells)} cells"
         sentences.append(f"The {seat} seat: {worst:.4f} m in {ran}, {comparison} the thesis' {thesis:.2f} m.")
-    items = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in (*sentences, _sameness(cells)))
+    sentences += [_sameness(cells), *([study.real_time.text] if study.real_time else [])]
+    items = "".join(f"<li>{escape(sentence)}</li>\n" for sentence in sentences)
     return f"<p>{escape(yardstick)}</p>\n<ul>\n{items}</ul>\n"
 
 

@@ -7,6 +7,7 @@ A seat is an environment that runs the model and returns where the cart went.
 import csv
 import dataclasses
 import shutil
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -18,10 +19,18 @@ import msgspec
 
 import segway_ecc.node.models
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Study, Trajectory, thesis_cells
+from segway_ecc.hil.case_study.repeats import TRIES, Repeats
+from segway_ecc.hil.case_study.study import (
+    Cell,
+    Edge,
+    Seat,
+    Study,
+    Trajectory,
+    difference,
+    thesis_cells,
+)
 from segway_ecc.hil.errors import RigError
 from segway_ecc.hil.processes import command, own_ros_domain
-from segway_ecc.node.errors import NodeError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
@@ -61,10 +70,16 @@ class SeatRun:
 
 
 class SeatRunner(Protocol):
-    """A seat, ready to run manoeuvres; `jobs` of them may go on side by side."""
+    """A seat, ready to run manoeuvres.
+
+    Attributes:
+        jobs: How many runs may go on side by side.
+        tries: How many times a run may fail.
+    """
 
     seat: Seat
     jobs: int
+    tries: int
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Play a manoeuvre to a cart that stands at the origin.
@@ -113,6 +128,7 @@ class OfflineSeat:
     """No clock, no bus, no ROS: what every other seat is compared with."""
 
     jobs = 1
+    tries = 1
 
     def __init__(self, logs: Path, seat: Seat = Seat.OFFLINE, cart: Cart = PYTHON_CART) -> None:
         """Keep the logs of the runs in a folder; `cart` is the model that sits in the seat."""
@@ -122,16 +138,7 @@ class OfflineSeat:
 
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         """Step the cart through a manoeuvre; see `SeatRunner.run`."""
-        model = load_model(self._cart.source)
-        names = [v.name for v in model.outputs]
-        odometry = itemgetter(*(names.index(output) for output in _OUTPUTS))
-        period_ns = round(model.step_size * NS_PER_S)
-        found = [odometry(model.initialize(()))]
-        for segment in manoeuvre.segments:
-            model.write(self._cart.linear, segment.linear)
-            model.write(self._cart.angular, segment.angular)
-            found += [odometry(model.step(())) for _ in range(round(segment.duration / model.step_size))]
-        points = [Odometry(cycle * period_ns, *y) for cycle, y in enumerate(found)]
+        points = _step(self._cart, manoeuvre)
         with McapLog(self._logs / f"{self.seat}_{name}.mcap") as log:
             for point in points:
                 log.odometry("/odom", *point)
@@ -141,11 +148,29 @@ class OfflineSeat:
         return SeatRun(trajectory(self.seat, points))
 
 
+def _step(cart: Cart, manoeuvre: Manoeuvre) -> list[Odometry]:
+    """The cart after each step of a manoeuvre, stamped with model time."""
+    model = load_model(cart.source)
+    names = [v.name for v in model.outputs]
+    odometry = itemgetter(*(names.index(output) for output in _OUTPUTS))
+    period_ns = round(model.step_size * NS_PER_S)
+    found = [odometry(model.initialize(()))]
+    for segment in manoeuvre.segments:
+        model.write(cart.linear, segment.linear)
+        model.write(cart.angular, segment.angular)
+        found += [odometry(model.step(())) for _ in range(round(segment.duration / model.step_size))]
+    return [Odometry(cycle * period_ns, *y) for cycle, y in enumerate(found)]
+
+
 class RosSeat:
-    """Set-points and odometry cross DDS; each run lives in a namespace of its own."""
+    """Set-points and odometry cross DDS; each run lives in a namespace of its own.
+
+    A run that is not bit-identical to the model alone has failed: something was lost on the way, or late.
+    """
 
     seat = Seat.ROS
     jobs = 7
+    tries = TRIES
 
     def __init__(self, folder: Path, logs: Path) -> None:
         """Keep messages in `folder` and logs in `logs`.
@@ -176,17 +201,26 @@ class RosSeat:
             rows = csv.reader(lines)
             next(rows)
             points = [Odometry(int(stamp_ns), *map(float, values)) for stamp_ns, *values in rows]
-        return SeatRun(trajectory(Seat.ROS, points), graph)
+        found, expected = (trajectory(Seat.ROS, each) for each in (points, _step(PYTHON_CART, manoeuvre)))
+        if found != expected:
+            ended = difference((found.x[-1], found.y[-1]), (expected.x[-1], expected.y[-1]))
+            raise RigError(
+                f"what came through ROS is not bit-identical to the offline run: {len(found.x)} of {len(expected.x)} "
+                f"points, the last one {ended:.3g} m off"
+            )
+        return SeatRun(found, graph)
 
 
-def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress: OnProgress) -> Study:
-    """Run the twelve cells and the turn in each seat.
+def conduct(
+    runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress: OnProgress, repeats: Repeats | None = None
+) -> Study:
+    """Run the twelve cells and the turn in each seat; `repeats` is called with each run that is repeated.
 
     Raises:
-        NodeError, RigError: A run failed; the first failure ends the study.
+        NodeError, RigError: A run failed as often as its seat may; the first one ends the study.
     """
-    cells = thesis_cells()
-    runs = {runner.seat: _run_seat(runner, cells, on_progress) for runner in runners}
+    cells, repeats = thesis_cells(), repeats or Repeats()
+    runs = {runner.seat: _run_seat(runner, cells, on_progress, repeats) for runner in runners}
     turns = [of_seat[TURN].trajectory for of_seat in runs.values()]
     graphs = [of_seat[TURN].graph for of_seat in runs.values()]
     ends = [{seat: of_seat[cell_name(cell)].position for seat, of_seat in runs.items()} for cell in cells]
@@ -197,6 +231,7 @@ def conduct(runners: Sequence[SeatRunner], facts: Mapping[str, str], on_progress
         turn=turns,
         graph=next((graph for graph in graphs if graph), ()),
         facts=facts,
+        repeated=repeats.causes,
     )
 
 
@@ -205,22 +240,32 @@ def cell_name(cell: Cell) -> str:
     return f"linear_{cell.linear:g}_angular_{cell.angular:g}"
 
 
-def _run_seat(runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress) -> dict[str, SeatRun]:
+def _run_seat(
+    runner: SeatRunner, cells: Sequence[Cell], on_progress: OnProgress, repeats: Repeats
+) -> dict[str, SeatRun]:
     # The longest first, so that it does not run alone at the end.
     manoeuvres = {TURN: _TURN_MANOEUVRE}
     manoeuvres |= {cell_name(cell): single_segment(cell.linear, cell.angular, DURATION_S) for cell in cells}
     on_progress(runner.seat, 0, len(manoeuvres))
     runs: dict[str, SeatRun] = {}
+    over = threading.Event()
+
+    def run(name: str, manoeuvre: Manoeuvre) -> SeatRun:
+        def once(suffix: str) -> SeatRun:
+            return runner.run(name + suffix, manoeuvre)
+
+        return repeats.run(f"{runner.seat} {name}", runner.tries, once, over.is_set)
+
     with ThreadPoolExecutor(runner.jobs) as pool:
-        futures = {pool.submit(runner.run, name, manoeuvre): name for name, manoeuvre in manoeuvres.items()}
+        futures = {pool.submit(run, name, manoeuvre): name for name, manoeuvre in manoeuvres.items()}
         try:
             for future in as_completed(futures):
                 runs[futures[future]] = future.result()
                 on_progress(runner.seat, len(runs), len(futures))
-        except (NodeError, RigError):
+        finally:  # after a failure or Ctrl-C, what waits is not begun and what fails is not repeated
+            over.set()
             for future in futures:
                 future.cancel()
-            raise
     return runs
 
 

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from segway_ecc.hil.text_table import aligned
 
@@ -31,7 +32,7 @@ class Seat(enum.StrEnum):
     ROS = "ros"
     """Behind ROS 2: set-points and odometry cross real DDS between real processes."""
     CAN = "can"
-    """In the loop: the controller in one process, the plant in another, a CAN bus between them."""
+    """In the loop: the controller at one end of a CAN bus, the plant at the other; in lock step, or in real time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,50 @@ class Edge:
     subscriber: str
 
 
+class LoopTiming(NamedTuple):
+    """How a controller met its deadlines in real time, and how long its machine stalled meanwhile (0: it did not)."""
+
+    lateness_p99_s: float
+    lateness_worst_s: float
+    skipped: int
+    stall_s: float
+
+    @property
+    def text(self) -> str:
+        """In one line, ms."""
+        late = f"lateness p99 {self.lateness_p99_s * 1e3:.2f} ms, worst {self.lateness_worst_s * 1e3:.2f} ms"
+        stalled = f"; the machine stalled for up to {self.stall_s * 1e3:.0f} ms meanwhile" if self.stall_s else ""
+        return f"{late}; {self.skipped} deadlines skipped{stalled}"
+
+
+@dataclass(frozen=True, slots=True)
+class RealTimeRun:
+    """The CAN seat in real time: one run beside the same manoeuvre in lock step, or all of its table.
+
+    Attributes:
+        manoeuvre: What was played, as text.
+        timing: Of the controller; None where it failed.
+        deviation_m: Largest distance from the cart in lock step at the same time, m; None where it was not compared.
+        failure: Why it failed although it was repeated; empty where it did not.
+        is_spoiled: Whether the machine stalled in each try that failed, so that the failure is the machine's.
+    """
+
+    manoeuvre: str
+    timing: LoopTiming | None = None
+    deviation_m: float | None = None
+    failure: str = ""
+    is_spoiled: bool = False
+
+    @property
+    def text(self) -> str:
+        """In one line."""
+        what = f"The can seat in real time ({self.manoeuvre}): "
+        if self.timing is None:
+            return f"{what}no result. {self.failure}"
+        compared = "" if self.deviation_m is None else f"at most {self.deviation_m:.4f} m from lock step; "
+        return what + compared + self.timing.text
+
+
 @dataclass(frozen=True, slots=True)
 class Study:
     """Everything a run of the case study found.
@@ -93,6 +138,8 @@ class Study:
         turn: The same, then -0.5 rad/s from 10 s to 20 s.
         graph: The nodes and topics as ROS reported them while the ROS seat ran; empty without it.
         facts: What the report prints about the run (version, machine, bus, time), in order.
+        repeated: A line for each run that failed and was repeated, with the reason.
+        real_time: The CAN seat in real time; None where nothing ran so.
     """
 
     cells: Sequence[Cell]
@@ -101,6 +148,8 @@ class Study:
     turn: Sequence[Trajectory]
     graph: Sequence[Edge]
     facts: Mapping[str, str]
+    repeated: Sequence[str] = ()
+    real_time: RealTimeRun | None = None
 
 
 def difference(a: tuple[float, float], b: tuple[float, float]) -> float:

@@ -16,7 +16,7 @@ from tests.deploy.image.uml_machine import Machine
 
 pytestmark = [pytest.mark.image, pytest.mark.timeout(900)]
 WITHIN_M = 0.05
-CASE_STUDY = "segway-ecc case-study --seat can --lock-step --robot cart-can --channel vcan0 --out /run/study --json"
+CASE_STUDY = "segway-ecc case-study --seat can --no-real-time --robot cart-can --channel vcan0 --out /run/study --json"
 SEGWAY = "segway-ecc prove endurance segway --channel vcan0 --hours 0.005 --frame-loss 0 --seeds 1 --json"
 CYCLES = 3600
 BOTH_WHEELS_BOTH_WAYS = 4

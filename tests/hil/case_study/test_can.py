@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: MIT
 """The CAN seat: in lock step, and in real time over the virtual bus."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from segway_ecc.hil.case_study import can as can_seat
-from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
-from segway_ecc.hil.case_study.seats import OfflineSeat
-from segway_ecc.hil.case_study.study import Seat, Trajectory
-from segway_ecc.hil.processes import ProcessFailedError
+from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat, RealTimeRunError, run_in_real_time
+from segway_ecc.hil.case_study.repeats import Repeats
+from segway_ecc.hil.case_study.seats import OfflineSeat, SeatRun
+from segway_ecc.hil.case_study.study import LoopTiming, Seat, Trajectory
+from segway_ecc.hil.errors import RigError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment
 
 pytestmark = pytest.mark.real_time
@@ -52,17 +54,63 @@ def test_lock_step_keeps_a_log_where_it_is_asked_for(tmp_path: Path) -> None:
 
 def test_two_processes_in_real_time_end_where_the_model_does(tmp_path: Path) -> None:
     manoeuvre = single_segment(1.0, 0.5, 1.0)
-    found = RealTimeCanSeat(tmp_path, tmp_path).run("real", manoeuvre).trajectory
+    seat = RealTimeCanSeat(tmp_path, tmp_path)
+    found = seat.run("real", manoeuvre).trajectory
 
+    assert 0.0 < seat.timings["real"].lateness_p99_s <= seat.timings["real"].lateness_worst_s
     assert found.time == pytest.approx([0.01 * index for index in range(101)])
     close_to_offline(found, manoeuvre, tmp_path, 0.05)
     assert (tmp_path / "can_real.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
 
 
+class RealTime(RealTimeCanSeat):
+    """Runs in lock step, or fails as often as it is told to, with the machine stalled or not."""
+
+    def __init__(self, folder: Path, stalls_s: Sequence[float]) -> None:
+        super().__init__(folder, folder)
+        self._stalls_s = iter(stalls_s)
+
+    def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
+        for stall_s in self._stalls_s:
+            raise RealTimeRunError("it tripped", stall_s)
+        self.timings[name] = LoopTiming(0.0001, 0.002, 3, 0.25)
+        return LockstepCanSeat(None).run(name, manoeuvre)
+
+
+def test_one_run_in_real_time_is_compared_with_lock_step(tmp_path: Path) -> None:
+    found = run_in_real_time(RealTime(tmp_path, []), LockstepCanSeat(None), Repeats())
+
+    assert (found.deviation_m, found.failure, found.is_spoiled) == (0.0, "", False)
+    assert found.text == (
+        "The can seat in real time (1 m/s, 0.5 rad/s, 5 s): at most 0.0000 m from lock step; lateness p99 0.10 ms, "
+        "worst 2.00 ms; 3 deadlines skipped; the machine stalled for up to 250 ms meanwhile"
+    )
+
+
+@pytest.mark.parametrize(("stalls_s", "is_spoiled"), [((0.9, 0.1, 0.02), True), ((0.9, 0.0, 0.9), False)])
+def test_a_failure_is_the_machines_only_where_it_stalled_in_each_try(
+    tmp_path: Path, stalls_s: tuple[float, ...], is_spoiled: object
+) -> None:
+    repeats = Repeats()
+    found = run_in_real_time(RealTime(tmp_path, stalls_s), LockstepCanSeat(None), repeats)
+
+    assert (found.timing, found.deviation_m, found.is_spoiled) == (None, None, is_spoiled)
+    assert "no result. can in real time failed in each of 3 tries" in found.text
+    assert f"it tripped; the machine stalled for up to {stalls_s[-1] * 1e3:.0f} ms" in found.text
+    assert len(repeats.causes) == 2
+
+
+def test_the_worst_of_a_table_in_real_time_is_of_all_its_runs(tmp_path: Path) -> None:
+    seat = RealTimeCanSeat(tmp_path, tmp_path)
+    seat.timings = {"one": LoopTiming(0.001, 0.002, 3, 0.0), "two": LoopTiming(0.0, 0.05, 1, 0.04)}
+
+    assert seat.worst().timing == LoopTiming(0.001, 0.05, 4, 0.04)
+
+
 def test_a_controller_that_fails_is_reported_with_its_messages(tmp_path: Path) -> None:
     # The controller's log cannot be written here.
     (tmp_path / "file").touch()
-    with pytest.raises(ProcessFailedError, match=r"ended with exit code 9: .*cannot write the log"):
+    with pytest.raises(RealTimeRunError, match=r"ended with exit code 9: .*cannot write the log"):
         RealTimeCanSeat(tmp_path, tmp_path / "file").run("fails", single_segment(1.0, 0.0, 0.1))
 
 
@@ -97,6 +145,15 @@ def test_points_lie_on_the_line_between_the_ticks_around_them() -> None:
     assert [point.x for point in found] == pytest.approx([2.0, 12.0, 22.0])
     assert [point.y for point in found] == pytest.approx([-4.0, -24.0, -44.0])
     assert {point.linear_velocity for point in found} == {5.0}
+
+
+def test_a_truth_that_ends_before_the_manoeuvre_is_not_drawn_out() -> None:
+    ticks = [Odometry(ns * 1_000_000, 1.0, 0.0, 0.0, 0.0, 0.0) for ns in (0, 5, 10, 15)]
+
+    assert len(can_seat.resample(ticks, 0, 20_000_000)) == 3
+    for known in (ticks[:3], ticks[:1]):
+        with pytest.raises(RigError, match="end before the manoeuvre"):
+            can_seat.resample(known, 0, 20_000_000)
 
 
 def test_a_point_on_a_tick_is_that_tick() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from segway_ecc.hil.case_study.report import render
-from segway_ecc.hil.case_study.study import Edge, Seat, Study, Trajectory, thesis_cells
+from segway_ecc.hil.case_study.study import Edge, LoopTiming, RealTimeRun, Seat, Study, Trajectory, thesis_cells
 
 _VOID = {"meta", "link", "img", "br", "hr"}
 
@@ -56,7 +56,7 @@ def _trajectory(seat: Seat) -> Trajectory:
     return Trajectory(seat, time, x, y, [1.0] * len(time), [0.5] * len(time))
 
 
-def _study(*seats: Seat) -> Study:
+def study_of(*seats: Seat) -> Study:
     cells = [
         replace(cell, positions=dict.fromkeys(seats, (cell.thesis_offline[0] + 0.00123, cell.thesis_offline[1])))
         for cell in thesis_cells()
@@ -74,7 +74,7 @@ def _body_rows(text: str) -> Sequence[list[str]]:
     return [row for row in _Page(text).rows if row[0].isdigit()]
 
 
-_FULL = render(_study(*Seat))
+_FULL = render(study_of(*Seat))
 
 
 def test_tags_are_balanced() -> None:
@@ -105,7 +105,7 @@ def test_loads_nothing() -> None:
 
 
 def test_is_the_same_every_time() -> None:
-    assert render(_study(*Seat)) == _FULL
+    assert render(study_of(*Seat)) == _FULL
 
 
 def test_rows_hold_the_numbers_of_the_study() -> None:
@@ -131,7 +131,7 @@ def test_verdict_names_the_worst_difference_of_each_seat() -> None:
 
 
 def test_verdict_reports_a_difference_in_the_last_bit() -> None:
-    study = _study(Seat.OFFLINE, Seat.ROS)
+    study = study_of(Seat.OFFLINE, Seat.ROS)
     x, y = study.cells[5].positions[Seat.OFFLINE]
     off = replace(study.cells[5], positions={Seat.OFFLINE: (x, y), Seat.ROS: (math.nextafter(x, 1), y)})
     sameness = _items(render(replace(study, cells=[*study.cells[:5], off, *study.cells[6:]])))[-1]
@@ -141,13 +141,13 @@ def test_verdict_reports_a_difference_in_the_last_bit() -> None:
 
 
 def test_verdict_does_not_praise_a_seat_that_is_far_off() -> None:
-    study = _study(Seat.OFFLINE)
+    study = study_of(Seat.OFFLINE)
     cells = [replace(cell, positions={Seat.OFFLINE: (100.0, 0.0)}) for cell in study.cells]
     assert "not smaller than" in _items(render(replace(study, cells=cells)))[0]
 
 
 def test_a_seat_that_did_not_run_is_stated() -> None:
-    text = render(replace(_study(Seat.OFFLINE), graph=[]))
+    text = render(replace(study_of(Seat.OFFLINE), graph=[]))
     assert _items(text)[1:4] == [f"The {seat} seat did not run." for seat in ("submodel", "ros", "can")]
     assert "not known" in _items(text)[4]
     assert "No ROS graph was recorded." in text
@@ -155,14 +155,24 @@ def test_a_seat_that_did_not_run_is_stated() -> None:
 
 
 def test_a_cell_that_a_seat_skipped_is_stated() -> None:
-    study = _study(Seat.OFFLINE, Seat.CAN)
+    study = study_of(Seat.OFFLINE, Seat.CAN)
     cells = [replace(study.cells[0], positions={}), *study.cells[1:]]
     assert _body_rows(render(replace(study, cells=cells)))[0].count("not run") == 4
 
 
+def test_the_run_in_real_time_and_what_was_repeated_are_stated() -> None:
+    real = RealTimeRun("1 m/s", LoopTiming(0.0001, 0.002, 3, 0.25), 0.0125)
+    causes = ["ros turn, try 1 of 3: lost", "ros turn, try 2 of 3: lost"]
+    text = render(replace(study_of(Seat.CAN), real_time=real, repeated=causes))
+
+    assert _items(text)[-1] == real.text
+    assert f"<dt>Repeated runs</dt>\n<dd>{' | '.join(causes)}</dd>" in text
+    assert "<dt>Repeated runs</dt>\n<dd>none</dd>" in _FULL
+
+
 def test_text_is_escaped() -> None:
     script = "<script>alert('&')</script>"
-    study = replace(_study(Seat.OFFLINE), facts={script: script}, graph=[Edge(script, script, script, script)])
+    study = replace(study_of(Seat.OFFLINE), facts={script: script}, graph=[Edge(script, script, script, script)])
     text = render(study)
     assert "<script" not in text
     assert _Page(text).text.count(script) >= 2

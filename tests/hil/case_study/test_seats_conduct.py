@@ -7,8 +7,10 @@ from typing import Self
 
 import pytest
 
+from segway_ecc.hil.case_study.repeats import Repeats
 from segway_ecc.hil.case_study.seats import DURATION_S, TURN, SeatRun, cell_name, conduct
 from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory, thesis_cells
+from segway_ecc.hil.errors import RunFailedError
 from segway_ecc.node.errors import NodeError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Segment
 
@@ -21,8 +23,10 @@ class PretendSeat:
     def __init__(self, seat: Seat, offset: float = 0.0, jobs: int = 1, graph: tuple[Edge, ...] = ()) -> None:
         self.seat = seat
         self.jobs = jobs
+        self.tries = 1
         self.played: dict[str, Manoeuvre] = {}
         self.fails_at: str | None = None
+        self.fails_until_try = 1
         self._offset = offset
         self._graph = graph
         self._lock = threading.Lock()
@@ -30,7 +34,7 @@ class PretendSeat:
     def run(self, name: str, manoeuvre: Manoeuvre) -> SeatRun:
         with self._lock:
             self.played[name] = manoeuvre
-        if name == self.fails_at:
+        if self.fails_at is not None and name in (self.fails_at, f"{self.fails_at}_try_{self.fails_until_try}"):
             raise NodeError(f"{name} broke")
         first = manoeuvre.segments[0]
         end = (first.linear + self._offset, first.angular - self._offset)
@@ -143,6 +147,31 @@ def test_the_first_failure_ends_the_study_and_no_other_seat_is_begun() -> None:
         conduct([first, second], {}, no_progress)
 
     assert second.played == {}
+
+
+def test_a_seat_in_real_time_repeats_a_run_that_failed_and_reports_it() -> None:
+    seat, reported = PretendSeat(Seat.ROS, jobs=3), list[str]()
+    seat.tries, seat.fails_at, seat.fails_until_try = 3, TURN, 2
+    study = conduct([seat], {}, no_progress, Repeats(reported.append))
+
+    assert [name for name in seat.played if name.startswith(TURN)] == [TURN, f"{TURN}_try_2", f"{TURN}_try_3"]
+    assert study.turn[0].time[-1] == 20.0
+    assert study.repeated == reported
+    assert reported == [
+        "ros turn, try 1 of 3: turn broke",
+        "ros turn, try 2 of 3: turn_try_2 broke",
+    ]
+
+
+def test_a_run_that_fails_three_times_ends_the_study_with_cause_and_remedy() -> None:
+    seat = PretendSeat(Seat.ROS)
+    seat.tries, seat.fails_at, seat.fails_until_try = 2, TURN, 2
+    with pytest.raises(
+        RunFailedError, match=r"^ros turn failed in each of 2 tries, the last time: turn_try_2 broke; end"
+    ):
+        conduct([seat], {}, no_progress)
+
+    assert RunFailedError.exit_code == 14
 
 
 def test_names_of_runs_are_unique_and_show_their_setpoints() -> None:

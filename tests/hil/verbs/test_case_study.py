@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`segway-ecc case-study`: its output, and that lock step repeats itself."""
+"""`segway-ecc case-study`: its output, that lock step repeats itself, and what it makes of runs in real time."""
 
 import json
 import subprocess
@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.case_study.study import Cell, Seat, Study, thesis_cells
+from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat
+from segway_ecc.hil.case_study.study import Cell, LoopTiming, RealTimeRun, Seat, Study, thesis_cells
+from segway_ecc.hil.verbs.case_study import NEXT
+from segway_ecc.node.cli.main import command_line, find_verbs
 
 Run = Callable[..., Any]
 THESIS_KEYS = ("linear", "angular", "offline_20sim", "standalone_ros_2019")
@@ -33,7 +36,8 @@ def test_json_holds_the_twelve_cells_of_the_thesis(
     result = json.loads(offline[1].stdout)
 
     assert offline[1].returncode == 0
-    assert list(result) == ["cells"]
+    assert list(result) == ["cells", "real_time", "repeated"]
+    assert (result["real_time"], result["repeated"]) == (None, [])
     assert len(result["cells"]) == 12
     assert {tuple(cell) for cell in result["cells"]} == {(*THESIS_KEYS, "offline")}
     # Tables 4.1 and 4.2 of the thesis, first row.
@@ -58,13 +62,13 @@ def test_the_report_and_the_logs_are_where_they_were_asked_for(
     assert (out / "report.html").stat().st_size > 0
     assert len(list((out / "logs").glob("offline_*.mcap"))) == RUNS
     assert ended.stderr.splitlines() == [
-        *(f"segway-ecc: offline: {done} of {RUNS} runs done" for done in range(RUNS + 1)),
+        f"segway-ecc: offline: {RUNS} of {RUNS} runs done",
         f"segway-ecc: report: {out / 'report.html'}",
     ]
 
 
 def test_lock_step_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
-    words = ["case-study", "--seat", "can", "--lock-step", "--json", "--out"]
+    words = ["case-study", "--seat", "can", "--no-real-time", "--json", "--out"]
     commands = [
         [sys.executable, "-P", "-m", "segway_ecc.node.cli.main", *words, str(tmp_path / name)]
         for name in ("first", "second")
@@ -116,8 +120,8 @@ def test_repeated_runs_are_compared_bit_for_bit(
         return Study([found], [Seat.OFFLINE], [], [], [], {})
 
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
-    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
-    outcome = segway_ecc("case-study", "--seat", "offline", "--repeat", "3", "--out", str(tmp_path))
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
+    outcome = segway_ecc("case-study", "--seat", "offline", "--repeat", "3", "--json", "--out", str(tmp_path))
 
     assert outcome.code == 0
     assert outcome.errors == ["segway-ecc: offline: 2 of 3 runs gave the same bits"]
@@ -131,7 +135,7 @@ def test_without_json_a_table_is_printed_with_the_seats_that_did_not_run(
     found = Cell(cell.linear, cell.angular, cell.thesis_offline, cell.thesis_ros, {Seat.OFFLINE: (1.5, 2.25)})
     study = Study([found], [Seat.OFFLINE], [], [], [], {})
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", lambda *_: study)
-    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
     outcome = segway_ecc("case-study", "--seat", "offline", "--out", str(tmp_path))
 
     assert "1.500 2.250" in outcome.out
@@ -146,7 +150,7 @@ def test_seat_given_twice_runs_both(segway_ecc: Run, tmp_path: Path, monkeypatch
         return Study([], [], [], [], [], {})
 
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
-    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
     outcome = segway_ecc("case-study", "--seat", "submodel", "--seat", "offline", "--json", "--out", str(tmp_path))
 
     assert outcome.code == 0
@@ -163,13 +167,104 @@ def test_all_seats_are_those_that_can_run_here(
         return Study([], [], [], [], [], {})
 
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
-    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: None)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.missing_packages", lambda: ["rclpy"])
     monkeypatch.setattr("segway_ecc.hil.verbs.case_study.has_compiler", lambda: False)
-    outcome = segway_ecc("case-study", "--json", "--out", str(tmp_path))
+    outcome = segway_ecc("case-study", "--no-real-time", "--json", "--out", str(tmp_path))
 
     assert asked == [[Seat.OFFLINE, Seat.CAN]]
-    assert outcome.errors == [
+    assert outcome.errors[:2] == [
         "segway-ecc: no ROS 2 here (no rclpy): the ros seat is left out",
         "segway-ecc: no C compiler here (sudo apt-get install gcc): the submodel seat is left out",
     ]
+
+
+TIMING = LoopTiming(0.0001, 0.002, 3, 0.25)
+COMPARED = RealTimeRun("1 m/s", TIMING, 0.0125)
+SPOILED = RealTimeRun("1 m/s", failure="can in real time failed", is_spoiled=True)
+FAILED = RealTimeRun("1 m/s", failure="can in real time failed")
+
+
+@pytest.fixture
+def can_study(segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Runs a study of one cell in the can seat; its run in real time has come out so."""
+
+    def run(found: RealTimeRun, *words: str) -> Any:
+        (cell, *_) = thesis_cells()
+        end = Cell(cell.linear, cell.angular, cell.thesis_offline, cell.thesis_ros, {Seat.CAN: (1.5, 2.25)})
+        study = Study([end], [Seat.CAN], [], [], [], {}, ["can in real time, try 1 of 3: it tripped"])
+        monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", lambda *_: study)
+        monkeypatch.setattr("segway_ecc.hil.verbs.case_study.run_in_real_time", lambda *_: found)
+        monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [tmp_path / "report.html"])
+        return segway_ecc("case-study", "--seat", "can", *words, "--out", str(tmp_path))
+
+    return run
+
+
+def test_the_run_in_real_time_stands_below_the_table(can_study: Callable[..., Any]) -> None:
+    outcome = can_study(COMPARED)
+
+    assert outcome.code == 0
+    assert outcome.out.endswith(f"can       2.2500 m\n\n{COMPARED.text}\n\n")
+    assert "0.0125 m from lock step; lateness p99 0.10 ms, worst 2.00 ms; 3 deadlines skipped" in COMPARED.text
+
+
+def test_json_holds_the_run_in_real_time_and_what_was_repeated(can_study: Callable[..., Any]) -> None:
+    result = json.loads(can_study(COMPARED, "--json").out)
+
+    assert result["real_time"] == {
+        "manoeuvre": "1 m/s",
+        "timing": {"lateness_p99_s": 0.0001, "lateness_worst_s": 0.002, "skipped": 3, "stall_s": 0.25},
+        "deviation_m": 0.0125,
+        "failure": "",
+        "is_spoiled": False,
+    }
+    assert result["repeated"] == ["can in real time, try 1 of 3: it tripped"]
+
+
+def test_a_run_that_the_machine_spoiled_is_named_and_fails_nothing(can_study: Callable[..., Any]) -> None:
+    outcome = can_study(SPOILED)
+
+    assert outcome.code == 0
+    assert "1.500 2.250" in outcome.out
+    assert "no result. can in real time failed" in outcome.out
+
+
+def test_a_run_that_failed_on_a_machine_that_did_not_stall_is_an_error(can_study: Callable[..., Any]) -> None:
+    outcome = can_study(FAILED)
+
+    assert outcome.code == 14
+    assert "1.500 2.250" in outcome.out
+    assert outcome.errors[-1] == "segway-ecc: can in real time failed"
+
+
+def test_the_end_is_the_report_and_what_to_try_next(can_study: Callable[..., Any], tmp_path: Path) -> None:
+    outcome = can_study(COMPARED)
+
+    assert outcome.errors[-5:-3] == [f"segway-ecc: report: {tmp_path}/report.html", "Try next:"]
+    assert [line.split("  ")[1].strip() for line in outcome.errors[-3:]] == [f"segway-ecc {words}" for words, _ in NEXT]
+
+
+@pytest.mark.parametrize("words", [words for words, _ in NEXT])
+def test_what_to_try_next_is_a_command_of_this_tool(words: str) -> None:
+    assert command_line(find_verbs(), words.split()).parse_args(words.split()).function
+
+
+@pytest.mark.parametrize(("words", "seat"), [([], LockstepCanSeat), (["--real-time"], RealTimeCanSeat)])
+def test_the_table_over_can_is_in_lock_step_unless_real_time_is_asked_for(
+    segway_ecc: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], seat: type
+) -> None:
+    asked: list[object] = []
+
+    def conduct(runners: Any, *_arguments: object) -> Study:
+        asked.extend(runners)
+        return Study([], [], [], [], [], {})
+
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.conduct", conduct)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study.run_in_real_time", lambda *_: COMPARED)
+    monkeypatch.setattr(RealTimeCanSeat, "worst", lambda _: COMPARED)
+    monkeypatch.setattr("segway_ecc.hil.verbs.case_study._write_report", lambda *_: [])
+    outcome = segway_ecc("case-study", "--seat", "can", *words, "--json", "--out", str(tmp_path))
+
+    assert [type(runner) for runner in asked] == [seat]
+    assert json.loads(outcome.out)["real_time"]["deviation_m"] == 0.0125
