@@ -1,0 +1,147 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# The case study on a busy machine: tests/proofs/busy.sh [RUNS]
+# RUNS (default 10) as an ordinary user beside stress-ng and, where this is run as root, RUNS as root beside a process on
+# each processor that is above ordinary programs and below the loops. Exit code 1 where one failed or a cell is beyond its
+# limit. SEGWAY_ECC is the command to run (default .venv/bin/segway-ecc); STUDY what it is given besides (--seat ...).
+set -euo pipefail
+runs=${1:-10}
+cd "$(dirname "$0")/../.."
+read -ra tool <<< "${SEGWAY_ECC:-$PWD/.venv/bin/segway-ecc}"
+read -ra study <<< "${STUDY:-}"
+
+fail() {
+    echo "busy: $1" >&2
+    exit 2
+}
+
+[[ $runs =~ ^[1-9][0-9]*$ ]] || fail "RUNS is a number, 1 or more, not '$runs'"
+command -v "${tool[0]}" > /dev/null || fail "no ${tool[0]}: run deploy/setup.sh .venv, or name another in SEGWAY_ECC"
+command -v stress-ng > /dev/null || fail "no stress-ng: sudo apt-get install stress-ng"
+for needed in setpriv chrt taskset python3; do
+    command -v "$needed" > /dev/null || fail "no $needed: sudo apt-get install util-linux python3"
+done
+
+# An ordinary user; root lends its own name to nobody.
+user=()
+work=$(mktemp -d)
+load=()
+if ((EUID == 0)); then
+    user=(setpriv --reuid 65534 --regid 65534 --clear-groups)
+    chown 65534:65534 "$work"
+    chmod 755 "$work"
+fi
+
+end_load() {
+    local pid
+    for pid in "${load[@]}"; do
+        kill -TERM "$pid" 2> /dev/null || true
+    done
+    for pid in "${load[@]}"; do
+        wait "$pid" 2> /dev/null || true
+    done
+    load=()
+}
+# Each part of the load ends with this script, even where it is killed: see --pdeathsig.
+trap 'end_load; rm -rf "$work"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM HUP
+
+stress() {
+    "${user[@]}" mkdir -p "$work/stress"
+    "${user[@]}" setpriv --pdeathsig TERM stress-ng --quiet --cpu 4 --io 2 --vm 2 --fork 4 --hdd 2 \
+        --temp-path "$work/stress" > /dev/null 2>&1 &
+    load+=($!)
+}
+
+bursts() {
+    local processor
+    for processor in $(python3 -c 'import os; print(*os.sched_getaffinity(0))'); do
+        taskset -c "$processor" chrt -f 10 setpriv --pdeathsig KILL python3 -c '
+import time
+while True:
+    until = time.monotonic() + 0.9
+    while time.monotonic() < until:
+        pass
+    time.sleep(0.35)' &
+        load+=($!)
+    done
+}
+
+# The worst cell of each seat, m, and what was repeated; exit code 1 where a cell is beyond its limit.
+cells() {
+    python3 - "$1" << 'END'
+import json, sys
+found = json.load(open(sys.argv[1], encoding="utf-8"))
+limits = {"offline": 0.006, "submodel": 0.006, "ros": 0.006, "can": 0.12}
+cells = found["cells"]
+seats = [seat for seat in limits if seat in cells[0]]
+worst = {s: max(abs(a - b) for c in cells for a, b in zip(c[s], c["offline_20sim"])) for s in seats}
+same = all(cell["ros"] == cell["offline"] for cell in cells) if {"ros", "offline"} <= set(seats) else None
+good = bool(seats) and same is not False and all(worst[seat] <= limits[seat] for seat in seats)
+real = found["real_time"] or {"timing": None, "failure": ""}
+timing = real["timing"]
+_, stalled, length = real["failure"].partition("the machine stalled for ")
+shown = f"no result; {stalled}{length.split(';')[0]}" if timing is None else (
+    f"worst {timing['lateness_worst_s'] * 1e3:.1f} ms late, {timing['skipped']} skipped, "
+    f"stalled {timing['stall_s'] * 1e3:.0f} ms"
+)
+print(*(f"{seat} {worst[seat]:.4f} m," for seat in seats), f"bits of ros and offline {'not ' * (not same)}equal,",
+      f"{len(found['repeated'])} repeats, can in real time: {shown}")
+sys.exit(not good)
+END
+}
+
+# One run: as whom (words that come before the command), and its name.
+outcome=
+seconds=0
+run() {
+    local out=$work/$1 status=0 begun=$SECONDS figures
+    shift
+    "$@" mkdir -p "$out"
+    "$@" env HOME="$out" "${tool[@]}" case-study "${study[@]}" --json --out "$out/study" \
+        > "$out.json" 2> "$out.errors" < /dev/null || status=$?
+    seconds=$((SECONDS - begun))
+    if ((status != 0)); then
+        outcome="FAILED with exit code $status: $(tail -n 1 "$out.errors")"
+    elif figures=$(cells "$out.json"); then
+        outcome="ok: $figures"
+    else
+        outcome="BEYOND A LIMIT: $figures"
+    fi
+    rm -rf "$out"
+    [[ $outcome == ok:* ]]
+}
+
+run quiet env "${user[@]}" || {
+    echo "without load: $outcome"
+    exit 1
+}
+quiet=$seconds
+echo "without load: $quiet s, $outcome"
+
+failed=0
+under() {
+    local name=$1 succeeded=0 slowest=0 number
+    shift
+    for ((number = 1; number <= runs; number++)); do
+        run "${name// /_}_$number" env "$@" && succeeded=$((succeeded + 1))
+        ((seconds <= slowest)) || slowest=$seconds
+        echo "$name, run $number: $seconds s, $outcome"
+    done
+    echo "$name: $succeeded of $runs succeeded, in at most $slowest s (without load: $quiet s)"
+    ((succeeded == runs)) || failed=1
+    end_load
+}
+
+stress
+under "ordinary user beside stress-ng" "${user[@]}"
+if ((EUID != 0)); then
+    echo "root beside bursts of real-time priority: left out, as only root may (sudo $0)"
+elif ! chrt -f 10 true 2> /dev/null; then
+    echo "root beside bursts of real-time priority: left out, as this machine gives nobody real-time priority"
+else
+    bursts
+    under "root beside bursts" env
+fi
+exit "$failed"
