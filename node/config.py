@@ -74,6 +74,7 @@ class RosSection(Section, frozen=True, kw_only=True):
         odometry_frame: Frame of the pose (REP-105).
         base_frame: Frame of the velocities (REP-105).
         imu_frame: Frame of the IMU's values (REP-145): where the IMU sits, with the robot's axes.
+        odometry_depth: How many odometry messages wait for a reliable subscriber that is stopped or starved.
     """
 
     node_name: str = "model"
@@ -82,6 +83,7 @@ class RosSection(Section, frozen=True, kw_only=True):
     imu_frame: str = "imu_link"
     left_joint: str = "left_wheel_joint"
     right_joint: str = "right_wheel_joint"
+    odometry_depth: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 10
 
 
 class RobotFile(Section, frozen=True, kw_only=True):

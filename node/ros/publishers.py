@@ -154,7 +154,7 @@ def _odometry(node: RosObject, ros: RosSection, indices: Sequence[int]) -> list[
     point_publisher = node.create_publisher(point_kind, "position", _DEPTH)
     point = Template(point_kind(), ("x", "d"), ("y", "d"))
     x_index, y_index, *_ = indices
-    message, publisher = kind(), node.create_publisher(kind, "odom", _DEPTH)
+    message, publisher = kind(), node.create_publisher(kind, "odom", ros.odometry_depth)
     message.header.frame_id, message.child_frame_id = ros.odometry_frame, ros.base_frame
     position, orientation = (f"pose.pose.{what}" for what in ("position", "orientation"))
     numbers = (f"{position}.x", f"{position}.y", f"{orientation}.z", f"{orientation}.w")

@@ -230,13 +230,14 @@ def test_a_manoeuvre_that_the_robot_refuses_ends_with_its_reason(start: Start, m
 
 
 @pytest.mark.parametrize("stop_s", [0.8, 3.0])
-def test_a_player_that_is_stopped_meanwhile_changes_no_bit(
-    start: Start, foreign: Ask, offline: Callable[[Manoeuvre], Trajectory], stop_s: float
+def test_a_player_that_is_stopped_meanwhile_changes_no_bit_and_loses_no_odometry(
+    start: Start, foreign: Ask, tmp_path: Path, offline: Callable[[Manoeuvre], Trajectory], stop_s: float
 ) -> None:
     expected = offline(Manoeuvre(segments=(Segment(linear=1.0, angular=0.5, duration=5.0),)))
     space = f"/stopped{stop_s * 10:.0f}"
     start(f"{space[1:]}.node", "run", "cart", "--ros", "--no-log", "--namespace", space)
-    sequence = start(space[1:], "sequence", "1", "0.5", "5", "--namespace", space, "--json")
+    way = tmp_path / "way.csv"
+    sequence = start(space[1:], "sequence", "1", "0.5", "5", "--namespace", space, "--json", "--csv", str(way))
     receive_until(foreign, f"{space}/odom", lambda odom: odom["linear"] > 0.5)
     sequence.send_signal(signal.SIGSTOP)
     time.sleep(stop_s)
@@ -244,6 +245,7 @@ def test_a_player_that_is_stopped_meanwhile_changes_no_bit(
     result = json.loads(output(sequence))
     assert sequence.returncode == 0
     assert (result["end"]["x"], result["end"]["y"]) == (expected.x[-1], expected.y[-1])
+    assert_same_bits(received(way), expected)
 
 
 @pytest.mark.parametrize("killed", ["player", "ros process"])
