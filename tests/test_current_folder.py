@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.node.replay.recorded import Salvage
+from segway_ecc.node.recording.salvage import Salvage
 
 ROOT = Path(__file__).parents[1]
 PRODUCT = ("firmware_io", "node", "deploy", "hil")

@@ -73,9 +73,9 @@ def run_and_replay(run: ScenarioRun) -> ScenarioResult:
         log = Path(folder) / "run.mcap"
         result = run_scenario(run, log)
         outcome = replay(log)
-    if outcome.is_identical and outcome.gap is None:
+    if outcome.is_identical and outcome.is_whole:
         return result
-    why = f"{REPLAY}{outcome.difference or outcome.gap or 'the log holds no cycle'}"
+    why = f"{REPLAY}{outcome.difference or outcome.gap or 'the log holds no cycle, or is not whole'}"
     return msgspec.structs.replace(result, why_not=(*result.why_not, why))
 
 

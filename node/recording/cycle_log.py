@@ -4,6 +4,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -19,6 +20,8 @@ from segway_ecc.node.recording.mcap_log import McapLog
 EVENTS_TOPIC = "/cycle_events"
 LAYOUT_FILE = "layout.json"
 """The attachment that holds the exact names behind the fields of `/cycle`."""
+COPIES: Final = 2
+"""Of each attachment: without it no cycle means anything."""
 
 
 class CycleLog(McapLog):
@@ -45,7 +48,7 @@ class CycleLog(McapLog):
             self.metadata(name, values)
         layout_text = msgspec.json.format(msgspec.json.encode(layout)).decode()
         for name, text in {LAYOUT_FILE: layout_text, **provenance.attachments}.items():
-            self.attach(name, "text/plain", text.encode())
+            self.attach(name, "text/plain", text.encode(), COPIES)
         published = {signal: index for index, signal in enumerate(layout.published)}
         self._odometry = _indices(published, ODOMETRY_SIGNALS)
         self._joints = _indices(published, JOINT_SIGNALS)

@@ -10,14 +10,16 @@ import errno
 import math
 import os
 import re
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedIOBase
 from os import PathLike
 from pathlib import Path
 from typing import IO, Final, Self, cast
 
+from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from segway_ecc.node.cycle.status import DiagnosticStatus
 from segway_ecc.node.errors import RecordingError
@@ -27,6 +29,14 @@ from segway_ecc.node.recording.log_quota import lock_log
 CHUNK_BYTES: Final = 256 * 1024
 """Messages are written once this many bytes are waiting, so a crash loses no more than that."""
 
+CHANNEL: Final = "channel "
+"""With its number, the name of the metadata that repeat a topic, which else stands in one chunk alone."""
+REPAIR: Final = "repair"
+"""Name of the metadata of a repaired log: what it lacks."""
+
+# How a file ends while it is written, so that any reader takes it as one without a summary (https://mcap.dev/spec): the
+# end of the data without a checksum, a footer without a summary, and the magic.
+_PROVISIONAL_END: Final = struct.pack("<BQI", Opcode.DATA_END, 4, 0) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0)
 # Every record is longer than this, so a finished chunk passes the buffer and reaches the kernel at once.
 _BUFFER_BYTES: Final = 2
 
@@ -71,7 +81,10 @@ class McapLog:
         self._stream, self._where, self._owns_stream = _open_stream(target)
         self._open = True
         # LZ4 rather than Zstandard: a third more bytes, but the cycle that completes a chunk is delayed less.
-        self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.LZ4)
+        # The data's checksum is of what stands outside of chunks, which have their own.
+        self._writer = Writer(
+            self._stream, chunk_size=chunk_bytes, compression=CompressionType.LZ4, enable_data_crcs=True
+        )
         with self._storing():
             self._writer.start(profile=Profile.ROS2, library="segway-ecc")
 
@@ -145,17 +158,22 @@ class McapLog:
             self._writer.flush()  # type: ignore[no-untyped-call]  # as of finish
             if self._owns_stream:
                 self.size = self._stream.tell()
+                self._end_provisionally()
                 try:
                     os.fdatasync(self._stream.fileno())
                 except OSError as error:
                     if error.errno != errno.EINVAL:  # a pipe or a device
                         raise
 
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Puts a file such as the configuration into the log, at the time of the latest message."""
+    def attach(self, name: str, media_type: str, data: bytes, copies: int = 1) -> None:
+        """Puts a file such as the configuration into the log, at the time of the latest message.
+
+        Of several copies a damaged byte costs one.
+        """
         with self._storing():
-            # The creation time is not known, for which MCAP asks zero.
-            self._writer.add_attachment(0, self._last_stamp_ns, _plain(name), _plain(media_type), data)
+            for _ in range(copies):
+                # The creation time is not known, for which MCAP asks zero.
+                self._writer.add_attachment(0, self._last_stamp_ns, _plain(name), _plain(media_type), data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Puts named texts, such as the software's version, into the log."""
@@ -185,11 +203,14 @@ class McapLog:
         cdr.split_stamp(stamp_ns)
         with self._storing():
             if topic not in self._channels:
+                text = definition or cdr.SCHEMAS[type_name]
                 if type_name not in self._schema_ids:
-                    text = (definition or cdr.SCHEMAS[type_name]).encode()
-                    self._schema_ids[type_name] = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text)
+                    schema_id = self._writer.register_schema(type_name, SchemaEncoding.ROS2, text.encode())
+                    self._schema_ids[type_name] = schema_id
                 channel = self._writer.register_channel(topic, MessageEncoding.CDR, self._schema_ids[type_name])
                 self._channels[topic] = (type_name, channel)
+                values = {"topic": topic, "type": type_name, "definition": text}
+                self._writer.add_metadata(f"{CHANNEL}{channel}", values)
             known, channel = self._channels[topic]
             if known != type_name:
                 raise RecordingError(
@@ -197,6 +218,12 @@ class McapLog:
                 )
             self._writer.add_message(channel, stamp_ns, data, stamp_ns)
         self._last_stamp_ns = stamp_ns
+
+    def _end_provisionally(self) -> None:
+        """End the file so that readers open it; what comes next is written over it."""
+        if self._stream.seekable():
+            self._stream.write(_PROVISIONAL_END + MCAP0_MAGIC)
+            self._stream.seek(self.size)
 
     @contextlib.contextmanager
     def _storing(self) -> Iterator[None]:
@@ -212,7 +239,7 @@ class McapLog:
                     self._stream.close()
             raise RecordingError(
                 f"Writing the log {self._where} failed ({error}), so it ends here: free space or record elsewhere; "
-                "`mcap recover` restores what was written."
+                "`segway-ecc log repair` restores what was written."
             ) from error
 
 

@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Footer, Message, Metadata
-from mcap.stream_reader import StreamReader
 
 from segway_ecc.firmware_io.errors import ArmingRefusedError, LinkLostError
 from segway_ecc.firmware_io.hardware import Sensors
@@ -23,58 +20,9 @@ from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC, LAYOUT_FILE
 from segway_ecc.node.recording.cycle_message import CYCLE_TOPIC, CycleMessage, restore_events
 from segway_ecc.node.recording.layout import MODEL, ROBOT_FILE, CycleLayout
 from segway_ecc.node.recording.log_quota import part_paths
+from segway_ecc.node.recording.salvage import Salvage
 
 _T = TypeVar("_T")
-# What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
-_DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
-
-
-class Salvage:
-    """What one file holds, read from its beginning; also one that a power cut or a full disk has cut off anywhere.
-
-    Attributes:
-        is_whole: Whether the file was read to its proper end.
-        attachments: Those met so far, by name.
-        metadata: Those met so far, by name.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.is_whole = False
-        self.attachments: dict[str, bytes] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-
-    def messages(self) -> Iterator[tuple[str, Message]]:
-        """The messages, each with its topic, up to where the file is cut off or damaged.
-
-        Raises:
-            RecordingError: The file cannot be opened.
-        """
-        try:
-            stream = self.path.open("rb")
-        except OSError as error:
-            raise RecordingError(f"cannot read the log {self.path}: {error.strerror}") from error
-        channels: dict[int, str] = {}
-        with stream:
-            records = iter(StreamReader(stream, validate_crcs=True).records)
-            while True:
-                try:
-                    record = next(records, None)
-                except _DAMAGE:
-                    return
-                match record:
-                    case None:
-                        return
-                    case Attachment(name=name, data=data):
-                        self.attachments[name] = data
-                    case Metadata(name=name, metadata=values):
-                        self.metadata[name] = values
-                    case Channel(id=number, topic=topic):
-                        channels[number] = topic
-                    case Message() if record.channel_id in channels:
-                        yield channels[record.channel_id], record
-                    case Footer():
-                        self.is_whole = True
 
 
 class RecordedRun:
@@ -85,7 +33,10 @@ class RecordedRun:
         robot: The robot file that was in force.
         layout: Names of what each cycle holds.
         model_hash: Of the model that ran; empty where the log lacks it.
-        gap: What is missing, and where; None as long as nothing is.
+        gap: What is missing first, and where; None as long as nothing is.
+        behind: How many cycles there are behind the gap.
+        missing: The cycles that are missing, each time the first and the last of them.
+        damage: What is damaged in the files that were read.
         is_cut: Whether the last file that was read ends before its time, as after a power cut.
     """
 
@@ -97,36 +48,65 @@ class RecordedRun:
         """
         self.path = path
         self.gap: str | None = None
-        self.is_cut = False
-        first = Salvage(path)
-        next(first.messages(), None)
-        self.robot = _decoded(first, ROBOT_FILE, RobotFile)
-        self.layout = _decoded(first, LAYOUT_FILE, CycleLayout)
-        self.model_hash = first.metadata.get(MODEL, {}).get("sha256", "")
+        self.behind = 0
+        self.missing: list[tuple[int, int]] = []
+        self._first = Salvage(path)
+        self.damage = list(self._first.damage)
+        self.is_cut = self._first.is_cut
+        self.robot = _decoded(self._first, ROBOT_FILE, RobotFile)
+        self.layout = _decoded(self._first, LAYOUT_FILE, CycleLayout)
+        self.model_hash = self._first.metadata.get(MODEL, {}).get("sha256", "")
         self._message = CycleMessage(self.layout)
 
+    def cycles_before_gap(self) -> Iterator[CycleRecord]:
+        """The cycles up to the first that is missing; those behind it are counted in `behind`."""
+        for record in self.cycles():
+            if self.gap is None:
+                yield record
+            else:
+                self.behind += 1
+
     def cycles(self) -> Iterator[CycleRecord]:
-        """The cycles, from the first one on, up to where one is missing; see `gap`."""
-        texts: list[str] = []
-        expected = 0
+        """Every cycle that is there, in order; behind the first that is missing, `gap` reports what it was."""
+        expected, unseen = 0, 0
         for path in part_paths(self.path):
-            file = Salvage(path)
-            for topic, message in file.messages():
-                if topic == EVENTS_TOPIC:
-                    texts += cdr.read_cycle_events(message.data)[1]
-                elif topic == CYCLE_TOPIC:
-                    try:
-                        record, events = self._message.unpack(message.data)
-                    except (struct.error, IndexError) as error:
-                        where = f"the log {self.path}"
-                        raise RecordingError(f"{where} does not hold the cycles of its layout: {error}") from error
-                    self.gap = _gap(record, expected, events, len(texts))
-                    if self.gap is not None:
-                        return
-                    yield restore_events(record, texts)
-                    texts = []
-                    expected += 1
-            self.is_cut = not file.is_whole
+            file = self._first if path == self.path else Salvage(path)
+            self.damage += [text for text in file.damage if text not in self.damage]
+            unseen += file.counts.get(CYCLE_TOPIC, 0)
+            for record, found, events in self._records(file):
+                if record.cycle > expected:
+                    self._lack(expected, record.cycle)
+                    unseen -= record.cycle - expected
+                self.gap = self.gap or _lacks(record, found, events)
+                yield record
+                expected = record.cycle + 1
+                unseen -= 1
+            self.is_cut = file.is_cut
+        if unseen > 0:
+            self._lack(expected, expected + unseen)
+
+    def _records(self, file: Salvage) -> Iterator[tuple[CycleRecord, int, int]]:
+        """The cycles of a file, each with how many texts about it there are and were."""
+        texts: dict[int, list[str]] = {}
+        for topic, message in file.messages():
+            if topic == EVENTS_TOPIC:
+                cycle, found = cdr.read_cycle_events(message.data)
+                texts.setdefault(cycle, []).extend(found)
+            elif topic == CYCLE_TOPIC:
+                try:
+                    record, events = self._message.unpack(message.data)
+                except (struct.error, IndexError) as error:
+                    where = f"the log {self.path}"
+                    raise RecordingError(f"{where} does not hold the cycles of its layout: {error}") from error
+                held = texts.get(record.cycle, ())
+                texts.clear()
+                yield restore_events(record, held), len(held), events
+
+    def _lack(self, first: int, end: int) -> None:
+        self.missing.append((first, end - 1))
+        if first == 0:
+            self.gap = self.gap or f"the log begins with cycle {end}, and a replay needs the run from its beginning"
+        self.gap = self.gap or f"cycles {first} to {end - 1} are missing in the log"
 
 
 class RecordedRobot(NoStage):
@@ -221,12 +201,10 @@ def _decoded(file: Salvage, name: str, kind: type[_T]) -> _T:
         ) from error
 
 
-def _gap(record: CycleRecord, expected: int, events: int, found: int) -> str | None:
-    """What is missing before or in a cycle."""
-    if record.cycle != expected:
-        if expected == 0:
-            return f"the log begins with cycle {record.cycle}, and a replay needs the run from its beginning"
-        return f"cycles {expected} to {record.cycle - 1} are missing in the log"
-    if expected == 0 and not events:
+def _lacks(record: CycleRecord, found: int, events: int) -> str | None:
+    """What is missing of a cycle."""
+    if record.cycle == 0 and not events:
         return "the log lacks the snapshot that the model started from"
-    return None if events == found else f"of what happened in cycle {expected} only {found} of {events} are in the log"
+    if found == events:
+        return None
+    return f"of what happened in cycle {record.cycle} only {found} of {events} are in the log"

@@ -52,7 +52,11 @@ class Outcome:
         difference: The first; None where all is identical.
         others: What else differs in that cycle.
         around: The cycles around the difference: as recorded and as computed.
-        gap: What is missing in the log, where the replay had to stop; None where nothing is.
+        gap: What is missing in the log, where the replay had to stop: the model's state is not known behind it; None
+            where nothing is.
+        behind: How many cycles are in the log behind the gap, and were not compared.
+        missing: The cycles that are missing, each time the first and the last of them.
+        damage: What is damaged in the log's files.
         is_cut: Whether the log ends before its time; what came before was compared all the same.
         is_other_model: Whether the model is not the one that ran.
     """
@@ -63,6 +67,9 @@ class Outcome:
     others: Sequence[Difference] = ()
     around: list[tuple[CycleRecord, CycleRecord]] = field(default_factory=list)
     gap: str | None = None
+    behind: int = 0
+    missing: Sequence[tuple[int, int]] = ()
+    damage: Sequence[str] = ()
     is_cut: bool = False
     is_other_model: bool = False
 
@@ -70,6 +77,11 @@ class Outcome:
     def is_identical(self) -> bool:
         """Whether every cycle came out as recorded, and there was one."""
         return self.difference is None and self.cycles > 0
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is missing or damaged in the log."""
+        return self.gap is None and not self.damage and not self.is_cut
 
 
 def replay(
@@ -88,18 +100,14 @@ def replay(
     """
     run = RecordedRun(path)
     recorded = RecordedRobot(run.layout)
-    folders = (run.path.resolve().parent, Path())
-    source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
-    section = replace(run.robot.model, source=source)
-    loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
-    file = replace(run.robot, model=section)
-    robot = Robot(file, loaded, recorded, wire(loaded, recorded, file.wiring), recorded)
-    outcome = Outcome(is_other_model=run.model_hash != model_hash(source))
+    robot = _build(run, recorded, model)
+    loaded = robot.model
+    outcome = Outcome(is_other_model=run.model_hash != model_hash(robot.file.model.source))
     keeper = _Keeper()
     cycle = robot.cycle(recorded, keeper)
     last: deque[tuple[CycleRecord, CycleRecord]] = deque(maxlen=_BEFORE)
     first_ns, after = 0, 0
-    for count, record in enumerate(run.cycles()):
+    for count, record in enumerate(run.cycles_before_gap()):
         recorded.pass_to(record)
         if outcome.difference is not None:
             after += 1
@@ -132,8 +140,19 @@ def replay(
             outcome.around = list(last)
         else:
             outcome.cycles += 1
-    outcome.gap, outcome.is_cut = run.gap, run.is_cut
+    outcome.gap, outcome.behind, outcome.missing = run.gap, run.behind, run.missing
+    outcome.damage, outcome.is_cut = run.damage, run.is_cut
     return outcome
+
+
+def _build(run: RecordedRun, recorded: RecordedRobot, model: str | None) -> Robot:
+    """The robot that ran, with the model that is there now."""
+    folders = (run.path.resolve().parent, Path())
+    source = locate_recorded(run.robot.model.source, folders) if model is None else locate(model, folders)
+    section = replace(run.robot.model, source=source)
+    loaded = load_model(section.source, section.parameters, method=section.method, step_size=section.step_size)
+    file = replace(run.robot, model=section)
+    return Robot(file, loaded, recorded, wire(loaded, recorded, file.wiring), recorded)
 
 
 def _run_again(cycle: Cycle, model: Model, record: CycleRecord) -> list[tuple[str, str, str]]:

@@ -19,6 +19,7 @@ _ROWS: Final = (
         "a recorded run through the same model and safety code: identical, or the first difference",
         "replay",
     ),
+    ("log repair", "run.mcap", "a whole log, for every tool, of one that was cut off or damaged", ""),
     ("log traffic", "cart-can --out traffic.log", "the raw traffic on a robot's bus as a candump log", "traffic"),
 )
 VERBS: Final = list_verbs(__name__, _ROWS)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """`segway-ecc log replay LOG`: a recorded run through the same model and safety code again, compared to the last bit.
 
-Exit codes: 0 every cycle in the log is identical; 1 one differs; 2 arguments; 3 the model cannot be loaded; 9 the log
-cannot be read or replayed, or cycles are missing in it (those before them are identical).
+Exit codes: 0 the log is whole and every cycle identical; 1 one differs; 2 arguments; 3 the model cannot be loaded; 9
+the log cannot be read or replayed, is damaged, lacks cycles or ends before its time (what was compared is identical).
 """
 
 import argparse
@@ -48,9 +48,12 @@ def run(options: argparse.Namespace) -> int:
             panels.append((name, [recorded, Curve([each.commands[index] for _, each in pairs], "computed", 1.0)]))
         draw_panels(options.plot, times, panels)
     warnings = ["the model is not the one that ran: its files have another content"] if outcome.is_other_model else []
+    warnings += outcome.damage
     if outcome.gap is not None:
-        warnings.append(f"{outcome.gap}: replayed up to there")
-    elif outcome.is_cut:
+        behind = f"; the {outcome.behind} cycles behind it are whole, and cannot be compared without the model's state"
+        warnings.append(f"{outcome.gap}: replayed up to there{behind if outcome.behind else ''}")
+    warnings += [f"cycles {first} to {last} are missing too" for first, last in outcome.missing[1:]]
+    if outcome.is_cut:
         warnings.append("the log ends before its time, as after a power cut: replayed up to there")
     for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
@@ -63,6 +66,9 @@ def run(options: argparse.Namespace) -> int:
                 "difference": None if outcome.difference is None else outcome.difference._asdict(),
                 "others": [other._asdict() for other in outcome.others],
                 "gap": outcome.gap,
+                "behind": outcome.behind,
+                "missing": outcome.missing,
+                "damage": outcome.damage,
                 "cut": outcome.is_cut,
                 "other_model": outcome.is_other_model,
             }
@@ -71,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         sys.stdout.write("\n".join(_lines(outcome, names)) + "\n")
     if outcome.difference is not None:
         return _DIFFERS
-    return RecordingError.exit_code if outcome.gap is not None or outcome.cycles == 0 else 0
+    return 0 if outcome.is_whole and outcome.cycles else RecordingError.exit_code
 
 
 def _lines(outcome: Outcome, names: Sequence[str]) -> list[str]:

@@ -9,18 +9,21 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 from msgspec.structs import replace
+from rosbags.highlevel import AnyReader
 
 from segway_ecc.firmware_io.hardware import Sensors
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import CycleLayout, Provenance
-from segway_ecc.node.replay.recorded import Salvage
+from segway_ecc.node.recording.salvage import Salvage
 
 FLUSHED_EVERY = 3
 CYCLES = 9
 SMALL_EVERY = 2
 CHUNK = 0x06
+END = 50
+"""Of a file that is being written, bytes: the end of its data, a footer and the magic."""
 
 
 def written(
@@ -33,7 +36,7 @@ def written(
         made.write(record)
         if count % flushed_every == 0:
             made.flush()
-            assert path.stat().st_size == made.size
+            assert path.stat().st_size == made.size + END  # until the next is written
             sizes.append(made.size)
     made.close()
     return path, sizes
@@ -99,21 +102,61 @@ def test_what_was_flushed_is_whole_to_the_library_too(log: tuple[Path, list[int]
         assert sum(1 for _ in make_reader(whole, validate_crcs=True).iter_messages(["/cycle"])) == CYCLES
 
 
-def test_a_damaged_chunk_ends_it_and_nothing_false_is_ever_read(log: tuple[Path, list[int]]) -> None:
+def test_a_damaged_chunk_costs_itself_and_nothing_false_is_ever_read(log: tuple[Path, list[int]]) -> None:
     path, sizes = log
     data = path.read_bytes()
     true = [(topic, message.data) for topic, message in Salvage(path).messages()]
     # A record is an opcode, its length and that much; a chunk with LZ4 has 43 bytes before its data (mcap.dev/spec).
     length = int.from_bytes(data[sizes[0] + 1 : sizes[0] + 9], "little")
     assert data[sizes[0]] == CHUNK
-    ended = 0
-    for place in range(sizes[0] + 9 + 43, sizes[0] + 9 + length):
+    each = len(true) // (CYCLES // FLUSHED_EVERY)
+    lost = 0
+    for place in range(sizes[0], sizes[0] + 9 + length):
         path.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :])
-        found = [(topic, message.data) for topic, message in Salvage(path).messages()]
-        assert found == true[: len(found)], place
-        ended += sum(topic == "/cycle" for topic, _ in found) == FLUSHED_EVERY
+        salvage = Salvage(path)
+        found = [(topic, message.data) for topic, message in salvage.messages()]
+        assert found in (true, [*true[:each], *true[2 * each :]]), place
+        assert not salvage.is_whole
+        assert not salvage.is_cut
+        lost += found != true
     # What flips may mean the same: LZ4 can refer to equal bytes in another place.
-    assert ended > length // 2
+    assert lost > length // 2
+
+
+@pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.proof)])
+def test_each_byte_of_a_log_that_flips_is_reported_and_costs_one_chunk_at_most(
+    small_log: tuple[Path, list[int]], step: int
+) -> None:
+    path, _ = small_log
+    data = path.read_bytes()
+    whole = list(Salvage(path).messages())
+    for place in range(0, len(data), step):
+        path.write_bytes(data[:place] + bytes([data[place] ^ (1 << place % 8)]) + data[place + 1 :])
+        salvage = Salvage(path)
+        stamps = [message.log_time for topic, message in salvage.messages() if topic == "/cycle"]
+        assert not salvage.is_whole, place
+        assert len(stamps) >= SMALL_EVERY, place
+        assert {"robot.json", "layout.json"} == set(salvage.attachments), place
+    assert len(whole) > SMALL_EVERY
+
+
+def test_a_log_that_is_being_written_opens_in_the_readers_that_need_an_index(
+    tmp_path: Path, layout: CycleLayout, record: Callable[[int], CycleRecord]
+) -> None:
+    path = tmp_path / "run.mcap"
+    with CycleLog(path, layout, Provenance({"robot.json": "{}"}, {})) as made:
+        for cycle in range(CYCLES):
+            made.write(record(cycle))
+            made.flush()
+            with path.open("rb") as stream:
+                reader = make_reader(stream, validate_crcs=True)
+                assert sum(1 for _ in reader.iter_messages(["/cycle"])) == cycle + 1
+            with AnyReader([path]) as rosbags:
+                assert rosbags.message_count >= cycle + 1
+            assert Salvage(path).is_cut
+            assert Salvage(path).damage == []
+    assert Salvage(path).is_whole
+    assert Salvage(path).counts["/cycle"] == CYCLES
 
 
 def test_a_missing_file_is_reported(tmp_path: Path) -> None:

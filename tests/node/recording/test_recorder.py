@@ -29,7 +29,7 @@ from segway_ecc.node.recording import cdr
 from segway_ecc.node.recording.cycle_log import EVENTS_TOPIC
 from segway_ecc.node.recording.layout import CycleLayout, Provenance, layout_of
 from segway_ecc.node.recording.recorder import ProcessRecorder
-from segway_ecc.node.replay.recorded import Salvage
+from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
 

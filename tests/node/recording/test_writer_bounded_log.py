@@ -15,8 +15,8 @@ from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.codec import CYCLE, CycleCodec, RecorderSettings
 from segway_ecc.node.recording.layout import CycleLayout, Provenance
 from segway_ecc.node.recording.log_quota import LogQuota
+from segway_ecc.node.recording.salvage import Salvage
 from segway_ecc.node.recording.writer import BoundedLog
-from segway_ecc.node.replay.recorded import Salvage
 
 PROVENANCE = Provenance({"robot.json": "{}"}, {})
 KB = 1000
