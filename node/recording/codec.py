@@ -56,6 +56,12 @@ class RecorderSettings(msgspec.Struct, frozen=True):
     bounds: LogQuota
 
 
+class RunEnd(msgspec.Struct, frozen=True):
+    """What the writer's process receives last, as one line of JSON: how many messages found no room in the ring."""
+
+    dropped: int
+
+
 class DiagnosticsMessage(msgspec.Struct, frozen=True, array_like=True):
     """A set of diagnostics with its stamp, ns since the Unix epoch."""
 

@@ -31,6 +31,8 @@ CHUNK_BYTES: Final = 256 * 1024
 
 CHANNEL: Final = "channel "
 """With its number, the name of the metadata that repeat a topic, which else stands in one chunk alone."""
+MISSING: Final = "missing"
+"""Name of the metadata of a log that not all reached: how many `messages`."""
 REPAIR: Final = "repair"
 """Name of the metadata of a repaired log: what it lacks."""
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The loop's side of the recorder: hands each cycle to a process of its own and never waits for it."""
 
+import contextlib
 import logging
 import os
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from segway_ecc.node.recording.codec import (
     DIAGNOSTICS,
     CycleCodec,
     RecorderSettings,
+    RunEnd,
     pack_cycle,
     pack_diagnostics,
 )
@@ -95,6 +97,9 @@ class ProcessRecorder:
 
     def close(self) -> None:
         """Let the writer finish the log."""
+        if self.dropped:
+            with contextlib.suppress(BrokenPipeError):  # it is gone, which its status reports
+                send_task(self._process, RunEnd(self.dropped))
         status = end_helper(self._process, _CLOSE_S)
         if status != 0:
             _logger.warning("the recorder ended with status %d; the log %s may be incomplete", status, self._path)

@@ -40,7 +40,7 @@ from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.mcap_log import CHANNEL, REPAIR
+from segway_ecc.node.recording.mcap_log import CHANNEL, MISSING, REPAIR
 
 # What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
 _DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
@@ -121,6 +121,8 @@ class Salvage:
         self._look_through()
         repaired = self.metadata.get(REPAIR, {})
         self.damage += [text for name, text in repaired.items() if name.startswith("damage")]
+        if MISSING in self.metadata:
+            self._report(f"{self.metadata[MISSING].get('messages')} messages never reached it")
         self.is_cut = self.is_cut or repaired.get("is_cut") == "true"
 
     @property

@@ -15,9 +15,10 @@ from typing import Final
 import msgspec
 
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.codec import CYCLE, EVENTS, CycleCodec, RecorderSettings, unpack_diagnostics
+from segway_ecc.node.recording.codec import CYCLE, EVENTS, CycleCodec, RecorderSettings, RunEnd, unpack_diagnostics
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.log_quota import part_path, remove_oldest_logs
+from segway_ecc.node.recording.mcap_log import MISSING
 from segway_ecc.node.ring import RingReader
 
 _PARTS: Final = 9999
@@ -31,6 +32,7 @@ What was handed over is safe from anything else, and many at once cost less than
 _SHORT_PAUSE_S: Final = 0.01
 _MANY: Final = 512
 """So many at one look, and the next comes sooner: memory is no larger for it."""
+_READ_BYTES: Final = 65_536
 _LOOKS: Final = 2
 """At the end: a ring looks twice at what does not look whole."""
 
@@ -119,8 +121,8 @@ class BoundedLog:
         except RecordingError as error:
             self._lose(error)
 
-    def close(self) -> None:
-        """Finish the log.
+    def close(self, missing: int = 0) -> None:
+        """Finish the log; so many messages never reached it.
 
         Raises:
             RecordingError: The disk refuses, and the end of the log is missing.
@@ -128,6 +130,8 @@ class BoundedLog:
         if self._log is None:
             self.dropped += self._unflushed
             raise RecordingError(f"{self.dropped} messages at the end of the log {self._path} are missing")
+        if missing:
+            self._log.metadata(MISSING, {"messages": str(missing)})
         self._log.close()
 
     def _next(self) -> None:
@@ -154,19 +158,27 @@ def write_log(source: int, memory: int) -> None:
     """Write the log that the first line of `source` describes from the messages in a ring.
 
     Args:
-        source: A file descriptor, which ends when the loop has; nothing comes through it but that line.
+        source: A file descriptor, which ends when the loop has; a second line may come before, of what it lost.
         memory: That of the ring.
 
     Raises:
         RecordingError: The log cannot be written, or its end is missing.
     """
-    with os.fdopen(source, "rb", closefd=False) as stream:
-        settings = msgspec.json.decode(stream.readline(), type=RecorderSettings)
+    received = b""
+    while b"\n" not in received and (sent := os.read(source, _READ_BYTES)):
+        received += sent
+    line, _, end = received.partition(b"\n")
+    settings = msgspec.json.decode(line, type=RecorderSettings)
     ring = RingReader(memory)
     log = BoundedLog(settings, _report)
     pause_s = _SHORT_PAUSE_S
     # Nobody waits at the ring: to wake who does would cost the loop more than all the rest of its part.
-    while not (select.select([source], [], [], pause_s)[0] and not os.read(source, 1)):
+    while True:
+        if select.select([source], [], [], pause_s)[0]:
+            sent = os.read(source, _READ_BYTES)
+            if not sent:
+                break
+            end += sent
         pause_s = _SHORT_PAUSE_S if log.keep_messages(ring) == _MANY else _PAUSE_S
         log.flush()
     looks_for_nothing = 0
@@ -175,7 +187,7 @@ def write_log(source: int, memory: int) -> None:
     damaged = log.damaged + ring.damaged
     if damaged:
         _report(f"{damaged} records were damaged on their way and are missing in the log {settings.path}")
-    log.close()
+    log.close(damaged + (msgspec.json.decode(end, type=RunEnd).dropped if end else 0))
 
 
 def _report(text: str) -> None:

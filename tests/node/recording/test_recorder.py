@@ -196,6 +196,8 @@ def test_a_stopped_writer_holds_nothing_up_and_what_does_not_fit_is_counted(
     assert 0 < dropped <= MORE_THAN_FIT - 1024
     # What was taken was taken whole, and in order.
     assert logged(path) == [0.5 + cycle for cycle in range(MORE_THAN_FIT - dropped)]
+    # No number of a later cycle shows that these are missing.
+    assert Salvage(path).damage == [f"{path.name}: {dropped} messages never reached it"]
 
 
 def test_a_cycle_with_many_events_arrives_whole(
