@@ -34,7 +34,16 @@ def missing_mujoco() -> str | None:
     return None if importlib.util.find_spec("mujoco") else "no mujoco"
 
 
+def missing_arm64() -> str | None:
+    there = shutil.which("aarch64-linux-gnu-gcc") and shutil.which("qemu-aarch64")
+    return None if there else "no compiler for arm64 or no qemu-aarch64"
+
+
 NEEDS: dict[str, tuple[Callable[[], str | None], str]] = {
+    "arm64": (
+        missing_arm64,
+        "sudo apt-get install --no-install-recommends gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user",
+    ),
     "browser": (missing_browser, "pip install playwright; sudo apt-get install chromium"),
     "compiler": (missing_compiler, "sudo apt-get install g++"),
     "image": (

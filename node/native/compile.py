@@ -19,6 +19,9 @@ from segway_ecc.node.errors import ModelError
 
 _PLACE: Final = Path("segway-ecc", "models")
 _TIMEOUT_S: Final = 600.0
+SAME_BITS: Final = ("-ffp-contract=off", "-fsigned-char")
+"""So that every processor computes as x86-64 does by default: gcc for arm64 fuses multiply-add, which rounds once and
+not twice, and its plain `char` (20-sim's XXBoolean) has no sign."""
 
 
 def digest(*parts: bytes | str) -> str:
@@ -69,6 +72,8 @@ def cached(key: str, make: Callable[[Path], None]) -> Path:
 def find_compiler(*, cpp: bool = False) -> list[str]:
     """Return the command of the C or C++ compiler: the one that the variable CC or CXX names, or else the machine's.
 
+    It ends with `SAME_BITS`, which so decides over what the variable has.
+
     Raises:
         ModelError: There is none.
     """
@@ -76,12 +81,12 @@ def find_compiler(*, cpp: bool = False) -> list[str]:
     if given := shlex.split(os.environ.get(variable, "")):
         if (found := shutil.which(given[0])) is None:
             raise ModelError(f"there is no compiler {given[0]}, which the variable {variable} names: install it")
-        return [found, *given[1:]]
+        return [found, *given[1:], *SAME_BITS]
     names = ("g++", "c++", "clang++") if cpp else ("gcc", "cc", "clang")
     found = next(filter(None, map(shutil.which, names)), None)
     if found is None:
         raise ModelError(f"there is no {what} compiler to compile the model with: sudo apt install {package} libc6-dev")
-    return [found]
+    return [found, *SAME_BITS]
 
 
 def compiler_identity(*, cpp: bool = False) -> str:

@@ -79,6 +79,7 @@ def surroundings() -> dict[str, dict[str, str]]:
             "host": machine.nodename,
             "system": f"{machine.sysname} {machine.release} {machine.version}",
             "machine": machine.machine,
+            "libc": os.confstr("CS_GNU_LIBC_VERSION") or "",
             "python": sys.version,
         },
     }

@@ -4,7 +4,7 @@
 It stands alone: nothing of this package is used, so that it can be read, run and changed by itself.
 
     cp -r node/models/cart_submodel model; cp hil/bench/controller/* model
-    cc -O2 -shared -fPIC -o controller.so model/*.c -lm
+    cc -O2 -ffp-contract=off -shared -fPIC -o controller.so model/*.c -lm
     python user_loop.py --model controller.so --interface socketcan --channel vcan0 --period 0.01 --duration 10
 
 It is written with care, for it is what our own loop is compared with: everything is made once and filled anew in each

@@ -86,7 +86,8 @@ class TestCached:
 def test_a_variable_names_the_compiler_with_its_options(
     monkeypatch: pytest.MonkeyPatch, variable: str, *, cpp: bool
 ) -> None:
-    monkeypatch.setenv(variable, "gcc -m64")
+    monkeypatch.setenv(variable, "gcc -ffp-contract=fast")
     compiler, *options = find_compiler(cpp=cpp)
     assert Path(compiler).name == "gcc"
-    assert options == ["-m64"]
+    # The last one decides.
+    assert options == ["-ffp-contract=fast", "-ffp-contract=off", "-fsigned-char"]

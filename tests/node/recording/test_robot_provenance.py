@@ -3,6 +3,7 @@
 
 import importlib.metadata
 import importlib.resources
+import os
 import platform
 import sys
 from collections.abc import Iterator
@@ -51,6 +52,7 @@ def test_software_machine_and_model_are_named() -> None:
     assert metadata["software"]["mcap"] == importlib.metadata.version("mcap")
     assert metadata["machine"]["host"] == platform.node()
     assert metadata["machine"]["python"] == sys.version
+    assert metadata["machine"]["libc"] == os.confstr("CS_GNU_LIBC_VERSION")
 
 
 def test_a_folder_is_known_by_all_its_files(tmp_path: Path) -> None:

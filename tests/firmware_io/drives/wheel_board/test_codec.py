@@ -148,7 +148,7 @@ def firmware(tmp_path_factory: pytest.TempPathFactory) -> Firmware:
     generate(folder)
     (folder / "main.c").write_text(_harness(), encoding="utf-8")
     sources = ["main.c", "wheel_board.c", "wheel_board_protection.c"]
-    options = ["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-o", "firmware"]
+    options = ["-std=c11", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-o", "firmware"]
     subprocess.run(["gcc", *options, *sources, "-lm"], cwd=folder, check=True)  # noqa: S607 - the compiler of the path
     return Firmware(folder / "firmware")
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native import compile as native_compile
 from segway_ecc.node.native.load import load_native
 from tests.fixtures.twenty_sim import generate, models
 from tests.fixtures.twenty_sim.made import Layout
@@ -88,6 +89,15 @@ def test_another_compiler_compiles_it_again(make: Maker, compilers: Compilers, t
     runs = compilers.runs
     script = tmp_path / "bin" / "gcc"
     script.write_text(script.read_text(encoding="utf-8") + "# another version\n", encoding="utf-8")
+    load_native(path)
+    assert compilers.runs == 2 * runs
+
+
+def test_other_flags_compile_it_again(make: Maker, compilers: Compilers, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = make.submodel(models.LIMITER).path
+    load_native(path)
+    runs = compilers.runs
+    monkeypatch.setattr(native_compile, "SAME_BITS", ())
     load_native(path)
     assert compilers.runs == 2 * runs
 
