@@ -7,6 +7,7 @@ from pathlib import Path
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.fmu.load import load_fmu
 from segway_ecc.node.native.library import NativeModel
+from segway_ecc.node.native.symbols import repeatability_warnings
 from segway_ecc.node.native.twenty_sim.build import build
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model
@@ -41,4 +42,5 @@ def load_native(path: Path, *, method: str | None = None, step_size: float | Non
     ports = find_ports(parts, table)
     description = describe_model(parts, table, ports, method, step_size)
     library, warnings = build(parts, *make_shim(parts, description, ports))
-    return NativeModel(dataclasses.replace(description, warnings=(*description.warnings, *warnings)), library)
+    warnings = (*description.warnings, *warnings, *repeatability_warnings(library))
+    return NativeModel(dataclasses.replace(description, warnings=warnings), library)

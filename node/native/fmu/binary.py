@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The machine code of an FMU: the library for this machine, or its sources compiled; what it exports; and our shim.
+"""The machine code of an FMU: the library for this machine, or its sources compiled; and our shim.
 
 Sources: FMI 2.0.4, sections 2.1.1 and 2.3, and FMI 3.0.1, sections 2.5 and 2.5.1.4 (folders, buildDescription.xml);
 System V ABI, chapters 4 and 5 (ELF).
@@ -17,19 +17,16 @@ from typing import Final, NamedTuple
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.native.compile import cached, compile_c, compiler_identity, digest
 from segway_ecc.node.native.fmu.facts import read_xml
+from segway_ecc.node.native.symbols import ELF64
 
 _SHIM_SOURCES: Final = ("shim.c", "calls.h")
 _SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")
 _LIBRARIES: Final = ("-lm", "-ldl")
+_REPEATABLE: Final = Path(__file__).parent.parent / "repeatable.c"
 _PREFERRED: Final = ("x86_64-linux", "linux64", "aarch64-linux")
 """Folders to look into first where several hold a library for this machine."""
-_ELF64: Final = b"\x7fELF\x02\x01"
-"""64 bits, little-endian: every machine that the project runs on."""
-_DYNAMIC_SYMBOLS: Final = 11
 _LOADED: Final = 1
 _SEGMENT: Final = struct.Struct("<IIQQQQQQ")
-_SYMBOL: Final = struct.Struct("<IBBHQQ")
-_SECTION: Final = struct.Struct("<IIQQQQIIQQ")
 _INCLUDED: Final = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\r\n]+)"', re.MULTILINE)
 
 
@@ -99,7 +96,10 @@ def _compile_library(root: Path, sources: _Sources, target: Path, path: Path) ->
     # 20-sim's sources, and others made like them, put the model's name before each function without this definition.
     definitions = [f"-D{name}" for name in ("NO_FUNCTION_PREFIX", *sources.definitions)]
     options = [*_SHARED, "-w", *definitions, *(f"-I{folder}" for folder in [*sorted(folders), forwarding])]
-    compile_c([*options, "-o", str(target), *map(str, sources.files), *_LIBRARIES], f"the sources of FMU {path}")
+    compile_c(
+        [*options, "-o", str(target), *map(str, sources.files), str(_REPEATABLE), *_LIBRARIES],
+        f"the sources of FMU {path}",
+    )
 
 
 def find_library(folder: Path, identifier: str, path: Path) -> Path:
@@ -126,7 +126,7 @@ def find_library(folder: Path, identifier: str, path: Path) -> Path:
         machine = os.uname().machine
         here = "linux64 (x86_64)" if machine == "x86_64" else f"{machine}-linux"
         raise ModelError(f"FMU {path} cannot run here: it has {found}; export it for {here} or with sources")
-    key = digest("fmu sources", folder.name, *_SHARED, compiler_identity())
+    key = digest("fmu sources", folder.name, _REPEATABLE.read_bytes(), *_SHARED, compiler_identity())
     built = cached(key, lambda draft: _compile_library(folder / "sources", sources, draft / f"{identifier}.so", path))
     return built / f"{identifier}.so"
 
@@ -141,7 +141,7 @@ def _machine(file: Path) -> bytes:
 def _check_whole(library: Path, path: Path) -> None:
     # The loader does not check what the header promises: a library that is cut off would end the process.
     content = library.read_bytes()
-    if content[:6] != _ELF64:
+    if content[:6] != ELF64:
         return
     try:
         (start,) = struct.unpack_from("<Q", content, 0x20)
@@ -151,27 +151,6 @@ def _check_whole(library: Path, path: Path) -> None:
         segments = [(_LOADED, 0, len(content), 0, 0, 1)]
     if any(kind == _LOADED and offset + length > len(content) for kind, _, offset, _, _, length, *_ in segments):
         raise ModelError(f"FMU {path} is broken: its library {library.name} is cut off; export it again")
-
-
-def exported(library: Path) -> frozenset[str]:
-    """Return the names that a library exports; none where it is not 64-bit little-endian ELF."""
-    content = library.read_bytes()
-    if content[:6] != _ELF64:
-        return frozenset()
-    found = set()
-    try:
-        (start,) = struct.unpack_from("<Q", content, 0x28)
-        size, count = struct.unpack_from("<HH", content, 0x3A)
-        sections = [_SECTION.unpack_from(content, start + place * size) for place in range(count)]
-        for _, kind, _, _, offset, length, link, *_ in sections:
-            if kind == _DYNAMIC_SYMBOLS:
-                for symbol in _SYMBOL.iter_unpack(content[offset : offset + length]):
-                    first = sections[link][4] + symbol[0]
-                    if symbol[3]:  # its section: it is defined here
-                        found.add(content[first : content.index(b"\0", first)].decode(errors="replace"))
-    except (struct.error, IndexError, ValueError):
-        return frozenset()  # the loader is the one to report what is wrong with it
-    return frozenset(found)
 
 
 def private_copy(library: Path, resources: Path, place: Path) -> Path:

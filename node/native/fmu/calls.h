@@ -76,6 +76,7 @@ typedef struct {
     char *starting;
     void (*run_static)(void *);
     const char *stop; /* the model's own flag */
+    double *time;     /* s; of repeatable.c, in an FMU compiled from its sources */
 } Functions;
 
 
@@ -222,6 +223,7 @@ static int open_library(void) {
     fmu.starting = own_symbol(plan->starting_symbol);
     *(void **)&fmu.run_static = own_symbol(plan->static_symbol);
     fmu.stop = own_symbol(plan->stop_symbol);
+    fmu.time = dlsym(handle, "ecc_time");
     return 0;
 }
 

@@ -2,6 +2,7 @@
 """FMUs in the runtime: FMI 2.0 and 3.0 for co-simulation, from 20-sim and from any other tool."""
 
 import ctypes
+import dataclasses
 import math
 import os
 import shutil
@@ -17,11 +18,12 @@ from typing import Final
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.native.compile import cached, digest
-from segway_ecc.node.native.fmu.binary import exported, find_library, private_copy, shim
+from segway_ecc.node.native.fmu.binary import find_library, private_copy, shim
 from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import Facts, read_facts
 from segway_ecc.node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
 from segway_ecc.node.native.library import Kind, NativeModel
+from segway_ecc.node.native.symbols import exported, repeatability_warnings
 
 LARGEST_BYTES: Final = 2 * 1024**3
 """An FMU that unpacks to more than this is taken for a mistake."""
@@ -121,7 +123,8 @@ class FmuModel(NativeModel):
         Raises:
             ModelError: The library cannot be loaded, or lacks a function.
         """
-        super().__init__(layout.description, shim())
+        warnings = (*layout.description.warnings, *repeatability_warnings(library))
+        super().__init__(dataclasses.replace(layout.description, warnings=warnings), shim())
         place, plan = Path(tempfile.mkdtemp(prefix="segway-ecc-fmu-")), _plan(layout, facts, twenty_sim)
         # Also at the end of the process, and before the copy's folder goes; the library uses the plan until then.
         weakref.finalize(self, _release, self._library, place, plan, os.getpid())

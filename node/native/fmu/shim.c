@@ -220,6 +220,9 @@ int32_t ecc_step(const double *u, double *y) {
     }
     /* Added up, as the FMU does it: a product differs in the last bit now and then, and costs a whole step too many. */
     now += plan->step;
+    if (fmu.time != NULL) {
+        *fmu.time = now;
+    }
     if (get_outputs(y) < 0) {
         return -1;
     }

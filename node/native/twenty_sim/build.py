@@ -55,9 +55,10 @@ def build(parts: Parts, header: str, model: bytes) -> tuple[Path, tuple[str, ...
     files = {f"{TREE}/{file.name}": file.content for file in (*folder.sources, *folder.headers)}
     files[f"{TREE}/{parts.model.name}"] = model
     files |= {f"supplied/{name}": text.encode() for name, text in _supplied_headers(folder).items()}
-    shim = Path(__file__).with_name("shim.c").read_bytes()
-    files |= {f"shim/shim.{ending}": shim, "shim/ecc_model.h": header.encode()}
-    units = [*(f"{TREE}/{source.name}" for source in folder.sources), f"shim/shim.{ending}"]
+    home, ours = Path(__file__).parent, (f"shim/shim.{ending}", f"shim/repeatable.{ending}")
+    files |= {ours[0]: (home / "shim.c").read_bytes(), ours[1]: (home.parent / "repeatable.c").read_bytes()}
+    files["shim/ecc_model.h"] = header.encode()
+    units = [*(f"{TREE}/{source.name}" for source in folder.sources), *ours]
     includes = [*(f"-I{TREE}/{place}" for place in folder.include_folders), "-Isupplied", "-I."]
     commands = []
     for index, unit in enumerate(units):

@@ -18,12 +18,6 @@
 #include "ecc_model.h"
 
 #define ECC_RANGES 8
-#ifdef __cplusplus
-#define ECC_NO_THROW noexcept
-#else
-#define ECC_NO_THROW
-#endif
-
 typedef struct {
     char *place;
     void *content;
@@ -45,6 +39,14 @@ typedef struct {
 } ecc_kept_state;
 
 static ecc_kept_state *ecc_kept;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+extern double ecc_time; /* s; repeatable.c gives it to the model */
+#ifdef __cplusplus
+}
+#endif
 
 /* Finds the writable memory of this shared object, less what the loader has made read-only again. */
 static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
@@ -165,6 +167,7 @@ int32_t ecc_step(const double *u, double *y)
     ecc_kept->stale = 0;
     ecc_take(u);
     ecc_advance(ecc_kept->u, ecc_kept->y);
+    ecc_time += ECC_STEP;
     ecc_give(y);
     return ecc_stopped() ? 1 : 0;
 }
@@ -224,29 +227,6 @@ int32_t ecc_write(int32_t kind, int32_t index, double value)
 const char *ecc_error(void)
 {
     return ecc_kept ? ecc_kept->error : "there is no memory left";
-}
-
-/* The random numbers of the C library, in the order in which a fresh process gives them, for this instance alone. */
-static struct random_data ecc_random;
-static char ecc_random_state[128];
-
-static struct random_data *ecc_generator(void)
-{
-    if (!ecc_random.state)
-        initstate_r(1, ecc_random_state, sizeof ecc_random_state, &ecc_random);
-    return &ecc_random;
-}
-
-int rand(void) ECC_NO_THROW
-{
-    int32_t value = 0;
-    random_r(ecc_generator(), &value);
-    return (int) value;
-}
-
-void srand(unsigned int seed) ECC_NO_THROW
-{
-    srandom_r(seed, ecc_generator());
 }
 
 #ifdef ECC_FILES

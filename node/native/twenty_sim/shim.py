@@ -90,6 +90,7 @@ def make_shim(parts: Parts, description: Description, ports: Ports) -> tuple[str
         f"#define ECC_INPUTS {len(description.inputs)}",
         f"#define ECC_OUTPUTS {len(description.outputs)}",
         f"#define ECC_PARAMETERS {len(description.parameters)}",
+        f"#define ECC_STEP {description.step_size!r}",
         *(
             f"static const double {name}[] = {{{', '.join([*(repr(v.value) for v in variables), '0.0'])}}};"
             for name, variables in starts.items()

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""A second instance, a second start and another process compute the same, random numbers included."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from segway_ecc.node.native.load import load_native
+from tests.fixtures.tiny_fmu import make as tiny
+from tests.fixtures.twenty_sim.maker import Maker
+from tests.fixtures.twenty_sim.spec import Quantity, Spec, section
+
+NOISY = Spec(
+    name="Noisy",
+    method="Euler",
+    step_size=0.25,
+    finish_time=8.0,
+    inputs=(Quantity("in"),),
+    outputs=(Quantity("out"),),
+    output=section("{out} = {in} + noise ({in})"),
+)
+SHAPES = pytest.mark.parametrize("shape", ["submodel", "cpp_class", "partial", "fmu"])
+INCLUDES = "#include <math.h>\n#include <stdlib.h>\n#include <time.h>\n"
+DRAWS = """
+    static double last = 0.1;
+    double drawn = rand() / 2147483647.0 + random() / 2147483647.0 + drand48() + lrand48() / 3e9 + mrand48() / 3e9;
+    if (time(NULL) == 1)
+        srand(rand()), srandom(random()), srand48(lrand48());
+    last = 3.9 * last * (1.0 - last);
+    return last + drawn;
+"""
+RUNS = """
+import ctypes, sys
+from pathlib import Path
+from segway_ecc.node.native.load import load_native
+libc = ctypes.CDLL(None)
+libc.srand(int(sys.argv[2])), libc.srand48(int(sys.argv[2]))
+one, two = (load_native(Path(sys.argv[1])) for _ in range(2))
+def run(model):
+    return [model.initialize([0.0])[0].hex(), *(model.step([0.0])[0].hex() for _ in range(8))]
+first = run(one)
+libc.rand(), libc.lrand48()
+others = run(two), run(one), run(two)
+assert others == (first, first, first), (first, others)
+print(*first)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "compiled"))
+
+
+def noisy(make: Maker, folder: Path, shape: str, body: str) -> Path:
+    """A model whose values depend on `noise(t)`, a function of the user's own in a file of its own."""
+    text = f"{INCLUDES}double noise(double t);\ndouble noise(double t) {{ (void) t; {body} }}\n"
+    if shape == "fmu":
+        sources = tiny.sources(tiny.Shape.FMI3)
+        sources["sources/xxmodel.c"] = b"#define RATE_OF_TIME noise\n" + sources["sources/xxmodel.c"]
+        sources["sources/noise.c"] = text.encode()
+        return tiny.packed(folder, tiny.Shape.FMI3, {"binaries/x86_64-linux/tiny.so": None, **sources})
+    path = shutil.copytree(getattr(make, shape)(NOISY).path, folder / "noisy")
+    ending = "cpp" if shape == "cpp_class" else "c"
+    (path / f"noise.{ending}").write_text(text, encoding="utf-8")
+    file = path / ("Noisy.cpp" if shape == "cpp_class" else "xxmodel.c")
+    file.write_text(f"double noise(double t);\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
+    return path
+
+
+def outputs(path: Path, seed: int = 1) -> list[str]:
+    """The first output at nine moments, from a process of its own, once all its instances and starts agree."""
+    words = [sys.executable, "-P", "-c", RUNS, str(path), str(seed)]
+    return subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
+
+
+@SHAPES
+def test_every_instance_start_and_process_draws_the_same(make: Maker, tmp_path: Path, shape: str) -> None:
+    path = noisy(make, tmp_path, shape, DRAWS)
+    found = outputs(path)
+    assert len(set(found)) > 5
+    assert outputs(path, seed=2) == found
+    assert "it calls" not in str(load_native(path).description.warnings)
+
+
+@SHAPES
+def test_time_counts_the_models_own_seconds(make: Maker, tmp_path: Path, shape: str) -> None:
+    model = load_native(noisy(make, tmp_path, shape, "return (double) time(NULL);"))
+    found = [model.initialize([0.0])[0], *(model.step([0.0])[0] for _ in range(250))]
+    if shape == "fmu":
+        truth = load_native(noisy(make, tmp_path / "truth", shape, "return floor(t);"))
+        assert found == [truth.initialize([0.0])[0], *(truth.step([0.0])[0] for _ in range(250))]
+        assert found[-1] > 0.5
+    else:
+        assert found == [0.0, *(step // 4 for step in range(250))]
+
+
+def test_a_function_of_the_models_own_is_the_one_it_calls(make: Maker, tmp_path: Path) -> None:
+    path = noisy(make, tmp_path, "submodel", "return rand();")
+    with (path / "noise.c").open("a", encoding="utf-8") as file:
+        file.write("int rand(void) { return 7; }\n")
+    assert load_native(path).initialize([0.0]) == [7.0]
+
+
+CLOCK = "struct timespec now; clock_gettime(CLOCK_REALTIME, &now); return clock() + now.tv_nsec;"
+DEVICE = "return std::chrono::system_clock::now().time_since_epoch().count() + std::random_device()();"
+REST = (
+    "which nothing here seeds or repeats: "
+    "its outputs may differ from run to run, from instance to instance and in a replay"
+)
+
+
+@pytest.mark.parametrize(
+    ("shape", "body", "names"),
+    [("submodel", CLOCK, "clock, clock_gettime"), ("cpp_class", DEVICE, "chrono, random_device")],
+)
+def test_what_cannot_be_repeated_is_warned_of(make: Maker, tmp_path: Path, shape: str, body: str, names: str) -> None:
+    path = noisy(make, tmp_path, shape, body)
+    for file in path.glob("noise.cpp"):
+        file.write_text(f"#include <chrono>\n#include <random>\n{file.read_text()}", encoding="utf-8")
+    assert load_native(path).description.warnings == (f"it calls {names}, {REST}",)
+
+
+def test_an_fmus_own_library_that_draws_from_the_processs_numbers_is_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "noise.h").write_text(f"{INCLUDES}double noise(double t) {{ return rand() + time(NULL) + t; }}\n")
+    flags = ["-include", str(tmp_path / "noise.h"), "-DRATE_OF_TIME=noise"]
+    library = tiny.compile_model(tiny.Shape.FMI3, tmp_path / "noisy.so", *flags)
+    path = tiny.packed(tmp_path, tiny.Shape.FMI3, {"binaries/x86_64-linux/tiny.so": library.read_bytes()})
+    assert load_native(path).description.warnings == (f"it calls rand, time, {REST}",)
