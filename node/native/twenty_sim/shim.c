@@ -36,6 +36,8 @@ typedef struct {
     ecc_real y[ECC_OUTPUTS + 1];
     int ranges;
     ecc_range range[ECC_RANGES];
+    void (**constructors)(void);
+    size_t constructor_count;
 } ecc_kept_state;
 
 static ecc_kept_state *ecc_kept;
@@ -44,9 +46,22 @@ static ecc_kept_state *ecc_kept;
 extern "C" {
 #endif
 extern double ecc_time; /* s; repeatable.c gives it to the model */
+extern void *__dso_handle __attribute__((visibility("hidden")));
+void __cxa_finalize(void *object);
 #ifdef __cplusplus
 }
 #endif
+
+/* Finds what runs when this shared object is loaded. */
+static void ecc_find_constructors(const struct dl_phdr_info *info, const ElfW(Dyn) *entry)
+{
+    for (; entry->d_tag != DT_NULL; entry++) {
+        if (entry->d_tag == DT_INIT_ARRAY)
+            ecc_kept->constructors = (void (**)(void)) (info->dlpi_addr + entry->d_un.d_ptr);
+        if (entry->d_tag == DT_INIT_ARRAYSZ)
+            ecc_kept->constructor_count = entry->d_un.d_val / sizeof(void *);
+    }
+}
 
 /* Finds the writable memory of this shared object, less what the loader has made read-only again. */
 static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
@@ -67,6 +82,8 @@ static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
     for (i = 0; mine && i < info->dlpi_phnum && ecc_kept->ranges < ECC_RANGES; i++) {
         const ElfW(Phdr) *part = &info->dlpi_phdr[i];
         ElfW(Addr) start = info->dlpi_addr + part->p_vaddr, end = start + part->p_memsz;
+        if (part->p_type == PT_DYNAMIC)
+            ecc_find_constructors(info, (const ElfW(Dyn) *) start);
         if (part->p_type != PT_LOAD || !(part->p_flags & PF_W))
             continue;
         if (sealed > start && sealed <= end)
@@ -78,7 +95,6 @@ static int ecc_find(struct dl_phdr_info *info, size_t size, void *unused)
     return mine;
 }
 
-/* Keeps a copy of every global of the model as it was loaded, so that each start finds them so. */
 static int ecc_remember(void)
 {
     int i;
@@ -102,11 +118,21 @@ static int ecc_remember(void)
     return 1;
 }
 
+/* Keeps a copy of every global of the model as it was loaded, before any constructor ran. */
+__attribute__((constructor(101))) static void ecc_remember_first(void)
+{
+    ecc_remember();
+}
+
+/* Makes the memory what it was when the model was loaded: objects are destroyed, and constructed again. */
 static void ecc_restore(void)
 {
-    int i;
-    for (i = 0; i < ecc_kept->ranges; i++)
+    size_t i;
+    __cxa_finalize(__dso_handle);
+    for (i = 0; i < (size_t) ecc_kept->ranges; i++)
         memcpy(ecc_kept->range[i].place, ecc_kept->range[i].content, ecc_kept->range[i].size);
+    for (i = 0; i < ecc_kept->constructor_count; i++)
+        ecc_kept->constructors[i]();
 }
 
 static int32_t ecc_failed(const char *why)
@@ -148,7 +174,8 @@ int32_t ecc_initialize(const double *u, double *y)
     if (!ecc_remember())
         return -1;
     ecc_drop();
-    ecc_restore();
+    if (ecc_kept->begun)
+        ecc_restore();
     ecc_kept->stale = 0;
     ecc_take(u);
     ecc_start(ecc_kept->u, ecc_kept->y);

@@ -104,6 +104,27 @@ def test_a_function_of_the_models_own_is_the_one_it_calls(make: Maker, tmp_path:
     assert load_native(path).initialize([0.0]) == [7.0]
 
 
+OWNING = """#include <vector>
+static std::vector<double> everywhere(10, 2.0);
+double noise(double t);
+double noise(double t)
+{
+    static std::vector<double> here(100, t);
+    everywhere.resize(everywhere.size() + 1000, 3.0);
+    here.resize(here.size() + 1000, t);
+    return here.size() + everywhere[10] + everywhere.size() / 1e6;
+}
+"""
+
+
+def test_objects_that_own_memory_are_made_anew_at_each_start(make: Maker, tmp_path: Path) -> None:
+    """Their destructors run first: with their bytes put back as they were, they freed twice and ended the process."""
+    path = noisy(make, tmp_path, "cpp_class", "return 0.0;")
+    (path / "noise.cpp").write_text(OWNING, encoding="utf-8")
+    first = 1100 + 3.0 + 1010 / 1e6
+    assert outputs(path)[:2] == [first.hex(), (2100 + 3.0 + 2010 / 1e6).hex()]
+
+
 CLOCK = "struct timespec now; clock_gettime(CLOCK_REALTIME, &now); return clock() + now.tv_nsec;"
 DEVICE = "return std::chrono::system_clock::now().time_since_epoch().count() + std::random_device()();"
 REST = (
