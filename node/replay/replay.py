@@ -193,6 +193,12 @@ def differences(layout: CycleLayout, recorded: CycleRecord, computed: CycleRecor
         for name, a, b in zip(names, old, new, strict=True):
             if not same((a,), (b,)):
                 yield f"{kind} {name}", repr(float(a)), repr(float(b))
+    failure, failure_now = (
+        next((answer.reasons[0] for answer in record.answers if answer.call == MODEL_CALL), "")
+        for record in (recorded, computed)
+    )
+    if bool(failure) is not bool(failure_now):
+        yield "model", failure or "a step", failure_now or "a step"
     if recorded.mode is not computed.mode:
         yield "mode", str(recorded.mode), str(computed.mode)
 

@@ -123,7 +123,8 @@ class Fragile(Cart):
     """A cart whose equations fail in the step after its track was written."""
 
     def dynamic(self, t: float, s: Sequence[float]) -> Sequence[float]:
-        return (*super().dynamic(t, s)[:-1], 1.0 / (self.p["Track"] - 0.4))
+        1.0 / (self.p["Track"] - 0.4)
+        return super().dynamic(t, s)
 
 
 def test_what_made_the_model_fail_is_in_the_log_and_makes_it_fail_again(path: Path, run: Run) -> None:
@@ -139,6 +140,7 @@ def test_what_made_the_model_fail_is_in_the_log_and_makes_it_fail_again(path: Pa
     assert "ZeroDivisionError" in last.answers[0].reasons[0]
     assert (outcome.cycles, outcome.difference) == (31, None)
     assert healthy.difference is not None
+    assert "model" in {each.port for each in (healthy.difference, *healthy.others)}
 
 
 def test_the_first_difference_is_reported_with_the_cycles_around(path: Path, run: Run) -> None:
