@@ -13,30 +13,12 @@ import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from segway_ecc.node.errors import RecordingError
@@ -45,35 +27,10 @@ from segway_ecc.node.recording.mcap_log import CHANNEL, MISSING, REPAIR
 # What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
 _DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
 _HEAD: Final = struct.Struct("<BQ")
-_CRC: Final = struct.Struct("<I")
 _ANY_HEAD: Final = re.compile(rb"[\x01-\x0f].{4}\x00{4}", re.DOTALL)
 """An opcode and a length below 4 GiB."""
 _SHORTEST: Final = 2 * len(MCAP0_MAGIC)
 _FOOTER_UNDER_CRC: Final = _HEAD.size + 16
-
-
-class _Kind(Protocol):
-    @staticmethod
-    def read(stream: ReadDataStream) -> McapRecord: ...
-
-
-_KINDS: Final[dict[int, _Kind]] = {
-    Opcode.HEADER: Header,
-    Opcode.FOOTER: Footer,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.CHUNK: Chunk,
-    Opcode.MESSAGE_INDEX: MessageIndex,
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
-    Opcode.STATISTICS: Statistics,
-    Opcode.METADATA: Metadata,
-    Opcode.METADATA_INDEX: MetadataIndex,
-    Opcode.SUMMARY_OFFSET: SummaryOffset,
-    Opcode.DATA_END: DataEnd,
-}
-"""What our logs have outside of chunks."""
 
 
 class Topic(NamedTuple):
@@ -233,21 +190,19 @@ def _record_at(data: bytes | mmap.mmap, offset: int) -> tuple[int, McapRecord] |
     """The end of the record that begins there, and the record; None where none does, or it is damaged."""
     if len(data) < offset + _HEAD.size:
         return None
-    opcode, length = _HEAD.unpack_from(data, offset)
-    begin, end = offset + _HEAD.size, offset + _HEAD.size + length
-    if opcode not in _KINDS or end > len(data):
+    end = offset + _HEAD.size + _HEAD.unpack_from(data, offset)[1]
+    if end > len(data):
         return None
-    body = data[begin:end]
-    stream = ReadDataStream(BytesIO(body))
+    found, builder = data[offset:end], RecordBuilder()
     try:
-        record = _KINDS[opcode].read(stream)
-        is_whole = stream.count == length
+        record = next(StreamReader(BytesIO(found), skip_magic=True, emit_chunks=True).records)
+        record.write(builder)  # an attachment with the checksum that it should have
+        again = builder.end()  # type: ignore[no-untyped-call]  # mcap annotates arguments, and this has none
+        is_whole = again == found and not isinstance(record, Message)  # which is in a chunk
         if isinstance(record, Chunk):
             is_whole = is_whole and get_chunk_data_stream(record, validate_crc=True)[1] == record.uncompressed_size
     except _DAMAGE:
         return None
-    if isinstance(record, Attachment):
-        is_whole = is_whole and _has_crc(body[: -_CRC.size], *_CRC.unpack(body[-_CRC.size :]))
     if isinstance(record, Footer):
         is_whole = is_whole and end + len(MCAP0_MAGIC) >= len(data)
     return (end, record) if is_whole else None
