@@ -3,7 +3,8 @@
 
 Data on standard output, messages on standard error. Exit codes: 0 done; 1 another error of ours; 2 arguments, robot
 file or sequence file; 3 model; 4 hardware; 5 ROS 2 missing; 6 no model node found; 7 robot lost; 8 simulation; 9 log;
-10 a robot in FAULT; 11 update refused; 12 version not healthy; 13 sequence refused or not received whole; 130 Ctrl-C.
+10 a robot in FAULT; 11 update refused; 12 version not healthy; 13 sequence refused or not received whole;
+14 a run failed although repeated; 130 Ctrl-C.
 """
 
 import argparse

@@ -32,8 +32,8 @@ _SILENCE_S: Final = 2.0
 _ANSWER_S: Final = 2.0
 _AGAIN_S: Final = 0.5
 """Without an answer a trajectory is sent again after so long: that we see a robot does not mean that it sees us."""
-_CONFIRMED_WITHIN_NS: Final = 5_000_000_000
-"""Of the robot's time: it repeats what became of a sequence each second."""
+_CONFIRMED_WITHIN_S: Final = 10.0
+"""The robot repeats each second what became of a sequence, and DDS within 3 s what was lost."""
 _LONGEST_LEAD_NS: Final = 8_000_000_000
 
 
@@ -143,7 +143,7 @@ class Commander:
                 unanswered_s = 0.0
 
     def _watch(self, player: Player, on_progress: Callable[[float], None]) -> None:
-        silent_s = 0.0
+        silent_s = unconfirmed_s = 0.0
         while player.state is PlayState.RUNNING:
             before_ns = self._latest_ns
             elapsed_s = self._spin()
@@ -154,7 +154,8 @@ class Commander:
             if silent_s > _SILENCE_S:
                 text = f"the model node has published no odometry for {_SILENCE_S:g} s; is it still running?"
                 raise RobotLostError(text)
-            if player.end_ns is not None and self._latest_ns > player.end_ns + _CONFIRMED_WITHIN_NS:
+            unconfirmed_s += elapsed_s if player.has_reached_end else 0.0
+            if unconfirmed_s > _CONFIRMED_WITHIN_S:
                 raise SequenceError("the robot did not confirm that it played the sequence to its end")
         if player.state is not PlayState.DONE and player.status is not None:
             raise RobotLostError(player.status.reason)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.case_study.can import RealTimeCanSeat
+from segway_ecc.hil.case_study.repeats import Repeats
 from segway_ecc.hil.case_study.seats import OfflineSeat, RosSeat, SeatRunner, conduct
 from segway_ecc.hil.case_study.study import Seat, Study, worst_difference
 
@@ -21,7 +22,10 @@ def study(folder: Path, *runners: SeatRunner) -> Study:
     def on_progress(seat: Seat, done: int, total: int) -> None:
         sys.stderr.write(f"{folder.name}: {seat}: {done} of {total}\n")
 
-    return conduct(runners, {}, on_progress)
+    # A run that was repeated is named, and counts: what is proved is how a run ends.
+    return conduct(
+        runners, {}, on_progress, Repeats(lambda cause: sys.stderr.write(f"{folder.name}: repeated: {cause}\n"))
+    )
 
 
 @pytest.mark.ros

@@ -245,6 +245,16 @@ def test_the_end_is_the_report_and_what_to_try_next(can_study: Callable[..., Any
     assert [line.split("  ")[1].strip() for line in outcome.errors[-3:]] == [f"segway-ecc {words}" for words, _ in NEXT]
 
 
+@pytest.mark.parametrize(("found", "typed"), [(None, ".venv/bin/segway-ecc"), ("/usr/bin/segway-ecc", "segway-ecc")])
+def test_what_to_try_next_is_typed_as_this_command_was_where_no_shell_finds_it(
+    can_study: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, found: str | None, typed: str
+) -> None:
+    monkeypatch.setattr("sys.argv", [".venv/bin/segway-ecc"])
+    monkeypatch.setattr("shutil.which", lambda _name: found)
+
+    assert can_study(COMPARED).errors[-1].startswith(f"  {typed} model inspect FOLDER ")
+
+
 @pytest.mark.parametrize("words", [words for words, _ in NEXT])
 def test_what_to_try_next_is_a_command_of_this_tool(words: str) -> None:
     assert command_line(find_verbs(), words.split()).parse_args(words.split()).function
