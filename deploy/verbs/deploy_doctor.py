@@ -15,7 +15,7 @@ from typing import Final
 from segway_ecc.deploy.doctor.check import Finding, Probes, System, Verdict, Workload, is_fit
 from segway_ecc.deploy.doctor.doctor import examine
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.node.cli.options import add_json, default_log, print_json, robot_file
+from segway_ecc.node.cli.options import add_json, default_log, print_found, robot_file
 from segway_ecc.node.config import packaged_robots
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.log_quota import LogQuota
@@ -54,10 +54,8 @@ def run(options: argparse.Namespace) -> int:
     findings = examine(System(Probes(_show_progress)), workload)
     _show_progress(1.0)
     name = None if file is None else file.name
-    if options.json:
-        print_json({"robot": name, "fit": is_fit(findings), "findings": [dataclasses.asdict(f) for f in findings]})
-    else:
-        sys.stdout.write(report(name, findings))
+    document = {"robot": name, "fit": is_fit(findings), "findings": [dataclasses.asdict(f) for f in findings]}
+    print_found(options, document, report(name, findings))
     return 0 if is_fit(findings) else NOT_FIT
 
 

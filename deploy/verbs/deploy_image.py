@@ -11,7 +11,7 @@ from typing import Final
 from segway_ecc.deploy.image.build import BuildOptions, build
 from segway_ecc.deploy.image.commands import missing
 from segway_ecc.deploy.image.recipe import KERNELS, Recipe, base_archive, differences, read_manifest, recipe_of
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import ConfigurationError
 
 _AS_ROOT: Final = ("--map-root-user", "--map-auto")
@@ -65,12 +65,8 @@ def run(options: argparse.Namespace) -> int:
     other = options.like or options.compare
     found = differences(read_manifest(other), made) if other is not None else []
     result = {"folder": str(options.folder), "digest": made["digest"], "packages": len(made["packages"])}
-    if options.json:
-        print_json({**result, "differences": found})
-    else:
-        print_table(
-            {name: str(value) for name, value in result.items()} | {str(n): text for n, text in enumerate(found)}
-        )
+    texts = {name: str(value) for name, value in result.items()} | {str(n): text for n, text in enumerate(found)}
+    print_found(options, {**result, "differences": found}, texts)
     return 1 if found else 0
 
 

@@ -2,13 +2,12 @@
 """`segway-ecc deploy status HOST`: the releases on a robot, and how the last update ended."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from segway_ecc.deploy.release.requests import status
 from segway_ecc.deploy.verbs.deploy_options import add_host, connection
-from segway_ecc.node.cli.options import print_json
+from segway_ecc.node.cli.options import print_found
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,10 +20,7 @@ def run(options: argparse.Namespace) -> int:
     """Ask the robot, and print its answer."""
     with connection(options) as host:
         found = status(host, verify=options.verify)
-    if options.json:
-        print_json({"host": host.address, **found})
-    else:
-        sys.stdout.write(screen(host.address, found))
+    print_found(options, {"host": host.address, **found}, screen(host.address, found))
     return 0
 
 

@@ -13,7 +13,7 @@ import msgspec
 from segway_ecc.deploy.station.station_bundle import robots
 from segway_ecc.deploy.support.bundle import write_bundle
 from segway_ecc.deploy.support.machine_bundle import BundleOptions, machine_parts
-from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table
+from segway_ecc.node.cli.options import add_json, default_log, print_found
 from segway_ecc.node.config import load_robot, packaged_robots, read_text
 from segway_ecc.node.errors import ConfigurationError
 
@@ -58,14 +58,12 @@ def run(options: argparse.Namespace) -> int:
         size = out.stat().st_size
     except OSError as error:
         raise ConfigurationError(f"--out {out} cannot be written: {error.strerror}") from None
-    if options.json:
-        print_json({"file": str(out), "bytes": size, **msgspec.to_builtins(manifest)})
-        return 0
     rows = {}
     for part in manifest.parts:
         total = sum(file.bytes for file in part.files)
         has = f"{', '.join(file.name for file in part.files)} ({total / _KIB:.0f} KiB)" if part.files else ""
         lacks = f"not: {'; '.join(part.missing)}" if part.missing else ""
         rows[part.part] = "; ".join(filter(None, (has, lacks)))
-    print_table({**rows, "bundle": f"{out} ({size / _KIB:.0f} KiB)"})
+    document = {"file": str(out), "bytes": size, **msgspec.to_builtins(manifest)}
+    print_found(options, document, {**rows, "bundle": f"{out} ({size / _KIB:.0f} KiB)"})
     return 0

@@ -18,7 +18,7 @@ from segway_ecc.deploy.station.installer.settings import DISCOVERY, InstallSetti
 from segway_ecc.deploy.station.web.access import Role
 from segway_ecc.deploy.station.web.site_address import SiteAddress, url
 from segway_ecc.deploy.verbs.station_serve import PLAIN_HTTP, add_listening, show_tokens
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import ConfigurationError
 
 _THIS: Final = Path("/")
@@ -58,10 +58,8 @@ def run(options: argparse.Namespace) -> int:
     if options.remove:
         _require_root(machine)
         names = remove(machine)
-        if options.json:
-            print_json({"removed": names})
-        else:
-            sys.stdout.write("".join(f"removed {name}\n" for name in names) or "there was nothing\n")
+        text = "".join(f"removed {name}\n" for name in names) or "there was nothing\n"
+        print_found(options, {"removed": names}, text)
         return 0
     settings = InstallSettings(
         options.domain,
@@ -119,7 +117,6 @@ def _install(made: Plan, options: argparse.Namespace) -> None:
             f"segway-ecc: {ACCESS} has to belong to {USER} there before the station starts: do this as root, with "
             "systemd-sysusers installed here, or chown it\n"
         )
-    if options.json:
-        print_json({"open": page, "tokens": {role.value: token for role, token in kept.items()}, "changed": changed})
-        return
-    print_table({"open": page, "tokens": "new, shown above" if kept else "as before (see --new-tokens)"})
+    document = {"open": page, "tokens": {role.value: token for role, token in kept.items()}, "changed": changed}
+    rows = {"open": page, "tokens": "new, shown above" if kept else "as before (see --new-tokens)"}
+    print_found(options, document, rows)

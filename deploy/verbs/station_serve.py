@@ -21,7 +21,7 @@ from segway_ecc.deploy.station.web.access import Access, Role, load_access, new_
 from segway_ecc.deploy.station.web.site_address import SiteAddress, bind, site_address_of, tls_context, url
 from segway_ecc.deploy.support.archive_service import ArchiveCalls
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, default_log, print_json, print_table, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, default_log, print_found, stopped_by_signals
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages
 from segway_ecc.node.ros.runtime import require_ros
@@ -89,12 +89,9 @@ def run(options: argparse.Namespace) -> int:
     finally:
         for bound in sockets:
             bound.close()
-    if options.json:
-        print_json(report)
-        return 0
     refused = report["refused"]
     total = ", ".join(f"{cause} {count}" for cause, count in refused.items()) if isinstance(refused, dict) else ""
-    print_table({"ended by": str(report["ended_by"]), "refused": total or "nothing"})
+    print_found(options, report, {"ended by": str(report["ended_by"]), "refused": total or "nothing"})
     return 0
 
 

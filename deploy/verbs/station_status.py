@@ -7,7 +7,6 @@ it was looked at; 10 one is in FAULT.
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Callable
 from typing import Final
@@ -17,7 +16,7 @@ import msgspec
 from segway_ecc.deploy.station.station import Station
 from segway_ecc.deploy.station.views import FleetView, RobotView
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, print_json, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, print_found, stopped_by_signals
 from segway_ecc.node.errors import AbandonedError, ConfigurationError, NobodyListensError, RobotLostError
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.safety.modes import Mode
@@ -53,10 +52,7 @@ def run(options: argparse.Namespace) -> int:
         raise NobodyListensError(
             f"no robot was found within {options.wait:g} s ({discovery_text()}); start one with: segway-ecc run ROBOT"
         )
-    if options.json:
-        print_json(msgspec.to_builtins(fleet))
-    else:
-        sys.stdout.write("\n".join(screen(robot) for robot in fleet.robots))
+    print_found(options, msgspec.to_builtins(fleet), "\n".join(screen(robot) for robot in fleet.robots))
     return exit_code(fleet)
 
 

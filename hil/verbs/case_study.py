@@ -20,8 +20,8 @@ from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.errors import RunFailedError
 from segway_ecc.hil.progress import show_all_progress
 from segway_ecc.hil.rig.simulation import hardware_of
-from segway_ecc.hil.verbs.proofs import check_counts, has_figures, print_found, writing_to
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.hil.verbs.proofs import check_counts, has_figures, writing_to
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import load_robot
 from segway_ecc.node.ros.runtime import missing_packages
 

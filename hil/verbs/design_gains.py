@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from segway_ecc.hil.design.segway import MOST_DELAY, Design, Loop, design
 from segway_ecc.hil.rig.simulation import simulated_plant
-from segway_ecc.hil.verbs.proofs import print_found
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import RobotFile, load_robot, packaged_robots, read_text
 from segway_ecc.node.documents import decode_yaml
 from segway_ecc.node.errors import ConfigurationError

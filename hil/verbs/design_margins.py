@@ -20,8 +20,8 @@ from segway_ecc.hil.design.balance_margins import (
 )
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.hil.verbs.design_gains import segway_parameters
-from segway_ecc.hil.verbs.proofs import add_packaged_robot, print_found
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.hil.verbs.proofs import add_packaged_robot
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import load_robot
 
 ROBOT: Final = "segway"

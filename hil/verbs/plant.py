@@ -21,9 +21,8 @@ from segway_ecc.hil.rig.simulation import (
     hardware_of,
     simulated_robot,
 )
-from segway_ecc.hil.verbs.proofs import print_found
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_robot, real_time, robot_file, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, add_robot, print_found, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import RobotFile
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.logs import messages

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.node.cli.options import add_json, print_json, print_table
+from segway_ecc.node.cli.options import add_json
 from segway_ecc.node.errors import ConfigurationError
 
 
@@ -43,16 +43,6 @@ def check_counts(options: argparse.Namespace, *names: str) -> None:
         value = getattr(options, name)
         if value is not None and value < 1:
             raise ConfigurationError(f"--{name} must be at least 1, not {value}")
-
-
-def print_found(options: argparse.Namespace, document: object, text: str | Mapping[str, str]) -> None:
-    """Print what was found: as JSON with `--json`, else as text; names and texts become a table."""
-    if options.json:
-        print_json(document)
-    elif isinstance(text, str):
-        sys.stdout.write(text)
-    else:
-        print_table(text)
 
 
 def make_folder(folder: Path | None) -> None:

@@ -12,8 +12,8 @@ from segway_ecc.hil.campaign.campaign import REPLAY, render, run_campaign, runs_
 from segway_ecc.hil.campaign.result import table
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.proofs import add_count, check_counts, make_folder, print_found, writing_to
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.hil.verbs.proofs import add_count, check_counts, make_folder, writing_to
+from segway_ecc.node.cli.options import add_json, print_found
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

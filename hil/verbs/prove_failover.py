@@ -11,8 +11,7 @@ from typing import Final
 from segway_ecc.firmware_io.links.can_interfaces import resolve
 from segway_ecc.hil.drill.failover import CAUSES, INTERFACE_DOWN, Failover, FailoverResult
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.proofs import print_found
-from segway_ecc.node.cli.options import add_json, add_robot, robot_file
+from segway_ecc.node.cli.options import add_json, add_robot, print_found, robot_file
 from segway_ecc.node.config import NoHardwareSection
 
 _HEAD: Final = (

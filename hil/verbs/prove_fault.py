@@ -9,8 +9,7 @@ import msgspec
 from segway_ecc.hil.campaign.result import details
 from segway_ecc.hil.campaign.run import run_scenario
 from segway_ecc.hil.campaign.scenario import Scenario, ScenarioRun, check_parameter, load_scenario, packaged_scenarios
-from segway_ecc.hil.verbs.proofs import print_found
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import ConfigurationError
 
 

@@ -11,7 +11,8 @@ import msgspec
 
 from segway_ecc.hil.growth.study import QUICK, SIZES, conduct, text, verdict
 from segway_ecc.hil.progress import show_progress
-from segway_ecc.hil.verbs.proofs import add_study, make_folder, print_found, write_report
+from segway_ecc.hil.verbs.proofs import add_study, make_folder, write_report
+from segway_ecc.node.cli.options import print_found
 from segway_ecc.node.ros.runtime import missing_packages
 
 

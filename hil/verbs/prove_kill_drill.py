@@ -16,8 +16,7 @@ from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome, why_no
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.trial import DrillResult
 from segway_ecc.hil.text_table import aligned
-from segway_ecc.hil.verbs.proofs import print_found
-from segway_ecc.node.cli.options import add_json
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots
 from segway_ecc.node.errors import ConfigurationError
 

@@ -12,7 +12,8 @@ from segway_ecc.hil.placement.results import network_names, overall, recommended
 from segway_ecc.hil.placement.table import text
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.design_gains import designed
-from segway_ecc.hil.verbs.proofs import add_count, add_study, check_counts, make_folder, print_found, write_report
+from segway_ecc.hil.verbs.proofs import add_count, add_study, check_counts, make_folder, write_report
+from segway_ecc.node.cli.options import print_found
 from segway_ecc.node.config import load_robot
 
 

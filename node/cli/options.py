@@ -85,10 +85,15 @@ def print_json(value: object) -> None:
     sys.stdout.write(json.dumps(value, indent=2) + "\n")
 
 
-def print_table(rows: Mapping[str, str]) -> None:
-    """Print names and texts in two aligned columns."""
-    width = max(map(len, rows), default=0)
-    sys.stdout.write("".join(f"{name:<{width}}  {text}\n" for name, text in rows.items()))
+def print_found(options: argparse.Namespace, document: object, text: str | Mapping[str, str]) -> None:
+    """Print what was found: as JSON with `--json`, else as text; names and texts become two aligned columns."""
+    if options.json:
+        print_json(document)
+    elif isinstance(text, str):
+        sys.stdout.write(text)
+    else:
+        width = max(map(len, text), default=0)
+        sys.stdout.write("".join(f"{name:<{width}}  {value}\n" for name, value in text.items()))
 
 
 def default_log(name: str) -> Path:

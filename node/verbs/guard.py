@@ -14,8 +14,7 @@ from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import (
     add_json,
     add_robot,
-    print_json,
-    print_table,
+    print_found,
     real_time,
     robot_file,
     stopped_by_signals,
@@ -53,41 +52,36 @@ def run(options: argparse.Namespace) -> int:
     with messages(), stopped_by_signals(guard.stop), real_time():
         guard.run()
     wall_ns = clock.wall_ns() - clock.now_ns()
-    if options.json:
-        interventions = []
-        for each in watch.interventions:  # stamps on the wall clock, ns, by what it leads the monotonic one
-            last_ns = each.last_command_ns
-            interventions.append(
-                {
-                    "cause": each.cause,
-                    "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
-                    "first_stop_wall_ns": each.first_ns + wall_ns,
-                    "reaction_ms": None if last_ns is None else (each.first_ns - last_ns) * 1e-6,
-                    "lasted_ms": (each.last_ns - each.first_ns) * 1e-6,
-                    "frames": each.frames,
-                    "end": each.end,
-                }
-            )
-        print_json(
+    interventions = []
+    for each in watch.interventions:  # stamps on the wall clock, ns, by what it leads the monotonic one
+        last_ns = each.last_command_ns
+        interventions.append(
             {
-                "bus": listening.description,
-                "limit_s": options.limit,
-                "frames": listening.counters.received,
-                "commands": watch.commands,
-                "heartbeats": watch.heartbeats,
-                "longest_gap_ms": watch.longest_gap_ns * 1e-6,
-                "intervened": watch.intervened,
-                "interventions": interventions,
+                "cause": each.cause,
+                "last_command_wall_ns": None if last_ns is None else last_ns + wall_ns,
+                "first_stop_wall_ns": each.first_ns + wall_ns,
+                "reaction_ms": None if last_ns is None else (each.first_ns - last_ns) * 1e-6,
+                "lasted_ms": (each.last_ns - each.first_ns) * 1e-6,
+                "frames": each.frames,
+                "end": each.end,
             }
         )
-    else:
-        print_table(
-            {
-                "frames": f"{listening.counters.received}, {watch.commands} of them commands",
-                "heartbeats": str(watch.heartbeats),
-                "longest gap": f"{watch.longest_gap_ns * 1e-6:.1f} ms while a drive followed",
-                "intervened": str(watch.intervened),
-                **{f"{n}": describe(intervention) for n, intervention in enumerate(watch.interventions, 1)},
-            }
-        )
+    document = {
+        "bus": listening.description,
+        "limit_s": options.limit,
+        "frames": listening.counters.received,
+        "commands": watch.commands,
+        "heartbeats": watch.heartbeats,
+        "longest_gap_ms": watch.longest_gap_ns * 1e-6,
+        "intervened": watch.intervened,
+        "interventions": interventions,
+    }
+    rows = {
+        "frames": f"{listening.counters.received}, {watch.commands} of them commands",
+        "heartbeats": str(watch.heartbeats),
+        "longest gap": f"{watch.longest_gap_ns * 1e-6:.1f} ms while a drive followed",
+        "intervened": str(watch.intervened),
+        **{f"{n}": describe(intervention) for n, intervention in enumerate(watch.interventions, 1)},
+    }
+    print_found(options, document, rows)
     return 0

@@ -9,7 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from segway_ecc.node.cli.options import add_json, print_json
+from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.recording.repair import repair_log
 from segway_ecc.node.recording.salvage import Salvage
@@ -32,9 +32,7 @@ def run(options: argparse.Namespace) -> int:
         sys.stderr.write(f"segway-ecc: {text}\n")
     if source.is_cut:
         sys.stderr.write("segway-ecc: the log ends before its time, as after a power cut\n")
-    if options.json:
-        file = None if source.is_whole else str(out)
-        print_json({"file": file, "messages": count, "damage": source.damage, "cut": source.is_cut})
-    else:
-        sys.stdout.write("the log is whole\n" if source.is_whole else f"{out}: {count} messages\n")
+    file = None if source.is_whole else str(out)
+    document = {"file": file, "messages": count, "damage": source.damage, "cut": source.is_cut}
+    print_found(options, document, "the log is whole\n" if source.is_whole else f"{out}: {count} messages\n")
     return RecordingError.exit_code if source.damage else 0

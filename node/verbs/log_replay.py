@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from segway_ecc.node.cli.options import Curve, add_json, draw_panels, print_json
+from segway_ecc.node.cli.options import Curve, add_json, draw_panels, print_found
 from segway_ecc.node.cycle.interfaces import CycleRecord
 from segway_ecc.node.errors import RecordingError
 from segway_ecc.node.replay.recorded import RecordedRun
@@ -57,24 +57,20 @@ def run(options: argparse.Namespace) -> int:
         warnings.append("the log ends before its time, as after a power cut: replayed up to there")
     for warning in warnings:
         sys.stderr.write(f"segway-ecc: {warning}\n")
-    if options.json:
-        print_json(
-            {
-                "identical": outcome.is_identical,
-                "cycles": outcome.cycles,
-                "duration_s": outcome.duration_s,
-                "difference": None if outcome.difference is None else outcome.difference._asdict(),
-                "others": [other._asdict() for other in outcome.others],
-                "gap": outcome.gap,
-                "behind": outcome.behind,
-                "missing": outcome.missing,
-                "damage": outcome.damage,
-                "cut": outcome.is_cut,
-                "other_model": outcome.is_other_model,
-            }
-        )
-    else:
-        sys.stdout.write("\n".join(_lines(outcome, names)) + "\n")
+    document = {
+        "identical": outcome.is_identical,
+        "cycles": outcome.cycles,
+        "duration_s": outcome.duration_s,
+        "difference": None if outcome.difference is None else outcome.difference._asdict(),
+        "others": [other._asdict() for other in outcome.others],
+        "gap": outcome.gap,
+        "behind": outcome.behind,
+        "missing": outcome.missing,
+        "damage": outcome.damage,
+        "cut": outcome.is_cut,
+        "other_model": outcome.is_other_model,
+    }
+    print_found(options, document, "\n".join(_lines(outcome, names)) + "\n")
     if outcome.difference is not None:
         return _DIFFERS
     return 0 if outcome.is_whole and outcome.cycles else RecordingError.exit_code

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_robot, check_duration, print_json, robot_file, stopped_by_signals
+from segway_ecc.node.cli.options import add_json, add_robot, check_duration, print_found, robot_file, stopped_by_signals
 from segway_ecc.node.config import NoHardwareSection
 from segway_ecc.node.errors import ConfigurationError
 from segway_ecc.node.recording.log_quota import MB
@@ -48,8 +48,5 @@ def run(options: argparse.Namespace) -> int:
             log,
             lambda: bool(reasons) or (end_s is not None and time.monotonic() >= end_s),
         )
-    if options.json:
-        print_json({"frames": log.frames})
-    else:
-        sys.stdout.write(f"{log.frames} frames\n")
+    print_found(options, {"frames": log.frames}, f"{log.frames} frames\n")
     return 0

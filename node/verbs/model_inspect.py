@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from segway_ecc.node.cli.options import add_json, add_model, print_json, print_table
+from segway_ecc.node.cli.options import add_json, add_model, print_found
 from segway_ecc.node.model.model import Variable, Write
 from segway_ecc.node.models.load import load_model, locate
-from segway_ecc.node.native.library import Description, describe
+from segway_ecc.node.native.library import describe
 
 _EFFECT = {
     Write.NOW: "a write takes effect at once",
@@ -30,48 +30,40 @@ def run(options: argparse.Namespace) -> int:
     """Load the model and print what was found."""
     model = load_model(locate(options.model, [Path()]), method=options.method, step_size=options.step)
     description = describe(model)
-    if options.json:
-        print_json(
-            {
-                "name": description.name,
-                "flavour": str(description.flavour),
-                "build": description.build,
-                "method": description.method,
-                "step_size_s": description.step_size,
-                "finish_time_s": description.finish_time,
-                "inputs": [_variable(v, Write.NOW) for v in description.inputs],
-                "outputs": [_variable(v, Write.NEVER) for v in description.outputs],
-                "parameters": [_variable(v, v.write) for v in description.parameters],
-                "states": [_variable(v, v.write) for v in description.states],
-                "warnings": list(description.warnings),
-            }
-        )
-    else:
-        _print(description)
+    document = {
+        "name": description.name,
+        "flavour": str(description.flavour),
+        "build": description.build,
+        "method": description.method,
+        "step_size_s": description.step_size,
+        "finish_time_s": description.finish_time,
+        "inputs": [_variable(v, Write.NOW) for v in description.inputs],
+        "outputs": [_variable(v, Write.NEVER) for v in description.outputs],
+        "parameters": [_variable(v, v.write) for v in description.parameters],
+        "states": [_variable(v, v.write) for v in description.states],
+        "warnings": list(description.warnings),
+    }
+    finish = description.finish_time
+    rows = {
+        "model": description.name,
+        "flavour": str(description.flavour),
+        "build": description.build or "not given",
+        "method": description.method or "not known",
+        "step": f"{description.step_size:g} s",
+        "finish time": "none" if finish is None else f"{finish:g} s, which does not end it here",
+    }
+    print_found(options, document, rows)
+    if not options.json:
+        for title, variables in zip(("inputs", "outputs", "parameters", "states"), description.by_kind, strict=True):
+            _section(title, variables, writes=title in {"parameters", "states"})
+        for warning in description.warnings:
+            sys.stderr.write(f"segway-ecc: warning: {warning}\n")
     return 0
 
 
 def _variable(variable: Variable, write: Write) -> dict[str, Any]:
     found = {"name": variable.name, "unit": variable.unit, "value": variable.value, "write": str(write)}
     return {**found, "why": variable.why} if variable.why else found
-
-
-def _print(description: Description) -> None:
-    finish = description.finish_time
-    print_table(
-        {
-            "model": description.name,
-            "flavour": str(description.flavour),
-            "build": description.build or "not given",
-            "method": description.method or "not known",
-            "step": f"{description.step_size:g} s",
-            "finish time": "none" if finish is None else f"{finish:g} s, which does not end it here",
-        }
-    )
-    for title, variables in zip(("inputs", "outputs", "parameters", "states"), description.by_kind, strict=True):
-        _section(title, variables, writes=title in {"parameters", "states"})
-    for warning in description.warnings:
-        sys.stderr.write(f"segway-ecc: warning: {warning}\n")
 
 
 def _section(title: str, variables: Sequence[Variable], *, writes: bool) -> None:

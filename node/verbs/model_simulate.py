@@ -12,8 +12,7 @@ from segway_ecc.node.cli.options import (
     add_model,
     check_duration,
     draw_panels,
-    print_json,
-    print_table,
+    print_found,
     write_csv,
 )
 from segway_ecc.node.errors import ConfigurationError
@@ -58,12 +57,8 @@ def run(options: argparse.Namespace) -> int:
         draw_panels(options.plot, [sample.time for sample in samples], panels)
     last = samples[-1]
     outputs = {v.name: value for v, value in zip(model.outputs, last.y, strict=True)}
-    if options.json:
-        print_json({"time_s": last.time, "outputs": outputs})
-    else:
-        units = {v.name: v.unit for v in model.outputs}
-        texts = {name: f"{value:.6g} {units[name]}" for name, value in outputs.items()}
-        print_table({"time": f"{last.time:g} s", **texts})
+    texts = {v.name: f"{outputs[v.name]:.6g} {v.unit}" for v in model.outputs}
+    print_found(options, {"time_s": last.time, "outputs": outputs}, {"time": f"{last.time:g} s", **texts})
     return 0
 
 

@@ -17,8 +17,7 @@ from segway_ecc.node.cli.options import (
     add_robot,
     check_duration,
     default_log,
-    print_json,
-    print_table,
+    print_found,
     real_time,
     robot_file,
     stopped_by_signals,
@@ -89,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
             length = options.duration
             loop.run(None if length is None else max(round(length * 1e9 / robot.period_ns), 1))
         _logger.info("stopped: %s", loop.stop_reason)
-    _report(loop, stage, as_json=options.json)
+    _report(options, loop, stage)
     if isinstance(stage, ManoeuvreStage) and stage.is_broken_off:
         if loop.modes.mode in ACTIVE:
             raise SequenceError(str(stage.over))
@@ -142,31 +141,25 @@ def _recorder(options: argparse.Namespace, robot: Robot) -> Recorder:
     return ProcessRecorder(path, layout_of(robot), provenance_of(robot.file, read_text(options.robot)), quota)
 
 
-def _report(loop: Loop, stage: Stage, *, as_json: bool) -> None:
-    counters, timing = loop.counters, loop.timing()
-    if as_json:
-        played = None
-        if isinstance(stage, ManoeuvreStage):
-            player, started_ns = stage.player, stage.started_wall_ns
-            played = {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": started_ns}
-        print_json(
-            {
-                "cycles": counters.cycles,
-                "late": counters.late,
-                "overrun": counters.overrun,
-                "skipped": counters.skipped,
-                "mean_rate_hz": counters.mean_rate_hz,
-                "stop_reason": loop.stop_reason,
-                "timing": {name: dataclasses.asdict(summary) for name, summary in timing.items()},
-                "sequence": played,
-                "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
-            }
-        )
-        return
-    print_table(
-        {
-            "cycles": f"{counters.cycles} at {counters.mean_rate_hz:.4f} Hz",
-            "late": f"{counters.late} started late, {counters.overrun} ended late, {counters.skipped} skipped",
-            "lateness": timing["lateness"].as_text(),
-        }
-    )
+def _report(options: argparse.Namespace, loop: Loop, stage: Stage) -> None:
+    counters, timing, played = loop.counters, loop.timing(), None
+    if isinstance(stage, ManoeuvreStage):
+        player, started_ns = stage.player, stage.started_wall_ns
+        played = {"start_ns": player.start_ns, "end_ns": player.end_ns, "started_wall_ns": started_ns}
+    document = {
+        "cycles": counters.cycles,
+        "late": counters.late,
+        "overrun": counters.overrun,
+        "skipped": counters.skipped,
+        "mean_rate_hz": counters.mean_rate_hz,
+        "stop_reason": loop.stop_reason,
+        "timing": {name: dataclasses.asdict(summary) for name, summary in timing.items()},
+        "sequence": played,
+        "diagnostics": {s.name: dict(s.values) for s in loop.statuses()},
+    }
+    rows = {
+        "cycles": f"{counters.cycles} at {counters.mean_rate_hz:.4f} Hz",
+        "late": f"{counters.late} started late, {counters.overrun} ended late, {counters.skipped} skipped",
+        "lateness": timing["lateness"].as_text(),
+    }
+    print_found(options, document, rows)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from segway_ecc.node.cli.interrupts import ends_at_once
-from segway_ecc.node.cli.options import add_json, add_namespace, print_json, stopped_by_signals, write_csv
+from segway_ecc.node.cli.options import add_json, add_namespace, print_found, stopped_by_signals, write_csv
 from segway_ecc.node.errors import ConfigurationError, SequenceError
 from segway_ecc.node.ros.commander import Commander
 from segway_ecc.node.ros.runtime import connections, ros_node
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
                 "machine is too busy; the robot's own log has all of them"
             )
         write_csv(options.csv, Odometry._fields, player.received)
-    _report(player, [asdict(c) for c in graph], as_json=options.json)
+    _report(options, player, [asdict(c) for c in graph])
     return 0
 
 
@@ -78,13 +78,11 @@ def _show_progress(fraction: float) -> None:
         sys.stderr.flush()
 
 
-def _report(player: Player, graph: list[dict[str, str]], *, as_json: bool) -> None:
+def _report(options: argparse.Namespace, player: Player, graph: list[dict[str, str]]) -> None:
     last = next((odometry for odometry in reversed(player.received) if odometry.stamp_ns == player.end_ns), None)
     if last is None:
         raise SequenceError("the odometry of the last cycle was lost on the way: this machine is too busy; try again")
-    if as_json:
-        stamps = {"start_ns": player.start_ns, "end_ns": player.end_ns}
-        print_json({**stamps, "end": last._asdict(), "graph": graph})
-        return
+    document = {"start_ns": player.start_ns, "end_ns": player.end_ns, "end": last._asdict(), "graph": graph}
     seconds = player.manoeuvre.duration_ns * 1e-9
-    sys.stdout.write(f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n")
+    text = f"after {seconds:g} s at x {last.x:.4f} m, y {last.y:.4f} m, heading {last.heading:.4f} rad\n"
+    print_found(options, document, text)
