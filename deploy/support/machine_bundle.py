@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from segway_ecc.deploy.support.archive_files import LogFile, logs_in, open_log
-from segway_ecc.deploy.support.bundle import Collected, Content, Parts, Stored, json_text
+from segway_ecc.deploy.support.bundle import Collected, Content, Parts, Stored, environment, json_text
 from segway_ecc.deploy.support.commands import NoAnswerError, answer_of
-from segway_ecc.deploy.support.secrets import environment
 
 _LIMITS: Final = {
     "real-time priority": resource.RLIMIT_RTPRIO,

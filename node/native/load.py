@@ -5,9 +5,9 @@ import dataclasses
 from pathlib import Path
 
 from segway_ecc.node.errors import ModelError
+from segway_ecc.node.native.compile import repeatability_warnings
 from segway_ecc.node.native.fmu.load import load_fmu
 from segway_ecc.node.native.library import NativeModel
-from segway_ecc.node.native.symbols import repeatability_warnings
 from segway_ecc.node.native.twenty_sim.build import build
 from segway_ecc.node.native.twenty_sim.files import read_folder
 from segway_ecc.node.native.twenty_sim.model import describe_model

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What a log still holds: every record in it that is whole, also behind damage, and what is not whole.
+"""What a log still holds, every record in it that is whole, also behind damage; and a whole log of that.
 
 A flipped byte costs the chunk that it is in. A chunk and an attachment have a checksum of their own; whatever else
-stands in a finished file is under the checksum of the data section or of the summary (https://mcap.dev/spec).
+stands in a finished file is under the checksum of the data section or of the summary (https://mcap.dev/spec). A log
+that is repaired has summary and index again, for every tool that reads MCAP.
 """
 
 import contextlib
@@ -22,7 +23,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from mcap.writer import MCAP0_MAGIC
 
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.mcap_log import CHANNEL, MISSING, REPAIR
+from segway_ecc.node.recording.cycle_log import COPIES
+from segway_ecc.node.recording.mcap_log import CHANNEL, MISSING, REPAIR, McapLog
 
 # What the library raises at bytes that are not what they should be; LZ4 raises RuntimeError.
 _DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, KeyError, IndexError, AttributeError)
@@ -169,6 +171,31 @@ class Salvage:
         text = f"{self.path.name}: {text}"
         if text not in self.damage:
             self.damage.append(text)
+
+
+def repair_log(source: Salvage, out: Path) -> int:
+    """Write all that is whole in a log to another file, with what is not as metadata; returns how many messages.
+
+    Raises:
+        RecordingError: Nothing is left of it, or `out` is there already or cannot be written.
+    """
+    if not source.topics:
+        raise RecordingError(f"{source.path} cannot be repaired: there is no message in it")
+    if out.exists():
+        raise RecordingError(f"{out} is there already; choose another with --out")
+    count = 0
+    with McapLog(out) as log:
+        for name, values in source.metadata.items():
+            log.metadata(name, values)
+        for name, data in source.attachments.items():
+            log.attach(name, "text/plain", data, COPIES)
+        for topic, message in source.messages():
+            type_name, definition = source.topics[topic]
+            log.add(topic, type_name, message.log_time, message.data, definition)
+            count += 1
+        lacks = {f"damage {number}": text for number, text in enumerate(source.damage)}
+        log.metadata(REPAIR, {"is_cut": str(source.is_cut).lower(), **lacks})
+    return count
 
 
 def _whole_records(data: bytes | mmap.mmap) -> Iterator[tuple[int, int, McapRecord]]:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.errors import RecordingError
-from segway_ecc.node.recording.repair import repair_log
-from segway_ecc.node.recording.salvage import Salvage
+from segway_ecc.node.recording.salvage import Salvage, repair_log
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

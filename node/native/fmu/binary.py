@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from segway_ecc.node.errors import ModelError
-from segway_ecc.node.native.compile import cached, compile_c, compiler_identity, digest
+from segway_ecc.node.native.compile import ELF64, cached, compile_c, compiler_identity, digest
 from segway_ecc.node.native.fmu.facts import read_xml
-from segway_ecc.node.native.symbols import ELF64
 
 _SHIM_SOURCES: Final = ("shim.c", "calls.h")
 _SHARED: Final = ("-std=gnu11", "-O2", "-fPIC", "-shared", "-Wl,--no-undefined", "-Wl,-Bsymbolic")

@@ -17,13 +17,12 @@ from typing import Final
 
 from segway_ecc.node.errors import ModelError
 from segway_ecc.node.model.model import Variable, Write
-from segway_ecc.node.native.compile import cached, digest
+from segway_ecc.node.native.compile import cached, digest, exported, repeatability_warnings
 from segway_ecc.node.native.fmu.binary import find_library, private_copy, shim
 from segway_ecc.node.native.fmu.description import FmuLayout, describe
 from segway_ecc.node.native.fmu.facts import Facts, read_facts
 from segway_ecc.node.native.fmu.twenty_sim import SECTIONS, TwentySim, read_twenty_sim
 from segway_ecc.node.native.library import Kind, NativeModel
-from segway_ecc.node.native.symbols import exported, repeatability_warnings
 
 LARGEST_BYTES: Final = 2 * 1024**3
 """An FMU that unpacks to more than this is taken for a mistake."""

@@ -8,7 +8,7 @@ import json
 import pytest
 
 from segway_ecc.deploy.station.web.access import new_access
-from segway_ecc.deploy.support.secrets import HIDDEN, environment, hidden
+from segway_ecc.deploy.support.bundle import HIDDEN, environment, hidden
 
 SECRET = "s3cr3t-value"  # noqa: S105 - nobody's
 TOKEN = "Zx9-Kq2_Lm7Wp4Rt8Vb3Nc6Yd1H"  # noqa: S105 - nobody's
