@@ -45,12 +45,9 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was looked at and found.
+    """What was looked at, what is there, and whether that fits.
 
     Attributes:
-        name: What was looked at.
-        verdict: Whether it fits.
-        found: What is there.
         effect: What that does to the robot; empty only where it is good.
         remedy: The command or the file that changes it; empty only where it is good.
     """

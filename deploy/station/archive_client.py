@@ -115,13 +115,7 @@ class ParameterReader(Protocol):
 
 
 class Progress(NamedTuple):
-    """How far a fetch is.
-
-    Attributes:
-        state: `waiting`, `fetching`, `done` or `failed`.
-        fetched: Bytes that are here.
-        size: Bytes that there are.
-    """
+    """How far a fetch is: `fetched` of `size` bytes; its `state` is `waiting`, `fetching`, `done` or `failed`."""
 
     state: str
     fetched: int = 0

@@ -41,11 +41,7 @@ class SubmittedCommand:
 
 
 class RobotTasks:
-    """What is in progress with one robot.
-
-    Attributes:
-        playback: The sequence that is played, or was last.
-    """
+    """What is in progress with one robot; `playback` is the sequence that is played, or was last."""
 
     def __init__(self, connection: RobotConnection, log: Callable[[str, str], None]) -> None:
         """Begin with nothing; `log` takes text and level of events."""

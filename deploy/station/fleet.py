@@ -97,11 +97,7 @@ class Heartbeats:
 
 
 class Robot:
-    """One robot by its messages.
-
-    Attributes:
-        received_ns: When its newest `mode` arrived, monotonic.
-    """
+    """One robot by its messages; its newest `mode` arrived at `received_ns`, monotonic."""
 
     def __init__(self, robot: str, mode: ModeReport, received_ns: int) -> None:
         self.robot = robot

@@ -188,11 +188,7 @@ class RosRobotConnection:
 
 
 class RosBridge:
-    """Belongs to the ROS thread.
-
-    Attributes:
-        connections: The connection to each robot, by namespace.
-    """
+    """Belongs to the ROS thread; has the connection to each robot, by namespace."""
 
     def __init__(self, handler: CommandHandler, beats: Heartbeats | None, events: EventLog) -> None:
         """Pass what is received to `handler`; send `beats`, or none where it only watches."""

@@ -30,12 +30,7 @@ class _State(enum.StrEnum):
 
 
 def read_sequence(text: str, name: str, limits: Setpoint) -> Manoeuvre:
-    """Decode a sequence file.
-
-    Args:
-        text: The YAML.
-        name: What to call it in messages.
-        limits: The largest set-points that it may hold.
+    """Decode a sequence file, YAML that holds set-points up to `limits`; messages call it `name`.
 
     Raises:
         ConfigurationError: It is not a sequence that may be played.

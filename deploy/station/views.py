@@ -149,12 +149,7 @@ class FleetStatus(Protocol):
 
 
 class ReplyView(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="reply"):
-    """What came of a command.
-
-    Attributes:
-        is_accepted: Whether the robot confirmed it.
-        text: Its answer, or why it failed.
-    """
+    """What came of a command: whether the robot confirmed it, and its answer or why it failed."""
 
     id: int
     is_accepted: bool

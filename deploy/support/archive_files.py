@@ -108,7 +108,6 @@ class FileRequest(NamedTuple):
 
     Attributes:
         kind: `log`, `sha256` or `bundle`.
-        name: Of the file.
         number: Where the piece begins, or how much is hashed, bytes.
     """
 

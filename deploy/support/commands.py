@@ -15,11 +15,7 @@ class NoAnswerError(Exception):
 
 
 def answer_of(words: Sequence[str], patience_s: float = _PATIENCE_S) -> str:
-    """What a program prints.
-
-    Args:
-        words: The program and its arguments.
-        patience_s: How long it may take, s.
+    """What a program prints, which `words` name with its arguments; it may take `patience_s`, s.
 
     Raises:
         NoAnswerError: It is not here, fails, or takes too long.

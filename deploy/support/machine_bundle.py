@@ -137,13 +137,7 @@ def journal() -> Collected:
 
 
 def newest_logs(folder: Path, count: int, most_bytes: int) -> Collected:
-    """The newest logs of a folder, as many as fit.
-
-    Args:
-        folder: Where they lie.
-        count: At most so many.
-        most_bytes: At most so much, together; what does not fit is named.
-    """
+    """The newest logs of a folder, at most `count` and together `most_bytes`; what does not fit is named."""
     files: dict[str, Content] = {}
     missing, left = [], most_bytes
     logs = logs_in(folder)

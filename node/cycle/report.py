@@ -36,11 +36,7 @@ class Observed(Protocol):
 
 
 class DiagnosticReport:
-    """Gathers one histogram per call of `work`, then one status.
-
-    Attributes:
-        statuses: The newest complete set.
-    """
+    """Gathers one histogram per call of `work`, then one status; `statuses` is the newest complete set."""
 
     def __init__(self, cycle: Observed, counters: LoopCounters, period_ns: int, robot_name: str) -> None:
         self.statuses: Sequence[DiagnosticStatus] = ()

@@ -33,12 +33,7 @@ _MOST_BLOCKED: Final = 5
 
 
 class NotifySocket:
-    """The way to the service manager; silent where there is none.
-
-    Attributes:
-        dropped: Datagrams that did not get through.
-        is_named: Whether there is a service manager.
-    """
+    """The way to the service manager; silent where none `is_named`. Counts the datagrams that were `dropped`."""
 
     def __init__(self, address: str) -> None:
         """Send to `address`, a path or, beginning with @, a name in the kernel's abstract namespace (unix(7))."""

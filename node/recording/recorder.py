@@ -35,11 +35,7 @@ _logger = logging.getLogger(__name__)
 
 
 class ProcessRecorder:
-    """See `segway_ecc.node.cycle.interfaces.Recorder`.
-
-    Attributes:
-        dropped: Messages that were not kept, because the writer did not keep up or is gone.
-    """
+    """See `cycle.interfaces.Recorder`; counts messages `dropped`, because the writer did not keep up or is gone."""
 
     __slots__ = ("_buffer", "_path", "_process", "_ring", "dropped")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a log still holds, every record in it that is whole, also behind damage; and a whole log of that.
+"""What a log still holds: every record that is whole, also behind damage, and what is not whole; and its repair.
 
 A flipped byte costs the chunk that it is in. A chunk and an attachment have a checksum of their own; whatever else
 stands in a finished file is under the checksum of the data section or of the summary (https://mcap.dev/spec). A log
@@ -46,11 +46,8 @@ class Salvage:
     """What one file holds; also one that a power cut has cut off, that is being written, or that is damaged anywhere.
 
     Attributes:
-        path: Of the file.
         damage: What is damaged in it, a text for each place.
         is_cut: Whether it has no proper end, as after a power cut or while it is written.
-        attachments: By name.
-        metadata: By name.
         topics: Those known so far, by name.
         counts: How many messages each topic had, where the summary is whole; else empty.
     """

@@ -17,12 +17,9 @@ _WAIT_S: Final = 0.1
 
 
 class CandumpLog:
-    """Writes frames in the format of `candump -L`, in two files at most that take turns.
+    """Writes frames, and counts them, in the format of `candump -L`, in two files at most that take turns.
 
     When the file is half as long as all may be, it becomes the older one (`FILE.1`), and the older one before it goes.
-
-    Attributes:
-        frames: How many were written.
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:

@@ -41,12 +41,10 @@ class ReleaseSpec:
     """What is pushed.
 
     Attributes:
-        name: Of the release.
         version: What its `--version` has to print.
         by: Who pushes it.
         requirement: What pip is to install: a wheel of the release, perhaps with extras.
         system_site: Whether it sees the system's Python packages, as for the system's ROS.
-        files: All files by their paths.
     """
 
     name: str

@@ -46,11 +46,7 @@ _TYPES: Final = {
 
 
 class WebApplication:
-    """Answers requests.
-
-    Attributes:
-        on_request: Called with the connection of each request.
-    """
+    """Answers requests; `on_request` is called with the connection of each."""
 
     def __init__(
         self,

@@ -51,11 +51,7 @@ class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class AuditLog:
-    """Takes entries from any thread, and writes them in the order in which they came.
-
-    Attributes:
-        lost: Entries that could not be kept.
-    """
+    """Takes entries from any thread and writes them in the order they came; `lost` is how many could not be kept."""
 
     def __init__(
         self,

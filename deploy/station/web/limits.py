@@ -12,12 +12,7 @@ _IPV6_SITE_BITS: Final = 64
 
 
 class Rate(NamedTuple):
-    """A rate that may be exceeded for a moment.
-
-    Attributes:
-        per_s: In the long run, 1/s.
-        burst: At once.
-    """
+    """A rate: `per_s` in the long run, 1/s, which may be exceeded for a moment by `burst` at once."""
 
     per_s: float
     burst: int

@@ -28,7 +28,6 @@ class SiteAddress(NamedTuple):
 
     Attributes:
         scheme: `http` or `https`.
-        port: Ours.
         names: What we are called besides addresses.
         is_loopback: Whether we are there for this machine only.
     """

@@ -154,11 +154,7 @@ class Facts:
 
 
 def read_facts(folder: Path, path: Path) -> Facts:
-    """Read the description of an unpacked FMU.
-
-    Args:
-        folder: Where it is unpacked.
-        path: The FMU itself, for messages.
+    """Read the description of an FMU that is unpacked in `folder`; messages call it `path`.
 
     Raises:
         ModelError: The description is missing or wrong, or of a kind of FMU that cannot run here; the text names it.

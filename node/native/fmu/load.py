@@ -35,9 +35,6 @@ _FOREVER: Final = 1e300
 def unpack(path: Path) -> Path:
     """Return the folder that holds an FMU's content, the same for the same bytes; unpacks it where it is new.
 
-    Args:
-        path: The `.fmu` file.
-
     Raises:
         ModelError: It cannot be read, is no zip file, is damaged, or has an entry that leaves the folder.
     """
@@ -144,14 +141,10 @@ def _release(library: ctypes.CDLL, place: Path, _plan: _FmuPlan, process: int) -
 
 
 def load_fmu(path: Path, step_size: float | None = None) -> FmuModel:
-    """Load an FMU.
+    """Load an FMU with a step of `step_size`, s, or None for the one that the FMU asks for.
 
     It is unpacked into the cache once; the file itself is only read. Loading what is unpacked takes milliseconds, and
     compiling, where the FMU has no library for this machine, seconds.
-
-    Args:
-        path: The `.fmu` file.
-        step_size: Length of one step, s; None for the one that the FMU asks for.
 
     Raises:
         ModelError: It cannot run here; the text gives the reason and what to do.
