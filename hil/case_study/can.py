@@ -15,8 +15,7 @@ import msgspec
 
 from segway_ecc.firmware_io.links.can_interfaces import socketcan_interfaces
 from segway_ecc.firmware_io.links.link import Link
-from segway_ecc.hil.case_study.repeats import TRIES, Repeats
-from segway_ecc.hil.case_study.seats import SeatRun, trajectory
+from segway_ecc.hil.case_study.seats import TRIES, Repeats, SeatRun, trajectory
 from segway_ecc.hil.case_study.study import LoopTiming, RealTimeRun, Seat, Trajectory
 from segway_ecc.hil.case_study.witness import witness
 from segway_ecc.hil.errors import RigError, RunFailedError

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The seats of the case study, offline and behind ROS, and its conduct; see `segway_ecc.hil.case_study.can` for CAN's.
 
-A seat is an environment that runs the model and returns where the cart went.
+A seat is an environment that runs the model and returns where the cart went. Runs in real time that fail are repeated,
+and which they were and why is kept.
 """
 
 import csv
@@ -13,24 +14,17 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
 import segway_ecc.node.models
 from segway_ecc.firmware_io.clock import NS_PER_S
-from segway_ecc.hil.case_study.repeats import TRIES, Repeats
-from segway_ecc.hil.case_study.study import (
-    Cell,
-    Edge,
-    Seat,
-    Study,
-    Trajectory,
-    difference,
-    thesis_cells,
-)
-from segway_ecc.hil.errors import RigError
+from segway_ecc.firmware_io.errors import SegwayEccError
+from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Study, Trajectory, difference, thesis_cells
+from segway_ecc.hil.errors import RigError, RunFailedError
 from segway_ecc.hil.processes import command, own_ros_domain
+from segway_ecc.node.errors import NodeError
 from segway_ecc.node.models.load import load_model
 from segway_ecc.node.recording.mcap_log import McapLog
 from segway_ecc.node.ros.runtime import require_ros
@@ -41,6 +35,11 @@ OnProgress = Callable[[Seat, int, int], None]
 
 DURATION_S: Final = 10.0
 TURN: Final = "turn"
+TRIES: Final = 3
+"""Of a run in real time; what runs on a simulated clock, or on none, is never repeated."""
+
+_REMEDY: Final = "end other programs on this machine and try again, or choose other seats with --seat"
+_T = TypeVar("_T")
 _TURN_MANOEUVRE: Final = Manoeuvre(
     segments=(
         Segment(linear=1.0, angular=0.5, duration=DURATION_S),
@@ -209,6 +208,46 @@ class RosSeat:
                 f"points, the last one {ended:.3g} m off"
             )
         return SeatRun(found, graph)
+
+
+class Repeats:
+    """Repeats what fails.
+
+    Attributes:
+        causes: A line for each run that was repeated, with the reason.
+    """
+
+    def __init__(self, on_repeat: Callable[[str], object] = lambda _cause: None) -> None:
+        """Call `on_repeat` with each line of `causes`."""
+        self.causes: list[str] = []
+        self._on_repeat = on_repeat
+
+    def run(self, what: str, tries: int, once: Callable[[str], _T], is_over: Callable[[], bool] = lambda: False) -> _T:
+        """Run `once` until it succeeds.
+
+        Args:
+            what: Names it in messages.
+            tries: How many times it may fail.
+            once: Called with a suffix for the names of this try's files, empty in the first one.
+            is_over: Whether nothing is to be repeated any more.
+
+        Raises:
+            NodeError, RigError: It failed, and may not be repeated.
+            RunFailedError: It failed in each of several tries.
+        """
+        failures: list[SegwayEccError] = []
+        while True:
+            try:
+                return once(f"_try_{len(failures) + 1}" if failures else "")
+            except (NodeError, RigError) as error:
+                failures.append(error)
+                if tries == 1 or is_over():
+                    raise
+                if len(failures) == tries:
+                    text = f"{what} failed in each of {tries} tries, the last time: {error}; {_REMEDY}"
+                    raise RunFailedError(text, failures) from error
+                self.causes.append(f"{what}, try {len(failures)} of {tries}: {error}")
+                self._on_repeat(self.causes[-1])
 
 
 def conduct(

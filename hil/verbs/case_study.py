@@ -14,8 +14,15 @@ from typing import Final
 from segway_ecc.firmware_io.build import can_link
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.case_study.can import IN_REAL_TIME, ROBOT, LockstepCanSeat, RealTimeCanSeat, run_in_real_time
-from segway_ecc.hil.case_study.repeats import Repeats
-from segway_ecc.hil.case_study.seats import SUBMODEL_CART, OfflineSeat, RosSeat, SeatRunner, conduct, has_compiler
+from segway_ecc.hil.case_study.seats import (
+    SUBMODEL_CART,
+    OfflineSeat,
+    Repeats,
+    RosSeat,
+    SeatRunner,
+    conduct,
+    has_compiler,
+)
 from segway_ecc.hil.case_study.study import Seat, Study, table
 from segway_ecc.hil.errors import RunFailedError
 from segway_ecc.hil.progress import show_all_progress

@@ -14,13 +14,7 @@ from segway_ecc.firmware_io.build import can_link, serial_of
 from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.hil.drill.plant_control import DisturbedLink, LineReader, PlantControl, trace_writer
 from segway_ecc.hil.pseudo_terminal import PtyPort
-from segway_ecc.hil.rig.simulation import (
-    Observer,
-    RealTimePlant,
-    Trace,
-    hardware_of,
-    simulated_robot,
-)
+from segway_ecc.hil.rig.simulation import Observer, RealTimePlant, Trace, hardware_of, simulated_robot
 from segway_ecc.node.cli.interrupts import ends_at_once
 from segway_ecc.node.cli.options import add_json, add_robot, print_found, real_time, robot_file, stopped_by_signals
 from segway_ecc.node.config import RobotFile

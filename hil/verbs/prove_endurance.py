@@ -6,8 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final
 
-from segway_ecc.hil.endurance.endurance import Stretch
-from segway_ecc.hil.endurance.runs import EndurancePlan, endure
+from segway_ecc.hil.endurance.endurance import EndurancePlan, Stretch, endure
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.proofs import add_count, add_packaged_robot, check_counts
 from segway_ecc.node.cli.options import add_json, print_found

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.case_study.can import RealTimeCanSeat
-from segway_ecc.hil.case_study.repeats import Repeats
-from segway_ecc.hil.case_study.seats import OfflineSeat, RosSeat, SeatRunner, conduct
+from segway_ecc.hil.case_study.seats import OfflineSeat, Repeats, RosSeat, SeatRunner, conduct
 from segway_ecc.hil.case_study.study import Seat, Study, worst_difference
 
 pytestmark = pytest.mark.proof

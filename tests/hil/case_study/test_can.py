@@ -8,8 +8,7 @@ import pytest
 
 from segway_ecc.hil.case_study import can as can_seat
 from segway_ecc.hil.case_study.can import LockstepCanSeat, RealTimeCanSeat, RealTimeRunError, run_in_real_time
-from segway_ecc.hil.case_study.repeats import Repeats
-from segway_ecc.hil.case_study.seats import OfflineSeat, SeatRun
+from segway_ecc.hil.case_study.seats import OfflineSeat, Repeats, SeatRun
 from segway_ecc.hil.case_study.study import LoopTiming, Seat, Trajectory
 from segway_ecc.hil.errors import RigError
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, Odometry, Segment, single_segment

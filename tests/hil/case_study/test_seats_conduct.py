@@ -7,8 +7,7 @@ from typing import Self
 
 import pytest
 
-from segway_ecc.hil.case_study.repeats import Repeats
-from segway_ecc.hil.case_study.seats import DURATION_S, TURN, SeatRun, cell_name, conduct
+from segway_ecc.hil.case_study.seats import DURATION_S, TURN, Repeats, SeatRun, cell_name, conduct
 from segway_ecc.hil.case_study.study import Edge, Seat, Trajectory, thesis_cells
 from segway_ecc.hil.errors import RunFailedError
 from segway_ecc.node.errors import NodeError

@@ -8,10 +8,8 @@ import pytest
 
 from segway_ecc.firmware_io.links.link import Link
 from segway_ecc.hil.endurance import endurance
-from segway_ecc.hil.endurance import runs as endurance_runs
 from segway_ecc.hil.endurance.driving import FIRST_S, MOST_AHEAD, MOST_BACK, MOST_TURNING, Driver, Piece, programme
-from segway_ecc.hil.endurance.endurance import Stretch, Trip, drive
-from segway_ecc.hil.endurance.runs import EndurancePlan, drive_seed, endure
+from segway_ecc.hil.endurance.endurance import EndurancePlan, Stretch, Trip, drive, drive_seed, endure
 from segway_ecc.hil.faults.fault import Fault
 from segway_ecc.hil.rig.simulation import LockstepRig
 from segway_ecc.node.config import load_robot
@@ -115,7 +113,7 @@ def test_one_that_trips_again_and_again_is_given_up(monkeypatch: pytest.MonkeyPa
     def trip(_file: object, seed: int, *_: object, **__: object) -> Stretch:
         return Stretch(seed, 2.0, 400, Trip(2.0, "FAULT", "it always does"), 0.5, 0.0, 0.0, 0, 0, 0)
 
-    monkeypatch.setattr(endurance_runs, "drive", trip)
+    monkeypatch.setattr(endurance, "drive", trip)
     stretches = drive_seed(EndurancePlan(SEGWAY, 1000.0, 0.0, 1), 1, lambda _: None)
     assert [stretch.seed for stretch in stretches] == list(range(1, 21))
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from segway_ecc.hil.endurance.endurance import Stretch, Trip
-from segway_ecc.hil.endurance.runs import EndurancePlan
+from segway_ecc.hil.endurance.endurance import EndurancePlan, Stretch, Trip
 from segway_ecc.hil.verbs import prove_endurance
 
 Run = Callable[..., Any]

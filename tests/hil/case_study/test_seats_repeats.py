@@ -2,7 +2,7 @@
 import pytest
 
 from segway_ecc.firmware_io.errors import HardwareError
-from segway_ecc.hil.case_study.repeats import Repeats
+from segway_ecc.hil.case_study.seats import Repeats
 from segway_ecc.hil.errors import RigError, RunFailedError
 from segway_ecc.node.errors import NodeError, SequenceError
 
