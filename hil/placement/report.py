@@ -12,6 +12,7 @@ from segway_ecc.hil.figure import image
 from segway_ecc.hil.page import figure, page, pairs, section, table, table_row
 from segway_ecc.hil.placement.judging import UPRIGHT
 from segway_ecc.hil.placement.results import (
+    BOUNDS,
     POSITION_M,
     STOP_S,
     Drive,
@@ -20,8 +21,8 @@ from segway_ecc.hil.placement.results import (
     network_names,
     overall,
     placements,
+    tables,
 )
-from segway_ecc.hil.placement.table import BOUNDS, tables
 
 _TITLE: Final = "Where to place the parts of control"
 _INTRODUCTION: Final = (

@@ -8,8 +8,7 @@ import time
 import msgspec
 
 from segway_ecc.hil.placement.grid import ROBOT, TORQUE_ROBOT, conduct, quick, whole
-from segway_ecc.hil.placement.results import network_names, overall, recommended
-from segway_ecc.hil.placement.table import text
+from segway_ecc.hil.placement.results import network_names, overall, recommended, text
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.design_gains import designed
 from segway_ecc.hil.verbs.proofs import add_count, add_study, check_counts, make_folder, write_report

@@ -3,9 +3,20 @@
 
 import msgspec
 
-from segway_ecc.hil.placement.grid import CUT_NETWORK, NETWORKS, PARTITIONS_S, cells, conduct, quick, tasks, whole
+from segway_ecc.hil.placement.grid import (
+    CUT_NETWORK,
+    NETWORKS,
+    PARTITIONS_S,
+    LimitSearch,
+    Size,
+    cells,
+    conduct,
+    find,
+    quick,
+    tasks,
+    whole,
+)
 from segway_ecc.hil.placement.results import PLACEMENTS
-from segway_ecc.hil.placement.search import LimitSearch, Size, find
 
 MARGINS_S = {"segway": 0.0319, "segway-odrive": 0.0319}
 

@@ -3,8 +3,7 @@
 
 from segway_ecc.hil.placement.judging import RunOutcome
 from segway_ecc.hil.placement.report import render
-from segway_ecc.hil.placement.results import Bound
-from segway_ecc.hil.placement.table import tables, text
+from segway_ecc.hil.placement.results import Bound, tables, text
 from tests.hil.placement.scripted import R, S, cut, drive, found, stop
 
 DELAY = Bound(

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 
-from segway_ecc.hil.placement.programs import (
+from segway_ecc.hil.placement.bench import (
     Message,
     NodeReport,
     Program,
