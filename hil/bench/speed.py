@@ -21,7 +21,7 @@ from segway_ecc.firmware_io.clock import RealClock
 from segway_ecc.firmware_io.links.can_ports import make_can_link, make_python_can_link
 from segway_ecc.firmware_io.links.link import Frame, Link
 from segway_ecc.hil.bench.rig import own_cache, virtual_interface
-from segway_ecc.hil.campaign.campaign import run_campaign, runs_of
+from segway_ecc.hil.campaign.run import run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.case_study.can import LockstepCanSeat
 from segway_ecc.hil.case_study.seats import SUBMODEL_CART

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""One run of a scenario in lock step: node, bus, drives and plant in this process, on a simulated clock."""
+"""One run of a scenario in lock step: node, bus, drives and plant in this process, on a simulated clock.
+
+And a campaign: every scenario with each of its seeds and sets of parameters, side by side on the cores; and as a web
+page.
+"""
 
 import functools
 import math
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Final
 
@@ -13,14 +19,16 @@ from segway_ecc.firmware_io.build import make_link, serial_of, takes_serial, wit
 from segway_ecc.firmware_io.drives.wheel_board.frames import FrameId
 from segway_ecc.firmware_io.errors import HardwareError
 from segway_ecc.firmware_io.imus.xsens_mti.frames import Message
-from segway_ecc.hil.campaign.result import ScenarioResult, judged
-from segway_ecc.hil.campaign.scenario import MODEL, PLANT, ScenarioRun
+from segway_ecc.hil.campaign.result import HEAD, ScenarioResult, cells, judged, verdict
+from segway_ecc.hil.campaign.scenario import MODEL, PLANT, Scenario, ScenarioRun
 from segway_ecc.hil.campaign.watch import DriveWatch, NodeWatch, Place, apart
 from segway_ecc.hil.faults.computer import DisturbedClock, FailingRecorder, ProcessKilledError
 from segway_ecc.hil.faults.fault import Fault, Injection, Injections, active
 from segway_ecc.hil.faults.links import DisturbedBus, DisturbedDevicesLink, DisturbedLine
 from segway_ecc.hil.faults.plant import DisturbedPlant
-from segway_ecc.hil.parallel import quiet
+from segway_ecc.hil.page import page, pairs, section, table
+from segway_ecc.hil.parallel import quiet, results_of
+from segway_ecc.hil.progress import OnProgress
 from segway_ecc.hil.rig.simulated_serial import SimulatedSerial
 from segway_ecc.hil.rig.simulation import LockstepRig, hardware_of, simulated_robot
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot
@@ -30,10 +38,20 @@ from segway_ecc.node.errors import ConfigurationError, NodeError
 from segway_ecc.node.recording.cycle_log import CycleLog
 from segway_ecc.node.recording.layout import layout_of
 from segway_ecc.node.recording.robot_provenance import provenance_of
+from segway_ecc.node.replay.replay import replay
 from segway_ecc.node.robot import build_robot
 from segway_ecc.node.safety.modes import Mode
 from segway_ecc.node.sequence.manoeuvre import Manoeuvre, schedule
 
+REPLAY: Final = "replay: "
+"""How the reason begins where a replay was not identical."""
+_CHUNK: Final = 4
+_TITLE: Final = "Campaign: declared faults, in lock step"
+_INTRODUCTION: Final = (
+    "Each row is one run of node, bus, drives and plant on a simulated clock. Times count from the fault: to the "
+    "change of mode or line, and to the last torque or voltage that a drive gave. The distance is from where the "
+    "robot without the fault is at the same time. The command in a row runs it again, bit-identical."
+)
 _ARMED_WITHIN_S: Final = 5.0
 _OUTCOMES: Final = {Mode.ARMED: "drives_on", Mode.HOLD: "holds", Mode.FAULT: "faults", Mode.DISARMED: "disarmed"}
 _IMU_MESSAGES: Final = (Message.GROUP_COUNTER, Message.SAMPLE_TIME, Message.RATE_OF_TURN, Message.ACCELERATION)
@@ -105,6 +123,82 @@ def _undisturbed(settings: _Settings) -> list[Place]:
     bench = _ScenarioBench(settings)
     bench.run()
     return bench.drive.way
+
+
+def runs_of(scenarios: Sequence[tuple[str, Scenario]], seeds: int | None = None) -> list[ScenarioRun]:
+    """Every run of some scenarios.
+
+    Args:
+        scenarios: Each with its source.
+        seeds: How many seeds to run of each, from 0 on; None for the scenarios' own.
+    """
+    return [
+        ScenarioRun(source, scenario, robot, seed, parameters)
+        for source, scenario in scenarios
+        for robot in scenario.robots
+        for parameters in scenario.parameters
+        for seed in (scenario.seeds if seeds is None else range(seeds))
+    ]
+
+
+def run_campaign(
+    runs: Sequence[ScenarioRun], jobs: int, on_progress: OnProgress, *, replayed: bool = False
+) -> list[ScenarioResult]:
+    """Run scenarios; the results are in their order, and bit-identical whatever `jobs` is.
+
+    Args:
+        runs: What to run.
+        jobs: How many processes run at a time; 1 for this one alone.
+        on_progress: Called after each run.
+        replayed: Whether each run is also recorded and replayed, and has to be identical.
+
+    Raises:
+        ConfigurationError: A robot or a parameter does not fit.
+        ModelError: A parameter is unknown.
+    """
+    results = []
+    with results_of(run_and_replay if replayed else run_scenario, runs, jobs, _CHUNK) as finished:
+        for result in finished:
+            results.append(result)
+            on_progress(len(results), len(runs))
+    return results
+
+
+def run_and_replay(run: ScenarioRun) -> ScenarioResult:
+    """Run a scenario, record it, and replay the log; a replay that is not identical is not as expected."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.mcap"
+        result = run_scenario(run, log)
+        outcome = replay(log)
+    if outcome.is_identical and outcome.is_whole:
+        return result
+    why = f"{REPLAY}{outcome.difference or outcome.gap or 'the log holds no cycle, or is not whole'}"
+    return msgspec.structs.replace(result, why_not=(*result.why_not, why))
+
+
+def render(results: Sequence[ScenarioResult], facts: Mapping[str, str]) -> str:
+    """The results and named facts of a campaign as a complete HTML page, what is not as expected first."""
+    bad = [result for result in results if not result.is_as_expected]
+    good = [result for result in results if result.is_as_expected]
+    sections = (
+        section("Verdict", f"<p>{escape(verdict(results))}.</p>\n"),
+        section("Not as expected", _table(bad)) if bad else "",
+        section("As expected", _table(good)) if good else "",
+        section("Facts of this campaign", pairs(facts)),
+    )
+    return page(_TITLE, _INTRODUCTION, sections)
+
+
+def _table(results: Sequence[ScenarioResult]) -> str:
+    rows = []
+    for result in results:
+        name, *others = cells(result)
+        data = "".join(f"<td>{escape(text)}</td>" for text in others)
+        reasons = "".join(f"<span>{escape(part)}</span><br>" for part in (*result.why_not, result.reason) if part)
+        last = f"<td>{reasons}<code>{escape(result.command)}</code></td>"
+        kind = "" if result.is_as_expected else ' class="bad"'
+        rows.append(f'<tr{kind}><th scope="row">{escape(name)}</th>{data}{last}</tr>\n')
+    return table("Runs", (*HEAD, "reason, and how to run it again"), rows)
 
 
 class Commander(NoStage):

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import REPLAY, render, run_campaign, runs_of
 from segway_ecc.hil.campaign.result import table
+from segway_ecc.hil.campaign.run import REPLAY, render, run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import load_all
 from segway_ecc.hil.progress import show_progress
 from segway_ecc.hil.verbs.proofs import add_count, check_counts, make_folder, writing_to

@@ -12,9 +12,8 @@ from typing import Final
 
 from segway_ecc.firmware_io.build import serial_of
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome, why_not_down
 from segway_ecc.hil.drill.parts import DrillSetup
-from segway_ecc.hil.drill.trial import DrillResult
+from segway_ecc.hil.drill.trial import FAULTS, DrillFault, DrillOutcome, DrillResult, why_not_down
 from segway_ecc.hil.text_table import aligned
 from segway_ecc.node.cli.options import add_json, print_found
 from segway_ecc.node.config import NoHardwareSection, RobotFile, load_robot, packaged_robots

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.faults import FAULTS, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.plant_control import Torque
-from segway_ecc.hil.drill.trial import DrillResult, worst
+from segway_ecc.hil.drill.trial import FAULTS, DrillOutcome, DrillResult, worst
 
 pytestmark = pytest.mark.real_time
 

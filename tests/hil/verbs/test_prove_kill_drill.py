@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 
 from segway_ecc.hil.drill import trial
-from segway_ecc.hil.drill.faults import FAULTS, DrillFault, DrillOutcome
 from segway_ecc.hil.drill.parts import DrillSetup
 from segway_ecc.hil.drill.plant_control import Torque
-from segway_ecc.hil.drill.trial import DrillResult
+from segway_ecc.hil.drill.trial import FAULTS, DrillFault, DrillOutcome, DrillResult
 
 Run = Callable[..., Any]
 WELL = {DrillOutcome.ENDS: Torque(0.0312, 0.0362, 0.0), DrillOutcome.DRIVES_ON: Torque(1.5, None, 0.02)}

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from segway_ecc.hil.campaign.campaign import runs_of
-from segway_ecc.hil.campaign.run import run_scenario
+from segway_ecc.hil.campaign.run import run_scenario, runs_of
 from segway_ecc.hil.campaign.scenario import ScenarioRun, load_all
 from segway_ecc.node.replay.replay import replay
 

@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from segway_ecc.hil.drill.faults import interface_down, why_not_down
+from segway_ecc.hil.drill.trial import interface_down, why_not_down
 
 # From linux/sockios.h and linux/if.h; struct ifreq begins with the name, 16 bytes, then the flags.
 SIOCGIFFLAGS, SIOCSIFFLAGS, IFF_UP = 0x8913, 0x8914, 1

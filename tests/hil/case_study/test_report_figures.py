@@ -8,7 +8,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import pytest
 
-from segway_ecc.hil.case_study.figures import errors_svg, graph_svg, path_svg, turn_svg, velocities_svg
+from segway_ecc.hil.case_study.report import errors_svg, graph_svg, path_svg, turn_svg, velocities_svg
 from segway_ecc.hil.case_study.study import Cell, Edge, Seat, Trajectory, thesis_cells
 
 

@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 
 import msgspec
 
-from segway_ecc.hil.campaign.campaign import render, run_campaign, runs_of
 from segway_ecc.hil.campaign.result import ScenarioResult, details, table
+from segway_ecc.hil.campaign.run import render, run_campaign, runs_of
 from segway_ecc.hil.campaign.scenario import Expectation, Scenario, ScenarioRun, load_scenario
 from segway_ecc.node.sequence.manoeuvre import Segment
 
