@@ -292,6 +292,7 @@ class Cycle:
         self._receive(cycle, inbox)
         for request in inbox.requests:
             arming.act(request.action, request.answer)
+            self._end_trajectory(cycle)  # also where the next request arms again
         if not_finite(self._y) is not None and arming.modes.mode is Mode.DISARMED:
             # The fault was cleared; what is not finite stays so until the model starts anew.
             self._initialize(sensors)
@@ -301,23 +302,27 @@ class Cycle:
         silent = schedule.is_silent(cycle) and setpoint != REST
         lost = self._supervision.look(cycle, self._set_values, self.events, has_heartbeat=bool(inbox.stations))
         arming.observe(self._faults(sensors), ready=sensors.ready, setpoints_silent=silent, station_lost=lost)
-        # What is left of a manoeuvre that was broken off is not the one that was confirmed.
-        modes = arming.modes
-        if (lost or not arming.is_active) and trajectories.abort(f"the robot went to {modes.mode}: {modes.reason}"):
-            schedule.follow(REST, cycle)
-        setpoint = setpoint if modes.mode is Mode.ARMED else REST
+        self._end_trajectory(cycle, lost=lost)
+        setpoint = setpoint if arming.modes.mode is Mode.ARMED else REST
         self._followed = setpoint if arming.is_active else None
         return setpoint
+
+    def _end_trajectory(self, cycle: int, *, lost: bool = False) -> None:
+        """End a manoeuvre that is broken off: what is left of it is not the one that was confirmed."""
+        modes = self.arming.modes
+        is_over = lost or not self.arming.is_active
+        if is_over and self.trajectories.abort(f"the robot went to {modes.mode}: {modes.reason}"):
+            self.schedule.follow(REST, cycle)
 
     def _receive(self, cycle: int, inbox: Inbox) -> None:
         """Take the set-points and values that arrived, or refuse them."""
         is_active, schedule, trajectories = self.arming.is_active, self.schedule, self.trajectories
         for trajectory in inbox.trajectories:
-            was_followed, before = trajectories.is_active, trajectories.status
+            before = trajectories.status
             refusal = trajectories.take(trajectory, cycle, is_armed=is_active)
             if refusal is not None:
                 schedule.refuse(refusal)
-            elif was_followed and trajectories.status is not before:
+            elif trajectories.status is not before:  # until it begins the robot rests, whatever it was driven by
                 schedule.follow(REST, cycle)
         for setpoint, for_ns in inbox.setpoints:
             if not is_active:

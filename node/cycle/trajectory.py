@@ -133,6 +133,7 @@ class TrajectoryFollower:
         self._time_base = time_base
         self._largest = largest
         self._horizon = horizon_cycles
+        self._accepted = CANCEL
         self._points: tuple[TimedSetpoint, ...] = ()
         self._passed = 0
         self._start = 0
@@ -148,14 +149,14 @@ class TrajectoryFollower:
         if not points:
             self.abort("the trajectory was cancelled")
             return None
-        if stamp_ns and stamp_ns == self.status.stamp_ns:
+        if stamp_ns and trajectory == self._accepted:
             return None  # sent again by who had no answer
         start = self._time_base.cycle_of(stamp_ns) if stamp_ns else now
         found = self._objection(points, start, now, is_armed=is_armed)
         if found is not None:
             self.refused = TrajectoryStatus(stamp_ns, TrajectoryState.REFUSED, found.text, 0, 0)
             return found.cause
-        self._points, self._passed, self._start = points, 0, start
+        self._accepted, self._points, self._passed, self._start = trajectory, points, 0, start
         start_ns = self._time_base.stamp_ns(start)
         end_ns = self._time_base.stamp_ns(self._cycle_of(points[-1]))
         self.status = TrajectoryStatus(stamp_ns, TrajectoryState.ACCEPTED, "", start_ns, end_ns)

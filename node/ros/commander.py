@@ -9,7 +9,7 @@ from typing import Final
 
 from segway_ecc.node.cycle.report import MODE_SUFFIX
 from segway_ecc.node.cycle.trajectory import CANCEL, TOO_LATE, Trajectory
-from segway_ecc.node.errors import AbandonedError, NobodyListensError, RobotLostError, SequenceError
+from segway_ecc.node.errors import AbandonedError, NobodyListensError, NodeError, RobotLostError, SequenceError
 from segway_ecc.node.ros.messages import RosObject, message_type, stamp_ns
 from segway_ecc.node.ros.runtime import discovery_text
 from segway_ecc.node.ros.trajectories import (
@@ -119,6 +119,9 @@ class Commander:
             self._watch(player, on_progress)
         except AbandonedError as error:
             raise AbandonedError(f"{error}; {self._cancel(player)}") from None
+        except NodeError:
+            self._cancel(player)  # it may have been accepted, and go on without us
+            raise
 
     def _offer(self, player: Player, wait_s: float) -> None:
         """Send it until the robot answers, and anew, with more time, where it came too late to begin when it was to."""
@@ -161,13 +164,17 @@ class Commander:
             raise RobotLostError(player.status.reason)
 
     def _cancel(self, player: Player) -> str:
-        """Cancel the trajectory; what came of that, for a message."""
+        """Cancel the trajectory, if it is not over, until the robot confirms that; what came of it, for a message."""
         self._stopped = lambda: None
-        self._send(CANCEL)
-        waited_s = 0.0
-        while player.state is PlayState.RUNNING and waited_s < _ANSWER_S:
+        waited_s, again_s = 0.0, 0.0
+        while player.state in (PlayState.WAITING, PlayState.RUNNING):
+            if waited_s > _ANSWER_S:
+                return "the robot did not confirm that it stopped"
+            if waited_s >= again_s:
+                self._send(CANCEL)
+                again_s += _AGAIN_S
             waited_s += self._spin()
-        return "the robot did not confirm the end" if player.state is PlayState.RUNNING else "the robot was stopped"
+        return "the robot was stopped"
 
     def _spin(self) -> float:
         """Handle what arrives; return how long that took, s, in which this process could have handled more.

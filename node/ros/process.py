@@ -165,8 +165,7 @@ class Subscriptions:
         for stamp_ns, points in inbox.trajectories:
             for begin in range(0, len(points) or 1, _IN_ONE_MESSAGE):
                 part = points[begin : begin + _IN_ONE_MESSAGE]
-                is_last = begin + _IN_ONE_MESSAGE >= len(points)
-                self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, part, begin == 0, is_last))
+                self.put(protocol.ToLoop.TRAJECTORY, protocol.TrajectoryPart(stamp_ns, part, begin, len(points)))
 
     def put(self, kind: protocol.ToLoop, what: object) -> None:
         """Hand a message over, in any thread; wait where there is no room: DDS keeps what is newest."""

@@ -63,12 +63,12 @@ class InboxMessage(NamedTuple):
 
 
 class TrajectoryPart(NamedTuple):
-    """Some points of a trajectory; the loop has it once the last part is there."""
+    """Some points of a trajectory, from `begin` on, of `total`; the loop has it once all are there."""
 
     stamp_ns: int
     points: Sequence[TimedSetpoint]
-    is_first: bool
-    is_last: bool
+    begin: int
+    total: int
 
 
 class NumberedAnswer(NamedTuple):

@@ -202,12 +202,17 @@ class RemoteStage:
             _logger.warning("%d messages to or from ROS did not get through: its process did not keep up", self.dropped)
 
     def _collect(self, part: TrajectoryPart, inbox: Inbox) -> None:
-        """Keep the parts of a trajectory until the last is there; one whose parts ended early is replaced whole."""
-        if part.is_first:
+        """Keep the parts of a trajectory until all are there; one that lacks a part is discarded and counted."""
+        if part.begin == 0:
             self._points = []
+        elif part.begin != len(self._points):
+            self._points = []
+            self.dropped += 1
+            return
         self._points += part.points
-        if part.is_last:
+        if len(self._points) == part.total:
             inbox.trajectories.append(Trajectory(part.stamp_ns, tuple(self._points)))
+            self._points = []
 
     def _write(self, request: WriteRequest, inbox: Inbox) -> None:
         refusal = write_variable(self._model, request.name, request.value)

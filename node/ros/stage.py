@@ -137,8 +137,8 @@ class RosStage:
 
         self._subscribe("cmd_vel", "geometry_msgs/msg/Twist", _COMMAND_DEPTH, take_twist)
         self._subscribe("cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", AHEAD_DEPTH, take_twist_stamped)
-        # A newer one takes the place of an older: one is taken at once, so that many of them delay nothing.
-        self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, 1, take_trajectory, at_once=1)
+        # One is taken at once, so that many of them delay nothing.
+        self._subscribe(TRAJECTORY_TOPIC, TRAJECTORY_TYPE, _COMMAND_DEPTH, take_trajectory, at_once=1)
         for place, name in enumerate(set_names):
             self._subscribe(f"set/{name}", "std_msgs/msg/Float64", _COMMAND_DEPTH, partial(take_value, place))
         # Of heartbeats only the newest is kept, and one is taken at once: whoever floods them delays nothing.

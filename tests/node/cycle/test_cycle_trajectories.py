@@ -124,3 +124,19 @@ def test_a_base_station_that_is_lost_holds_and_the_rest_is_not_driven_when_it_is
     assert setpoints(bench) == [REST] * 2 + [FAST] * (lost - 2) + [REST] * (12 - lost)
     assert modes[-1] is Mode.ARMED
     assert bench.stage.reports[-1].trajectory.reason == "the robot went to HOLD: the base station is lost"
+
+
+def test_a_robot_that_is_driven_rests_from_the_acceptance_to_the_start(bench: Bench) -> None:
+    bench.stage.send_setpoint(1, Setpoint(-1.0, 0.0))
+    bench.stage.send_trajectory(3, WHOLE._replace(stamp_ns=FIRST_STAMP_NS + 6 * PERIOD_NS))
+    bench.loop.run(cycles=8)
+    assert setpoints(bench) == [REST, *[Setpoint(-1.0, 0.0)] * 2, *[REST] * 3, FAST, FAST]
+
+
+def test_a_robot_that_is_disarmed_and_armed_within_one_cycle_does_not_go_on(bench: Bench) -> None:
+    bench.stage.send_trajectory(2, WHOLE)
+    for action in (Action.DISARM, Action.ARM):
+        bench.stage.send_request(4, action)
+    bench.loop.run(cycles=8)
+    assert setpoints(bench)[4:] == [REST] * 4
+    assert bench.stage.reports[-1].trajectory.state is TrajectoryState.ABORTED

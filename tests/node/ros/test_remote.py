@@ -150,10 +150,23 @@ def test_of_a_trajectory_whose_parts_end_early_nothing_is_followed(stage: Remote
     memory = open_ring(INBOX_SLOTS)
     process, stage._inboxes = RingWriter(memory), RingReader(memory)
     os.close(memory)
-    whole = TrajectoryPart(2, (TimedSetpoint(0, Setpoint(0.0, 0.0)),), is_first=True, is_last=True)
-    for part in (TrajectoryPart(1, whole.points, is_first=True, is_last=False), whole):
+    whole = TrajectoryPart(2, (TimedSetpoint(0, Setpoint(0.0, 0.0)),), begin=0, total=1)
+    for part in (TrajectoryPart(1, whole.points, begin=0, total=2), whole):
         assert process.put(ToLoop.TRAJECTORY, encoder.encode(part))
     assert stage.take_inbox().trajectories == [Trajectory(2, tuple(whole.points))]
+
+
+@pytest.mark.parametrize("begins", [(0, 2), (1, 2)])
+def test_a_trajectory_that_lacks_a_part_is_discarded_and_counted(stage: RemoteStage, begins: tuple[int, ...]) -> None:
+    memory = open_ring(INBOX_SLOTS)
+    process, stage._inboxes = RingWriter(memory), RingReader(memory)
+    os.close(memory)
+    for begin in begins:
+        part = TrajectoryPart(1, (TimedSetpoint(begin, Setpoint(0.0, 0.0)),), begin, total=3)
+        assert process.put(ToLoop.TRAJECTORY, encoder.encode(part))
+    assert stage.take_inbox().trajectories == []
+    assert stage.dropped
+    stage.dropped = 0
 
 
 def test_the_process_reports_whether_there_are_subscribers(stage: RemoteStage) -> None:
